@@ -43,7 +43,7 @@ from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
-from tuner.report.comparison.tables import table_i_for_terminal
+from tuner.report.comparison import for_terminal, table_i_grid
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")
 REFERENCE = "covis"
@@ -156,7 +156,7 @@ def tables(out: Path) -> None:
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
         table = comparison_table(records, STRATEGIES, REFERENCE, surface)  # type: ignore[arg-type]
-        Console().print(table_i_for_terminal(table, f"{surface.capitalize()} surface"))
+        Console().print(for_terminal(table_i_grid(table, f"{surface.capitalize()} surface")))
 
 
 def main() -> None:

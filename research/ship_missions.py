@@ -17,7 +17,7 @@ from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import DIRECTORY, NOTHING
-from tuner.report.provenance import recorded
+from tuner.report.pages import recorded
 
 
 def main() -> None:

@@ -12,8 +12,7 @@ import typer
 
 from nbv.errors import UserError
 from tuner.campaign.rock_choice import refuse_held_out
-from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import output, rock_arguments
+from tuner.commands.console import ComparisonProgress, output, rock_arguments
 
 if TYPE_CHECKING:
     from research.study_directory import StudySettings

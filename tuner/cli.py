@@ -28,7 +28,6 @@ from tuner.commands import (  # noqa: E402
     export,
     mission,
     photographs,
-    reproduce,
     rocks,
     studies,
 )
@@ -79,7 +78,7 @@ app.command(name="metrics", short_help="What can be tuned for: every metric, its
 )
 app.command(
     name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
-)(reproduce.reproduce)
+)(evaluate.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
 app.add_typer(studies.app, name="study", help="How noisy the objective is.")
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")

@@ -9,6 +9,7 @@ import json
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,8 +24,10 @@ from nbv.mission.result import json_ready
 from nbv.safe_files import parse_yaml
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
+from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
+    from tuner.evaluation.flying import EvaluationEvent
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.external import MissionFile
@@ -116,6 +119,28 @@ class FlightProgress(Progress):
         more = f" and {len(self._flights) - _NAMED} more" if len(self._flights) > _NAMED else ""
         said = f"{counts}, flies {named}{more}" if named else counts
         self.update(self._missions, completed=finished, total=total, description=said)
+
+
+class ComparisonProgress(FlightProgress):
+    """A line per mission and one bar."""
+
+    def __init__(self, metric: str) -> None:
+        super().__init__()
+        self._metric = metric
+
+    def __call__(self, event: EvaluationEvent) -> None:
+        job, trial = event.job, event.trial
+        world, strategy = World(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
+        if trial is None:
+            self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}")
+        else:
+            value = trial.value(self._metric)
+            text = f"{self._metric} " + ("not measured" if value is None else f"{value:.2f}")
+            if trial.status == "failed":
+                text = f"failed: {trial.reason} {trial.message}"
+            line = f"{strategy:<14} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
+            self.landed(job.id, line)
+        self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

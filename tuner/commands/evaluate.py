@@ -1,21 +1,47 @@
-"""``gatetune evaluate`` and ``gatetune confirm``: job 2."""
+"""``gatetune evaluate``, ``confirm`` and ``reproduce``, jobs 2 and 3: strategies flown against each other."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nbv.config import load_conditions
+from nbv.config import IDEAL, PRESETS, load_conditions
 from nbv.errors import UserError
-from tuner.commands.comparison import compare
-from tuner.commands.console import AsJson, answer_json, load, output, working
-from tuner.commands.options import Conditions, Fidelity, MissionAllowed, Rocks, Timeout, Workers
-from tuner.missions.registry import DEFAULT_FIDELITY
+from nbv.rocks.imported import is_photographed
+from tuner.commands.console import (
+    AsJson,
+    ComparisonProgress,
+    answer_json,
+    load,
+    local_executor,
+    mission_config,
+    output,
+    rock_arguments,
+    seconds,
+    under_conditions,
+    working,
+)
+from tuner.commands.options import (
+    Conditions,
+    Fidelity,
+    MissionAllowed,
+    Overrides,
+    Rocks,
+    Timeout,
+    Workers,
+)
+from tuner.missions.registry import DEFAULT_FIDELITY, GEOMETRIC_NOTE, is_geometric
+from tuner.problem.objective import Objective
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.flying import EvaluationRun
+    from tuner.evaluation.of_campaign import CampaignEvaluation
+    from tuner.missions.external import MissionFile
 
 
 MarginOption = Annotated[
@@ -123,3 +149,146 @@ def _open(directory: Path, mission: Path | None, fidelity: str) -> Campaign:
     if source.settings.mission is not None and fidelity != DEFAULT_FIDELITY:
         raise UserError("--fidelity is of our own missions; a mission file says itself how it flies")
     return source
+
+
+def reproduce(
+    rocks: Annotated[
+        list[str] | None, typer.Option("--rock", help="Rock or mesh file, repeatable (default: vesicular).")
+    ] = None,
+    preset: Annotated[
+        str,
+        typer.Option(
+            help="paper (the text), paper-reduced (the text with reduced SfM, for speed) or paper-code (what the public code does)."
+        ),
+    ] = "paper",
+    conditions: Conditions = None,
+    replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
+    strategies: Annotated[
+        list[str] | None,
+        typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
+    ] = None,
+    set_: Overrides = None,
+    fidelity: Fidelity = DEFAULT_FIDELITY,
+    workers: Workers = None,
+    timeout_s: Timeout = 7200.0,
+    out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers.
+
+    Example: gatetune reproduce --replicates 3
+    """
+    output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
+    load("tuner.evaluation.baselines")
+    from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
+    from tuner.evaluation.of_campaign import Asked, CampaignEvaluation
+    from tuner.evaluation.plan import EvaluationPlan
+
+    base = mission_config(preset, set_ or [])
+    chosen = tuple(rock_arguments(rocks or ["vesicular"]))
+    configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
+    plan = EvaluationPlan(
+        configs,
+        chosen,
+        replicates,
+        keep="all",
+        fidelity=fidelity,
+        conditions=load_conditions(conditions or [IDEAL]),
+    )
+    asked = Asked(Objective("whole.completeness_48mm"))
+    compare(
+        CampaignEvaluation(plan, next(iter(configs)), asked),
+        Path("runs/reproduce"),
+        out,
+        workers=workers,
+        timeout_s=timeout_s,
+        title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
+        paper=True,
+    )
+
+
+def compare(
+    asked: CampaignEvaluation,
+    usual: Path,
+    out: Path | None,
+    *,
+    workers: int | None,
+    timeout_s: float,
+    title: str,
+    paper: bool = False,
+    mission: MissionFile | None = None,
+) -> None:
+    """Fly what is missing, say what was found, write the report.
+
+    Parameters
+    ----------
+    asked
+        What is flown, against what, in which metrics.
+    usual, out
+        The evaluation's directory, or one beside it that holds nothing else; the one that the user named.
+    workers, timeout_s
+        Of the processes here.
+    title
+        Of the page.
+    paper
+        Show the paper's numbers beside.
+    mission
+        The mission file, of missions that are not ours.
+    """
+    from tuner.evaluation.flying import place_for, run_evaluation
+    from tuner.report import comparison
+    from tuner.report.comparison import counted
+
+    plan, place = asked.plan, asked.asked.place
+    directory = out or place_for(plan, usual)
+    executor = local_executor(plan.fidelity, workers, timeout_s, mission)
+    notes = (*asked.notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else asked.notes
+    notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
+    for note in notes:
+        output.print(note, style="yellow")
+    output.print(
+        f"{len(plan.strategies)} strategies on {counted(len(plan.rocks), place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
+    )
+    with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
+        run = run_evaluation(plan, directory, executor, show)
+    facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=notes)
+    for line in facts.verdicts:
+        output.print(line.text, style="bold")
+    tables = {"What was flown, and what it got": facts.summary}
+    tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
+    for name, table in tables.items():
+        output.print(comparison.for_terminal(comparison.strategy_grid(table, name)), markup=True)
+    if paper:
+        grid = comparison.table_i_grid(facts.tables["whole"], "Table I, whole surface", paper=True)
+        output.print(comparison.for_terminal(grid, "paper"), markup=True)
+        output.print(comparison.PAPER_NOT_COMPARABLE)
+    with working("writing the report"):
+        command = f"gatetune {shlex.join(sys.argv[1:])}"
+        report = comparison.write_comparison_report(
+            facts, directory, title=title, paper=paper, command=command
+        )
+    output.print(f"{seconds(run.elapsed_s)}; report: {report}")
+    answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
+    end(run)
+
+
+def end(run: EvaluationRun) -> None:
+    """Say what failed; the exit code says whether all has flown."""
+    for reason, times in run.failures.items():
+        output.print(f"failed {times} times: {reason}", style="red")
+    if not run.complete:
+        output.print("not complete; the same command goes on where it stopped")
+        raise typer.Exit(130)
+
+
+def _ceiling(name: str) -> str:
+    """What nobody can be told to be better than, over the photographs of a set."""
+    from nbv.photographs import PhotographSet
+    from nbv.photographs.evaluation import ceiling
+
+    found = ceiling(PhotographSet.read(name))
+    return (
+        f"{name} is a set of photographs: 48 mm are 3 % of its height, and one half of its photographs against the other "
+        f"has an F-score of {found['f_score_48mm']:.1f} %, a completeness of {found['completeness_48mm']:.1f} % there."
+    )

@@ -16,6 +16,7 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.commands.console import (
     AsJson,
+    ComparisonProgress,
     answer_json,
     load,
     local_executor,
@@ -147,7 +148,6 @@ def enough(
     load("tuner.evaluation.enough")
     from nbv.config import MissionConfig
     from nbv.photographs import PhotographSet
-    from tuner.commands.comparison import ComparisonProgress
     from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough
     from tuner.evaluation.flying import run_evaluation
     from tuner.report.photographs import draw_enough

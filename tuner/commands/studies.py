@@ -8,15 +8,16 @@ from typing import Annotated
 import typer
 
 from tuner.campaign.rock_choice import refuse_held_out, training_rocks
-from tuner.commands.comparison import ComparisonProgress, end
 from tuner.commands.console import (
     AsJson,
+    ComparisonProgress,
     answer_json,
     local_executor,
     output,
     parse_overrides,
     rock_arguments,
 )
+from tuner.commands.evaluate import end
 from tuner.commands.options import Fidelity, Overrides, Rocks, Timeout, Workers
 
 app = typer.Typer(no_args_is_help=True)

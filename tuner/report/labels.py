@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
+from nbv.rocks.imported import are_photographed
+from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.objective import reached
 
 MISSING = "–"
@@ -102,6 +104,18 @@ def metric_label(path: str) -> MetricLabel:
         if key.endswith(ending):
             return MetricLabel(_words(key.removesuffix(ending)), unit, surface)
     return MetricLabel(_words(key), "", surface)
+
+
+def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: Sequence[str]) -> str:
+    """What every number of a page is: the metric's name, then fidelity and conditions."""
+    if fidelity == EXTERNAL:
+        return f"{metric}; missions of your mission file"
+    if are_photographed(rocks):
+        return f"{metric}, against the set's own dense reference; missions over photographs that were taken"
+    flown = f"{fidelity} missions"
+    if is_geometric(fidelity):
+        flown = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
+    return f"{metric}; {flown}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""Rendering of pages: jinja2 templates that ship with the package."""
+"""Rendering of pages, jinja2 templates that ship with the package, and where their numbers come from."""
 
 from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,11 @@ import jinja2
 from markupsafe import Markup, escape
 
 from nbv.errors import UserError
-from nbv.safe_files import write_atomic
+from nbv.provenance import git_revision, versions
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, write_atomic
+from tuner.missions.job import RESULT_FILE
+
+MOST_READ = 200  # missions whose documents are read
 
 
 @functools.cache
@@ -34,14 +39,14 @@ def code(text: str) -> Markup:
 
 
 def write_page(path: Path, template: str, **facts: Any) -> Path:
-    """Render ``template`` into ``path``, atomically.
+    """Render ``template`` with ``facts`` and the program's version into ``path``, atomically.
 
     Raises
     ------
     UserError
         The file cannot be written.
     """
-    text = _environment().get_template(template).render(**facts)
+    text = _environment().get_template(template).render(version=versions().get("gatetune", ""), **facts)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text)
@@ -56,3 +61,31 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s" if seconds >= 10 or seconds == 0 else f"{seconds:.1f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def recorded(missions: Sequence[Path]) -> list[dict[str, Any]]:
+    """What the missions in these directories recorded, those that ended; of many every few."""
+    trees = []
+    for mission in missions[:: -(-len(missions) // MOST_READ) or 1]:
+        try:
+            tree = read_json(mission / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get("provenance")
+        except (UserError, AttributeError):
+            continue
+        trees += [tree] if tree else []
+    return trees
+
+
+def recorded_rows(trees: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Revisions, versions, machines and renderers, for a page."""
+    software = trees[-1].get("versions", {}) if trees else versions()
+    return [
+        ("revision of the missions", _each(trees, "revision")),
+        ("revision of this page", git_revision()),
+        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
+        ("machine", _each(trees, "machine")),
+        ("renderer", _each(trees, "backend")),
+    ]
+
+
+def _each(trees: Sequence[Mapping[str, Any]], key: str) -> str:
+    return ", ".join(sorted({str(tree[key]) for tree in trees if key in tree})) or "not recorded"

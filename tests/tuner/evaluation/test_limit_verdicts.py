@@ -8,7 +8,7 @@ from made_evaluations import made_run
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
 from tuner.problem.objective import Objective
-from tuner.report.comparison.facts import comparison_facts
+from tuner.report.comparison import comparison_facts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
@@ -34,20 +34,23 @@ def said(tuned: float = 97.0, asked: Asked = FEWEST, **changes: object) -> list[
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
     lines = said(asked=Asked(IMAGES, F, 102.0))
-    assert lines[0] == "Photographs: 26 in place of 32 of Hyb-H, 6 saved."
-    assert lines[1].startswith("Quality kept within 1.0 points") and "95 % interval" in lines[1]
+    assert lines[0] == "Photographs: 26 in place of 32 of Hyb-H."
+    assert (
+        lines[1].startswith("Tuned is not worse than Hyb-H by more than 1.0 points")
+        and "95 % interval" in lines[1]
+    )
     assert "at least 102 %): kept on 3 of 4 rocks (75 %, 95 % interval 30 to 95 %)" in lines[2]
 
 
 @pytest.mark.parametrize(
     ("tuned", "begins"),
     [
-        (90.0, "Quality lost by more than 1.0 points"),
+        (90.0, "Tuned is worse than Hyb-H by more than 1.0 points"),
         (
             96.3,
-            "Quality kept within 1.0 points: F-score @ 48 mm, observable surface against Hyb-H: −0.7 points",
+            "Tuned is not worse than Hyb-H by more than 1.0 points in F-score @ 48 mm, observable surface: improvement −0.7 points",
         ),
-        (99.0, "Quality gained"),
+        (99.0, "Tuned is better than Hyb-H"),
     ],
 )
 def test_the_margin_decides_what_is_said_of_quality(tuned: float, begins: str) -> None:

@@ -12,16 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from tuner.evaluation.comparison import comparison_table
-from tuner.report.comparison.facts import comparison_facts
-from tuner.report.comparison.page import write_comparison_report
-from tuner.report.comparison.tables import (
+from tuner.report.comparison import (
     cell,
-    difference_verdict,
-    methods_sentence,
-    missions_text,
-    strategies_for_terminal,
-    table_i_for_terminal,
-    table_lines,
+    comparison_facts,
+    for_terminal,
+    gain_interval,
+    strategy_grid,
+    table_i_grid,
+    write_comparison_report,
 )
 
 PAPER_ROWS = [
@@ -45,7 +43,7 @@ def printed(table: Table, width: int) -> str:
 
 def test_table_one_has_its_layout() -> None:
     table = comparison_table(made_run(LEVELS).records, tuple(LEVELS), "hyb-h")
-    lines = [line for line in table_lines(table, paper=True) if line.cells]
+    lines = [line for line in table_i_grid(table, "", paper=True).lines if line.cells]
     metrics = [line for line in lines if line.name in PAPER_ROWS]
     assert [line.name for line in metrics] == PAPER_ROWS
     for line in metrics:
@@ -55,19 +53,19 @@ def test_table_one_has_its_layout() -> None:
     assert f_score is not None and f_score.high is not None
     covis, _, reference, _ = metrics[5].cells
     assert covis.text == f"{f_score.mean:.1f} ± {f_score.high - f_score.mean:.1f}"
-    assert covis.paper == "72.0" and covis.difference.startswith("+") and reference.difference == ""
-    assert [missions_text(table, name) for name in LEVELS] == ["12"] * 4
-    assert "t-intervals over rock means" in methods_sentence([table])
+    assert covis.paper == "paper 72.0" and covis.difference.startswith("+") and reference.difference == ""
+    assert [c.text for c in lines[-1].cells] == ["12"] * 4
 
 
 def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
     mean_c2c, f_score = table.rows[1], table.rows[5]
-    for name, expected in (("tuned", "better"), ("covis", "worse"), ("random", "no difference detected")):
+    for name, better, worse in (("tuned", True, False), ("covis", False, True), ("random", False, False)):
         for row in (mean_c2c, f_score):
             found = row.differences[name]
-            assert found is not None and difference_verdict(found, row.metric) == expected, name
+            _, low, high = gain_interval(found, row.metric)
+            assert (low > 0, high < 0) == (better, worse), name
     assert cell(mean_c2c, "tuned").difference.startswith("−") and cell(mean_c2c, "hyb-h").difference == ""
 
 
@@ -80,11 +78,11 @@ def test_no_interval_no_verdict() -> None:
 
 def test_terminal_tables() -> None:
     facts = comparison_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
-    text = printed(table_i_for_terminal(facts.tables["whole"], "Table I"), 140)
+    text = printed(for_terminal(table_i_grid(facts.tables["whole"], "Table I", paper=True), "paper"), 140)
     assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
     names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
     many = comparison_facts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
-    text = printed(strategies_for_terminal(many.summary, ""), 80)
+    text = printed(for_terminal(strategy_grid(many.summary, "")), 80)
     assert max(map(len, text.splitlines())) <= 80
     assert all(cell(many.summary.rows[-1], name).text in text for name in names)
 
@@ -98,7 +96,7 @@ def test_the_page_names_failures(tmp_path: Path) -> None:
     assert "Covis is better than Hyb-H" in text and "12 paired missions on 4 rocks" in text
     assert text.index("Covis is better") < text.index("heuristic gate") < text.index("Table I on the whole")
     assert "B-aware 3; reasons: seed_model_failed 3" in text and "9 + 3 failed" in text
-    assert "paper 480.9" in text and "condition ideal" in text
+    assert "paper 480.9" in text and "condition ideal" in text and "t-intervals over rock means" in text
     assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
     assert slab.count("<td>–</td>") == 1  # rock by rock: the rock on which it failed

@@ -13,8 +13,7 @@ from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign.page import write_campaign_report
-from tuner.report.comparison.facts import comparison_facts
-from tuner.report.comparison.page import write_comparison_report
+from tuner.report.comparison import comparison_facts, write_comparison_report
 from tuner.report.mission.walk import write_mission_view
 
 WIDTHS = (420, 1200)

@@ -11,7 +11,7 @@ import yaml
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.provenance import git_revision, versions
+from nbv.provenance import git_revision
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
@@ -101,7 +101,6 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
         "provenance": provenance_rows(facts),
         "settings_file": SETTINGS_FILE,
         "settings_yaml": yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
-        "version": versions().get("gatetune", ""),
         "revision": git_revision(),
     }
 

@@ -8,7 +8,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.report.answer import place_word
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.provenance import recorded, recorded_rows
+from tuner.report.pages import recorded, recorded_rows
 
 
 def provenance_rows(facts: CampaignFacts) -> list[tuple[str, str]]:

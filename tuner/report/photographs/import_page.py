@@ -13,7 +13,6 @@ from nbv.photographs.coverage import Coverage, coverage
 from nbv.photographs.kept_out import kept_out
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
 from nbv.photographs.reference_file import Reference
-from nbv.provenance import versions
 from tuner.report.pages import write_page
 from tuner.report.style import SEQUENTIAL, Illustration, embed, look, new_figure
 
@@ -63,7 +62,6 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
         can=_can(photographs, views),
         cannot=_cannot(views),
         absent=[p.source for p in photographs.photographs if not p.registered],
-        version=versions().get("gatetune", ""),
     )
 
 

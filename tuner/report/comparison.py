@@ -1,0 +1,591 @@
+"""What strategies that were flown against each other say: verdicts, tables, and the page of an evaluation.
+
+``report.html`` of ``gatetune evaluate``, ``confirm`` and ``reproduce``, the same on the terminal, and as JSON for scripts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from rich.table import Table
+from scipy import stats
+
+from nbv.rocks.imported import are_photographed, is_photographed
+from tuner.evaluation.baselines import TUNED, controls_at_equal_number, description, sees_ground_truth
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.evaluation.comparison import (
+    ComparisonRow,
+    ComparisonTable,
+    comparison_table,
+    strategy_difference,
+    strategy_interval,
+    values_of,
+)
+from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.of_campaign import Asked
+from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.statistics import Interval, PairedDifference
+from tuner.missions.job import Trial
+from tuner.missions.registry import EXTERNAL
+from tuner.problem.exact_costs import PHOTOGRAPHS
+from tuner.problem.objective import Objective
+from tuner.report.labels import (
+    MISSING,
+    decimals_for,
+    format_number,
+    interval_methods,
+    measure_text,
+    metric_label,
+    with_unit,
+)
+from tuner.report.pages import recorded, recorded_rows, write_page
+from tuner.report.style import short_names
+
+REPORT_FILE = "report.html"
+SURFACES: tuple[Literal["whole", "observable"], ...] = ("whole", "observable")
+OURS_COST = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
+_TITLES = {
+    "whole": "Table I on the whole surface, underside included, as in the paper",
+    "observable": "Table I on the surface that at least two reachable cameras can see",
+    "own": "Metrics and costs",
+}
+FLOOR_NOTE = (
+    "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
+    "sees, and what is cut away with the ground, keep a distance from every cloud."
+)
+PAPER_NOT_COMPARABLE = (
+    "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), without "
+    "intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. Renderer, light, "
+    "flight, mesh resolution and dense stage differ here, so absolute values do not compare; what can be held against the "
+    "paper is the order of the strategies and the sign of their differences."
+)
+
+
+class Sentence(NamedTuple):
+    """One line for a reader, and whether it is good news."""
+
+    text: str
+    kind: str = ""  # better, worse, no
+
+
+@dataclass(frozen=True)
+class ComparisonFacts:
+    """What was found: sentences, then tables from the shortest to the longest."""
+
+    run: EvaluationRun
+    asked: Asked
+    reference: str
+    notes: tuple[str, ...]  # what to know before the verdicts
+    verdicts: list[Sentence]
+    warnings: list[str]
+    measure: str
+    summary: ComparisonTable  # costs, the objectives and the limit
+    conditions: dict[str, ComparisonTable]  # the same, condition by condition; empty where there is one
+    tables: dict[str, ComparisonTable]  # Table I by surface; "own" of missions that are not ours
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form; means, intervals and differences (strategy minus reference) in the metrics' units."""
+        plan = self.run.plan
+        return {
+            "complete": self.run.complete,
+            "rocks": list(plan.rocks),
+            "replicates": plan.replicates,
+            "reference": self.reference,
+            "measure": self.measure,
+            "notes": list(self.notes),
+            "verdicts": [line._asdict() for line in self.verdicts],
+            "warnings": self.warnings,
+            "failures": self.run.failures,
+            "summary": dataclasses.asdict(self.summary),
+            "conditions": {name: dataclasses.asdict(table) for name, table in self.conditions.items()},
+            "tables": {name: dataclasses.asdict(table) for name, table in self.tables.items()},
+        }
+
+
+def comparison_facts(
+    run: EvaluationRun, reference: str | None = None, asked: Asked | None = None, notes: Sequence[str] = ()
+) -> ComparisonFacts:
+    """What ``run`` says of its strategies.
+
+    Parameters
+    ----------
+    run
+        What was flown, complete or not.
+    reference
+        Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
+        configuration), else the first strategy.
+    asked
+        The objectives, and the limit where there is one; by default the F-score alone.
+    notes
+        What to know before the verdicts.
+
+    Raises
+    ------
+    UserError
+        The reference was not evaluated.
+    """
+    records, plan = run.records, run.plan
+    strategies = tuple(plan.strategies)
+    asked = asked or Asked(Objective())
+    against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
+    if plan.fidelity != EXTERNAL or any("whole" in r.metrics for r in records):
+        tables: dict[str, ComparisonTable] = {
+            s: comparison_table(records, strategies, against, s) for s in SURFACES
+        }
+    else:
+        rows = _mission_file_rows(asked.quality or asked.objective, records)
+        tables = {"own": comparison_table(records, strategies, against, None, rows)}
+
+    names = [c.name for c in plan.conditions]
+    label = metric_label((asked.quality or asked.objective).metric)
+    measure = measure_text(label.full, plan.fidelity, plan.rocks, names)
+    own = {name: [r for r in records if r.condition == name] for name in names if len(names) > 1}
+    return ComparisonFacts(
+        run,
+        asked,
+        against,
+        tuple(notes),
+        _verdicts(run, against, asked),
+        _warnings(run, asked.place),
+        f"{measure}; {counted(len(plan.rocks), asked.place)}.",
+        _summary(run, records, against, asked),
+        {name: _summary(run, found, against, asked) for name, found in own.items()},
+        tables,
+    )
+
+
+def _row_of(objective: Objective) -> MetricRow:
+    """A table row in the direction of an objective."""
+    label = metric_label(objective.metric)
+    return MetricRow("", label.name, objective.metric, label.unit, objective.direction == "maximise")
+
+
+def _mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[MetricRow, ...]:
+    """What missions of a mission file are compared in: its metric and their costs, of which less is better."""
+    costs = sorted({f"costs.{name}" for r in records for name in r.costs} - {objective.metric})
+    rows = []
+    for o in (objective, *(Objective(name, "minimise") for name in costs)):
+        values = [value for r in records if (value := r.measured(o)) is not None]
+        digits = decimals_for(float(np.std(values))) if values else 1
+        rows.append(dataclasses.replace(_row_of(o), decimals=digits))
+    return tuple(rows)
+
+
+def _summary(run: EvaluationRun, records: Sequence[Trial], reference: str, asked: Asked) -> ComparisonTable:
+    """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
+    strategies = tuple(run.plan.strategies)
+    costs = OURS_COST if run.plan.fidelity != EXTERNAL else ()
+    objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
+    counts = {o.metric: o for o in (*objectives, *costs)}
+    rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
+    table = comparison_table(records, strategies, reference, None, rows)
+    # A cost is read beside the others': its difference would only be in the way.
+    found = [
+        dataclasses.replace(row, differences={}) if row.metric.key in counts else row for row in table.rows
+    ]
+    if asked.limit is not None:
+        shares = {name: _share_kept(records, name, asked) for name in strategies}
+        most = max((share.mean for share in shares.values() if share is not None), default=0.0)
+        best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
+        limit = MetricRow("", "Limit kept", "limit", f"% of {asked.place}s", True, 0)
+        found.append(ComparisonRow(limit, shares, best, None, {}))
+    return dataclasses.replace(table, rows=found)
+
+
+# -- verdicts ------------------------------------------------------------------------------------------------
+
+
+def _verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
+    """The verdict on the tuned strategy, without one on the first that is not ``reference``, line by line."""
+    others = [name for name in run.plan.strategies if name != reference]
+    if not others:
+        return []
+    subject = TUNED if TUNED in others else others[0]
+    out = []
+    if run.plan.owner(subject) != run.plan.owner(reference):
+        out += [_count(run.records, subject, reference, o) for o in asked.counts]
+        if asked.quality is not None:
+            margin = 0.0 if asked.limit is None else asked.margin
+            out.append(_quality(run.records, subject, reference, asked, margin))
+    if subject == TUNED and asked.limit is not None:
+        out += _limit(run.records, asked)
+    if subject == TUNED and asked.quality is not None:
+        out += _best_control(run, reference, asked, asked.quality)
+    return out
+
+
+def _count(records: Sequence[Trial], name: str, reference: str, o: Objective) -> Sentence:
+    """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
+    ours, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
+    if ours is None or theirs is None:
+        return Sentence(f"{strategy_label(name)}: no mission in common with {strategy_label(reference)}.")
+    gain = o.sign * (ours.mean - theirs.mean)
+    what = metric_label(o.metric).name
+    text = f"{what}: {ours.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
+    return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
+
+
+def _quality(
+    records: Sequence[Trial], name: str, reference: str, asked: Asked, margin: float, whom: str = ""
+) -> Sentence:
+    """Whether a strategy's quality is better, worse, or no worse by more than the margin.
+
+    Parameters
+    ----------
+    records
+        All missions.
+    name, reference
+        The strategy, and the one that it is held against.
+    asked
+        With a quality.
+    margin
+        What may be lost and still counts as kept, in the metric's unit.
+    whom
+        What the reference is called, where not by its label.
+    """
+    assert asked.quality is not None
+    row, label = _row_of(asked.quality), metric_label(asked.quality.metric)
+    who, whom = strategy_label(name), whom or strategy_label(reference)
+    d = strategy_difference(records, name, reference, row)
+    if d is None:
+        return Sentence(f"{who}: no mission in common with {whom}.")
+    gain, low, high = gain_interval(d, row)
+    allowed = f" by more than {with_unit(margin, label.difference_unit)}" if margin else ""
+    if low is None or high is None:
+        begin, kind, bounds = f"{who} against {whom}", "no", "too few missions for an interval"
+    else:
+        bounds = f"95 % interval {format_number(low, signed=True)} to {format_number(high, signed=True)}"
+        if low > 0:
+            begin, kind = f"{who} is better than {whom}", "better"
+        elif high < -margin:
+            begin, kind = f"{who} is worse than {whom}{allowed}", "worse"
+        elif margin and low >= -margin:
+            begin, kind = f"{who} is not worse than {whom}{allowed}", "no" if high < 0 else "better"
+        elif margin:
+            begin = f"Not known whether {who} is worse than {whom}{allowed}"
+            kind = "worse" if high < 0 else "no"
+        else:
+            begin, kind = f"No difference detected between {who} and {whom}", "no"
+    where = f"{counted(d.pairs, 'paired mission')} on {counted(d.interval.rocks, asked.place)}"
+    if d.interval.method == "replicates":  # such an interval has no spread between rocks
+        where += f", for {'this' if d.interval.rocks == 1 else 'these'} alone"
+    said = with_unit(gain, label.difference_unit, signed=True)
+    return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
+
+
+def _limit(records: Sequence[Trial], asked: Asked) -> list[Sentence]:
+    share = _share_kept(records, TUNED, asked)
+    if share is None or asked.second is None:
+        return []
+    label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
+    bound = "at least" if asked.second.direction == "maximise" else "at most"
+    text = f"Limit ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
+    text += f"): kept on {kept} of {counted(share.rocks, asked.place)}"
+    if share.low is not None and share.high is not None:
+        text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
+    return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
+
+
+def _share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interval | None:
+    """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
+
+    A rock on which a mission failed has not kept it. None where the strategy has no mission.
+    """
+    assert asked.second is not None and asked.limit is not None
+    own = [r for r in records if r.strategy == strategy]
+    rocks = sorted({r.rock for r in own})
+    if not rocks:
+        return None
+    found = values_of(records, strategy, asked.second.metric)
+    kept = 0
+    for rock in rocks:
+        values = [value for (where, _), value in found.items() if where == rock]
+        if values and len(values) == sum(r.rock == rock for r in own):
+            mean = sum(values) / len(values)
+            kept += asked.second.sign * mean >= asked.second.sign * asked.limit - 1e-9
+    share = 100 * kept / len(rocks)
+    if asked.second.metric in asked.decided:
+        return Interval(share, None, None, len(rocks), len(own), "none")
+    bounds = stats.binomtest(kept, len(rocks)).proportion_ci(method="wilson")
+    return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
+
+
+def _best_control(run: EvaluationRun, reference: str, asked: Asked, quality: Objective) -> list[Sentence]:
+    """Against the best control at equal number that is not the reference itself; nothing where none was flown."""
+    names = [name for name in controls_at_equal_number(run.plan.strategies) if name != reference]
+    means = {name: strategy_interval(run.records, name, quality.metric) for name in names}
+    known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
+    if not known:
+        return []
+    best = max(known, key=lambda name: known[name])
+    whom = f"the best control at equal number ({strategy_label(best)})"
+    return [_quality(run.records, TUNED, best, asked, 0.0, whom)]
+
+
+def gain_interval(d: PairedDifference, metric: MetricRow) -> tuple[float, float | None, float | None]:
+    """``(gain, low, high)``: the difference oriented so that positive is better than the reference."""
+    i = d.interval
+    if metric.higher_is_better:
+        return i.mean, i.low, i.high
+    return -i.mean, None if i.high is None else -i.high, None if i.low is None else -i.low
+
+
+def _warnings(run: EvaluationRun, place: str) -> list[str]:
+    out, plan = [], run.plan
+    if not run.complete:
+        expected = len(plan.strategies) * len(plan.worlds) * plan.replicates
+        out.append(
+            f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
+        )
+    failed = {
+        name: sum(r.strategy == name and r.status == "failed" for r in run.records)
+        for name in plan.strategies
+    }
+    if any(failed.values()):
+        listed = ", ".join(f"{strategy_label(name)} {n}" for name, n in failed.items() if n)
+        reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
+        out.append(
+            f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
+            "A strategy that fails where others succeed is worse than its means say."
+        )
+    if len(plan.rocks) < 3:
+        out.append(f"Only {counted(len(plan.rocks), place)}: nothing here speaks for other {place}s.")
+    return out
+
+
+def counted(count: int, what: str) -> str:
+    """``1 rock``, ``3 rocks``."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+# -- tables --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One strategy's value of one metric, ready to print."""
+
+    text: str  # "71.2 ± 3.1"
+    best: bool = False
+    paper: str = ""  # "paper 72.0"; empty if it has none
+    difference: str = ""  # from the reference, "+1.2 (−0.3 to +2.7)"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a table; a heading has no cells."""
+
+    name: str
+    cells: tuple[Cell, ...] = ()
+    note: str = ""  # below the name
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table ready to print, on the page and on the terminal."""
+
+    title: str
+    columns: tuple[str, ...]  # the first is of the lines' names
+    lines: list[Line]
+
+
+def strategy_grid(table: ComparisonTable, title: str, run: EvaluationRun | None = None) -> Grid:
+    """A line per strategy; with its ``run`` what each strategy does."""
+    lines = []
+    for name in table.strategies:
+        cells = [cell(row, name) for row in table.rows]
+        note = "" if run is None else _what(name, run)
+        lines.append(Line(strategy_label(name), (*cells, _missions(table, name)), note))
+    columns = [_row_name(row.metric) for row in table.rows]
+    return Grid(title, ("strategy", *columns, "missions"), lines)
+
+
+def _what(name: str, run: EvaluationRun) -> str:
+    what = description(name) + ("; sees the ground truth" if sees_ground_truth(name) else "")
+    owner = run.plan.owner(name)
+    return what if owner == name else f"{what}; the same missions as {strategy_label(owner)}"
+
+
+def table_i_grid(table: ComparisonTable, title: str, *, paper: bool = False) -> Grid:
+    """The layout of Table I, with the paper's own values where asked; rows that no mission has a value of are left out."""
+    lines: list[Line] = []
+    group = ""
+    for row in table.rows:
+        if all(value is None for value in row.cells.values()):  # geometric missions have no distances
+            continue
+        if row.metric.group != group:
+            group = row.metric.group
+            lines.append(Line(group))
+        lines.append(Line(_row_name(row.metric), tuple(cell(row, n, paper=paper) for n in table.strategies)))
+        if row.floor is not None:
+            floor = Cell(format_number(row.floor, row.metric.decimals))
+            name = f"– the rocks’ own floor ({row.metric.unit})"
+            lines.append(Line(name, (floor,) * len(table.strategies)))
+    lines.append(Line("missions", tuple(_missions(table, name) for name in table.strategies)))
+    return Grid(title, ("metric", *map(strategy_label, table.strategies)), lines)
+
+
+def _world_grid(facts: ComparisonFacts) -> Grid:
+    """The mean of every strategy in every world, in the quality or the only objective."""
+    plan, o = facts.run.plan, facts.asked.quality or facts.asked.objective
+    stems = dict(zip(plan.rocks, short_names(plan.rocks)))
+    several = len(plan.conditions) > 1
+    names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.worlds]
+    lines = []
+    for name in plan.strategies:
+        own = [r for r in facts.run.records if r.strategy == name]
+        found = [[r.measured(o) for r in own if r.world == world] for world in plan.worlds]
+        known = [[value for value in values if value is not None] for values in found]
+        means = (format_number(float(np.mean(values)) if values else None) for values in known)
+        lines.append(Line(strategy_label(name), tuple(map(Cell, means))))
+    return Grid(f"{metric_label(o.metric).full}, mean over replicates.", ("strategy", *names), lines)
+
+
+def cell(row: ComparisonRow, strategy: str, *, paper: bool = False) -> Cell:
+    """The cell of ``strategy`` in ``row``; "best" needs somebody to be better than."""
+    metric, known = row.metric, sum(value is not None for value in row.cells.values())
+    theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
+    d = row.differences.get(strategy)
+    return Cell(
+        _interval_text(row.cells[strategy], metric.decimals),
+        strategy in row.best and known > len(row.best),
+        "" if theirs is None else f"paper {format_number(theirs, metric.decimals)}",
+        "" if d is None else _difference_text(d, metric.decimals),
+    )
+
+
+def _missions(table: ComparisonTable, strategy: str) -> Cell:
+    """``11 + 1 failed``."""
+    failed = table.failures[strategy]
+    return Cell(f"{table.missions[strategy]}" + (f" + {failed} failed" if failed else ""))
+
+
+def _interval_text(interval: Interval | None, decimals: int) -> str:
+    """``71.2 ± 3.1``; bounds are written out where they are not symmetric; a dash without a mission."""
+    if interval is None:
+        return MISSING
+    mean = format_number(interval.mean, decimals)
+    if interval.low is None or interval.high is None or interval.low == interval.high:
+        return mean  # a count that every mission shares has no width
+    if interval.method == "wilson":
+        return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
+    return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
+
+
+def _difference_text(d: PairedDifference, decimals: int) -> str:
+    """``+1.2 (−0.3 to +2.7)``: strategy minus reference."""
+    i, mean = d.interval, format_number(d.interval.mean, decimals, signed=True)
+    if i.low is None or i.high is None or i.low == i.high:
+        return mean
+    low, high = (format_number(bound, decimals, signed=True) for bound in (i.low, i.high))
+    return f"{mean} ({low} to {high})"
+
+
+def _row_name(metric: MetricRow) -> str:
+    """``Hausdorff ↓ (mm)``."""
+    unit = f" ({metric.unit})" if metric.unit else ""
+    return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
+
+
+def for_terminal(grid: Grid, below: Literal["difference", "paper"] = "difference") -> Table:
+    """The table on the terminal; ``below`` a value the difference from the reference or the paper's."""
+    said = "; paired difference below" if below == "difference" else ""
+    out = Table(title=grid.title, caption=f"mean ± 95 % interval{said}; best mean in bold")
+    for name in grid.columns:
+        out.add_column(name, justify="left" if name == grid.columns[0] else "right")
+    for line in grid.lines:
+        texts = [f"[bold]{c.text}[/]" if c.best else c.text for c in line.cells]
+        more = [getattr(c, below) for c in line.cells]
+        if not line.cells:
+            out.add_section()
+        out.add_row(
+            line.name if line.cells else f"[italic]{line.name}[/]",
+            *(f"{text}\n[dim]{extra}[/]" if extra else text for text, extra in zip(texts, more)),
+        )
+    return out
+
+
+# -- the page ------------------------------------------------------------------------------------------------
+
+
+def write_comparison_report(
+    facts: ComparisonFacts,
+    directory: Path,
+    *,
+    title: str = "Strategies compared",
+    paper: bool = False,
+    command: str = "",
+) -> Path:
+    """Write ``report.html`` into ``directory``; returns its path.
+
+    Parameters
+    ----------
+    facts
+        From `comparison_facts`; the run may be incomplete.
+    directory
+        Where to.
+    title
+        The page's.
+    paper
+        Show the paper's Table I beside ours, with what is not comparable.
+    command
+        The command line that repeats the evaluation.
+
+    Raises
+    ------
+    UserError
+        The directory cannot be written.
+    """
+    run, plan, tables = facts.run, facts.run.plan, list(facts.tables.values())
+    kinds = [line.kind for line in facts.verdicts]
+    cells = [c for t in (facts.summary, *tables) for row in t.rows for c in row.cells.values()]
+    differences = [d for t in (facts.summary, *tables) for row in t.rows for d in row.differences.values()]
+    methods = {c.method for c in cells if c} | {d.interval.method for d in differences if d}
+    return write_page(
+        directory / REPORT_FILE,
+        "comparison.html.j2",
+        title=f"{title} · gatetune",
+        heading=title,
+        command=command,
+        facts=facts,
+        kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
+        reference=strategy_label(facts.reference),
+        place=facts.asked.place,
+        truth="" if plan.fidelity == EXTERNAL else _truth(plan.rocks),
+        summary=strategy_grid(facts.summary, "", run),
+        conditions=[strategy_grid(table, f"Under {name}") for name, table in facts.conditions.items()],
+        worlds=_world_grid(facts) if len(plan.worlds) > 1 else None,
+        tables=[
+            table_i_grid(table, _TITLES[name], paper=paper and name == "whole")
+            for name, table in facts.tables.items()
+        ],
+        methods=interval_methods(methods).replace("rock", facts.asked.place),
+        paper=PAPER_NOT_COMPARABLE if paper else "",
+        floor=FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
+        provenance=_provenance(run, facts.asked.place),
+    )
+
+
+def _truth(rocks: Sequence[str]) -> str:
+    """What clouds are measured against."""
+    if are_photographed(rocks):
+        return "the set's own reference"
+    return "ground truth" + (" or a set's own reference" if any(map(is_photographed, rocks)) else "")
+
+
+def _provenance(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
+    """Rocks, conditions, versions and revisions."""
+    plan = run.plan
+    first, last = plan.first_replicate, plan.first_replicate + plan.replicates - 1
+    return [
+        (f"{place}s", ", ".join(short_names(plan.rocks))),
+        ("conditions", ", ".join(condition.name for condition in plan.conditions)),
+        ("replicates", f"{first} to {last}" if last > first else str(first)),
+        ("mission preset", ", ".join(sorted({config.preset for config in plan.strategies.values()}))),
+        *recorded_rows(recorded([Path(r.directory) for r in run.records])),
+    ]

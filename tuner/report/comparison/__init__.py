@@ -1,1 +1,0 @@
-"""The page of an evaluation or a reproduction: a row per strategy, Table I."""
