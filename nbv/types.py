@@ -88,7 +88,6 @@ class UpdateReport:
     model: SparseModel
     registered: bool
     message: str = ""  # why not, or what was noticed (e.g. the alignment residual)
-    timings_s: dict[str, float] = field(default_factory=dict)
 
 
 class Cloud(Protocol):

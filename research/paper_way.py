@@ -39,7 +39,7 @@ from nbv.dense import PosedViews, dense_cloud
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.flight import Flight
-from nbv.photogrammetric.cached_stages import CachedStudio
+from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock, load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.sparse.alignment import align_cameras
@@ -63,7 +63,7 @@ def photographs(config: MissionConfig, rock: Rock, replicate: int, chosen: list[
     def no_renderer(camera):  # type: ignore[no-untyped-def]
         return make_renderer(build_scene(rock, config.scene, camera, store=Store()), config.scene.backend)
 
-    studio = CachedStudio(no_renderer, rock, replicate, config, Store())
+    studio = Studio(no_renderer, rock, replicate, config, Store())
     flight = Flight(config, rock_sha256=rock.sha256, replicate=replicate)
     candidates = {view.id: view for view in raw_candidates(config)}
     flight.take_off()

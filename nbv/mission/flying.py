@@ -118,7 +118,7 @@ def fly_mission(
         fidelity.export(full_run, metrics)
         full_run.write_json("flight.json", flight.to_dict())
     wall_s = time.perf_counter() - started
-    stopwatch.add({"total": wall_s})
+    stopwatch.total_s["total"] = wall_s
     result = MissionResult(
         status=status,
         reason=reason,
@@ -128,7 +128,7 @@ def fly_mission(
         replicate=replicate,
         metrics=metrics,
         trace=recorder.trace,
-        timings_s=stopwatch.total_s,
+        timings_s=dict(stopwatch.total_s),
         costs={
             "images": float(recorder.images),
             "registered_images": float(recorder.registered_images),

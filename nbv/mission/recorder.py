@@ -141,7 +141,6 @@ class Recorder:
 
     def _count(self, report: UpdateReport) -> None:
         self.registered_images = len(report.model.camera_names)
-        self._stopwatch.add(report.timings_s, prefix="sparse.")
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Unpack
 
+from nbv.cache import remember_json
 from nbv.config import CameraConfig, MissionConfig
-from nbv.evaluation import Evaluation, evaluate_cloud
+from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
+from nbv.evaluation.evaluate import clean_for_evaluation
 from nbv.gates import GroundTruthOracle, Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
-from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor
-from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
-from nbv.rocks import Rock
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
@@ -34,18 +32,12 @@ class PhotogrammetricFidelity:
 
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
-        config, rock, store = context.config, context.rock, context.store
+        config, store = context.config, context.store
         self.context, self.believed = context, context.believed
-        self.evaluate: Callable[[Cloud, Rock, MissionConfig], Evaluation] = evaluate_cloud
-        studio = (self._renderer, rock, context.replicate, self.believed)
-        keep = context.keeps_everything
-        if store is None:
-            self.camera = Studio(*studio)
-            self.reconstructor = PhotogrammetricReconstructor(self.believed, keep_sparse=keep)
-        else:
-            self.camera = CachedStudio(*studio, store)
-            self.reconstructor = CachedReconstructor(self.believed, store, keep_sparse=keep)
-            self.evaluate = CachedEvaluation(store)
+        self.camera = Studio(self._renderer, context.rock, context.replicate, self.believed, store)
+        self.reconstructor = PhotogrammetricReconstructor(
+            self.believed, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
+        )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
 
@@ -55,9 +47,30 @@ class PhotogrammetricFidelity:
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """Clean the cloud and compare it with the true rock."""
+        """Clean the cloud and compare it with the true rock; metrics of a known cloud are kept, failures are not."""
+        config, rock, store = self.context.config, self.context.rock, self.context.store
+
+        def evaluate() -> dict[str, Any]:
+            self._evaluation = evaluate_cloud(cloud, rock, config, store)
+            return {"metrics": self._evaluation.metrics, "cleaning": self._evaluation.cleaning}
+
+        inputs = [
+            self.reconstructor.cloud_key,
+            rock.sha256,
+            config.evaluation,
+            list(config.target_m),
+            config.dense.fusion_voxel_m,
+            config.telemetry.is_exact,
+            config.ground,
+            config.scene.ground_seed,
+            camera_shell(config),
+        ]
         with self.context.stopwatch.timed("evaluation"):
-            self._evaluation = self.evaluate(cloud, self.context.rock, self.context.config)
+            found = remember_json(store, "evaluations", evaluate, code=__name__, inputs=inputs)
+        if self._evaluation is None:
+            self._evaluation = Evaluation(
+                found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]
+            )
         return self._evaluation.metrics
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:

@@ -1,84 +1,157 @@
-"""The photogrammetric ``Reconstructor``: SIFT and COLMAP in flight, stereo and fusion after it."""
+"""The photogrammetric ``Reconstructor``: SIFT and COLMAP in flight, stereo and fusion after it, a store in front.
+
+Which views a mission chooses is a piecewise constant function of its configuration. A mission whose photographs
+begin, in order, with those of an earlier mission (same options of the stages) has had the same models after each
+of them, and one that ends with them has the same cloud and metrics. So these are kept by a digest of the sequence.
+
+What cannot be kept is the mapper itself: COLMAP's hash tables carry the order in which they were filled, that
+order reaches the last bits of every later adjustment, and files do not hold it. A mission that leaves a known
+sequence is therefore replayed from its seed model before it goes on, at the price that it would have paid anyway.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nbv.config import MissionConfig, SparseConfig
-from nbv.dense import PosedViews, dense_cloud
+from nbv.cache import Arrays, Store, address, digest
+from nbv.config import MissionConfig
+from nbv.dense.reconstruct import dense_cloud
+from nbv.dense.views import PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
+from nbv.mission.planning_state import arrays_of, model_of
+from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import Capture, Cloud, PointCloud, SparseModel, UpdateReport
+from nbv.stopwatch import Stopwatch
+from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
 
-LEAST_BASELINE_ANGLE_DEG = (
-    40.0  # of stereo pairs, between the baseline and the line to a target that had to be found
-)
+# Of stereo pairs, between the baseline and the line to a target that had to be found.
+LEAST_BASELINE_ANGLE_DEG = 40.0
 FEWEST_SEEDS = 3  # that a model can be aligned by
+
+
+class LazyCloud:
+    """A `Cloud` that is made when its points are first asked for.
+
+    A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
+    known never makes its cloud. ``make`` is called at most once and may raise `MissionFailure`.
+    """
+
+    def __init__(self, make: Callable[[], PointCloud]) -> None:
+        self._make = functools.cache(make)
+
+    @property
+    def points_m(self) -> Floats:
+        """(N, 3) world frame."""
+        return self._make().points_m
+
+    @property
+    def colors(self) -> NDArray[np.uint8] | None:
+        """(N, 3) RGB."""
+        return self._make().colors
+
+    @property
+    def normals(self) -> Floats | None:
+        """(N, 3)."""
+        return self._make().normals
 
 
 class PhotogrammetricReconstructor:
     """Sparse model after every capture, dense cloud at the end.
 
-    Implements ``nbv.types.Reconstructor``. Only photographs and the vehicle's telemetry go in.
+    Implements ``nbv.types.Reconstructor``. Only photographs and the vehicle's telemetry go in. As long as the models of
+    the photographs so far are known nothing is reconstructed; what was left out is made up for, photograph by photograph
+    as it would have been, as soon as something is asked that the store does not hold.
 
     Parameters
     ----------
+    config
+        What the vehicle believes.
+    store
+        Where features, pairs and models are kept, and which clouds there are.
     keep_sparse
         Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
         known, with all features and matches, since fusion decides how much memory a mission takes.
     half_extents_m
         Of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by default the crop.
+    stopwatch
+        Counts the seconds of the sparse stages.
     """
 
     def __init__(
         self,
         config: MissionConfig,
+        store: Store | None = None,
         *,
         keep_sparse: bool = True,
         half_extents_m: tuple[float, float, float] | None = None,
+        stopwatch: Stopwatch | None = None,
     ) -> None:
         self._half_extents_m = half_extents_m
-        self._config = config
+        self._config, self._store = config, store
         self._keep_sparse = keep_sparse
-        self._sparse: SparseReconstructor | None = self._new_sparse(config.sparse)
+        self._correspondences = Correspondences(config.camera, config.sparse, store, stopwatch)
         self._images: dict[str, Any] = {}
         self.has_model = False
+        self._begin()
 
-    def _new_sparse(self, options: SparseConfig) -> SparseReconstructor:
+    def _begin(self) -> None:
         config = self._config
-        return SparseReconstructor(config.camera, options, config.target_m, telemetry=config.telemetry)
+        self._sparse: SparseReconstructor | None = SparseReconstructor(
+            config.camera, config.sparse, config.target_m, self._correspondences, config.telemetry
+        )
+        # Not reconstructed yet: the seeds, and what came after them.
+        self._seeds: tuple[Capture, ...] = ()
+        self._waiting: list[Capture] = []
+        self._to_refine = False
+        self._key = self._seed_key = ""  # of the sequence so far, and of its seeds
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
         """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
-        few = replace(self._config.sparse, min_registered_seeds=FEWEST_SEEDS)
+        few = dataclasses.replace(self._config.sparse, min_registered_seeds=FEWEST_SEEDS)
+        other = PhotogrammetricReconstructor(dataclasses.replace(self._config, sparse=few), self._store)
         try:
-            return self._new_sparse(few).bootstrap(captures).model
+            return other.bootstrap(captures).model
         except MissionFailure:
             return None
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model."""
-        for capture in captures:
-            self._images[capture.name] = capture.image
+        self._seeds = tuple(captures)
+        self._images.update({capture.name: capture.image for capture in captures})
+        self._key = self._seed_key = address(
+            __name__,
+            self._config.camera,
+            self._config.sparse,
+            self._config.telemetry,
+            self._config.target_m,
+            [capture.name for capture in captures],
+            *(capture.camera_from_world for capture in captures),
+            *(capture.image for capture in captures if capture.image is not None),
+        )
         try:
-            report = self._mapped().bootstrap(captures)
+            report = self._known_report()
         except MissionFailure:  # it may be asked again, of more photographs
-            self._sparse = self._new_sparse(self._config.sparse)
+            self._begin()
             raise
         self.has_model = True
         return report
 
     def add(self, capture: Capture) -> UpdateReport:
         """Register, triangulate and adjust one more photograph."""
+        assert capture.image is not None
         self._images[capture.name] = capture.image
-        return self._mapped().add(capture)
+        self._waiting.append(capture)
+        self._key = digest(self._key, capture.name, capture.camera_from_world, capture.image)
+        return self._known_report()
 
     def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
         """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was believed.
@@ -86,27 +159,30 @@ class PhotogrammetricReconstructor:
         Poses that are free of the exact rings bring views one behind the other, whose disparities span thousands of
         pixels: pairs below `LEAST_BASELINE_ANGLE_DEG` took up to 4/5 of what was searched, and added nothing to the cloud.
         """
-        least_deg = max(self._config.dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
-        dense = replace(self._config.dense, crop_half_width_m=half_width_m, min_baseline_angle_deg=least_deg)
-        self._config = replace(self._config, target_m=target_m, dense=dense)
+        dense = self._config.dense
+        least_deg = max(dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
+        dense = dataclasses.replace(dense, crop_half_width_m=half_width_m, min_baseline_angle_deg=least_deg)
+        self._config = dataclasses.replace(self._config, target_m=target_m, dense=dense)
 
     def finish(self) -> Cloud:
-        """Dense cloud from the registered photographs at the poses that SfM found."""
-        self._mapped().refine()
-        return self._fuse()
+        """Dense cloud from the registered photographs at the poses that SfM found.
 
-    def _fuse(self) -> PointCloud:
-        poses = self._mapped().world_camera_poses()
-        points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
-        if points_m is not None and self._half_extents_m is not None:
-            inside = np.abs(points_m - self._config.target_m) <= self._half_extents_m
-            points_m = points_m[inside.all(axis=1)]
-        if not self._keep_sparse:
-            self._sparse = None
-            give_back_freed_memory()
-        images = {name: self._images[name] for name in poses}
+        One that was made before is made again if somebody looks at it.
+        """
+        self._to_refine = True
+        cloud = LazyCloud(self._fuse)
+        if self._store is None:
+            _ = cloud.points_m
+        elif self._store.get("clouds", self.cloud_key) is None:
+            self._store.put("clouds", self.cloud_key, {"n_points": np.array(len(cloud.points_m))})
+        return cloud
+
+    @property
+    def cloud_key(self) -> str:
+        """Digest of all that decides the cloud."""
         config = self._config
-        return dense_cloud(PosedViews(images, poses, config.camera, config.target_m, config.dense), points_m)
+        box = [] if self._half_extents_m is None else [self._half_extents_m]
+        return address("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *box)
 
     def locate(self, capture: Capture, partners: int) -> Located | None:
         """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""
@@ -116,7 +192,69 @@ class PhotogrammetricReconstructor:
         """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""
         self._mapped().export(directory, images)
 
+    def _fuse(self) -> PointCloud:
+        sparse, config = self._mapped(), self._config
+        poses = sparse.world_camera_poses()
+        points_m = sparse.world_points_m() if config.dense.search == "sparse" else None
+        if points_m is not None and self._half_extents_m is not None:
+            inside = np.abs(points_m - config.target_m) <= self._half_extents_m
+            points_m = points_m[inside.all(axis=1)]
+        if not self._keep_sparse:
+            self._sparse = None
+            del sparse
+            give_back_freed_memory()
+        images = {name: self._images[name] for name in poses}
+        return dense_cloud(PosedViews(images, poses, config.camera, config.target_m, config.dense), points_m)
+
+    def _known_report(self) -> UpdateReport:
+        if self._store is not None and (entry := self._store.get("sequence-models", self._key)) is not None:
+            return _unpack_report(entry)
+        report = self._catch_up()  # a failure is not kept, it is met again
+        assert report is not None
+        if self._store is not None:
+            self._store.put("sequence-models", self._key, _pack_report(report))
+        return report
+
     def _mapped(self) -> SparseReconstructor:
+        """The sparse model of all photographs so far."""
         if self._sparse is None:
             raise ValueError("the sparse model was not kept; ask for keep_sparse")
+        self._catch_up()
         return self._sparse
+
+    def _catch_up(self) -> UpdateReport | None:
+        """Reconstruct what was left out, and report on the last photograph of it."""
+        sparse, report = self._sparse, None
+        assert sparse is not None
+        if self._seeds:
+            seeds, self._seeds = self._seeds, ()
+            report = self._seed_model(sparse, seeds)
+        while self._waiting:
+            report = sparse.add(self._waiting.pop(0))
+        if self._to_refine:
+            self._to_refine = False
+            sparse.refine()
+        return report
+
+    def _seed_model(self, sparse: SparseReconstructor, seeds: Sequence[Capture]) -> UpdateReport:
+        """Of many missions on one (rock, replicate) it is the same, so its files are kept."""
+        if self._store is None:
+            return sparse.bootstrap(seeds)
+        if (entry := self._store.get("seed-models", self._seed_key)) is not None:
+            return sparse.bootstrap_from(seeds, {name: data.tobytes() for name, data in entry.items()})
+        report = sparse.bootstrap(seeds)
+        files = {name: np.frombuffer(content, np.uint8) for name, content in sparse.seed_files().items()}
+        self._store.put("seed-models", self._seed_key, files)
+        return report
+
+
+def _pack_report(report: UpdateReport) -> Arrays:
+    arrays = arrays_of(report.model)
+    for name in ("track_offsets", "track_cameras"):  # in the smallest type that holds them
+        arrays[name] = arrays[name].astype(np.min_scalar_type(int(arrays[name].max(initial=0))))
+    return {**arrays, "registered": np.array(report.registered), "message": np.array(report.message)}
+
+
+def _unpack_report(entry: Arrays) -> UpdateReport:
+    indices = {name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras")}
+    return UpdateReport(model_of({**entry, **indices}), bool(entry["registered"]), str(entry["message"]))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.cache import Store, remember
 from nbv.config import CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
@@ -32,6 +33,8 @@ class Studio:
         Which draw of telemetry errors and sensor noise.
     config
         As the vehicle believes it: the gimbal aims at its target.
+    store
+        Where photographs are kept, by rock, replicate, viewpoint, pose and all of the configuration that they depend on.
     """
 
     def __init__(
@@ -40,10 +43,12 @@ class Studio:
         rock: Rock,
         replicate: int,
         config: MissionConfig,
+        store: Store | None = None,
     ) -> None:
         self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
-        self._rock, self._replicate, self._config = rock, replicate, config
+        self._rock, self._replicate, self._store = rock, replicate, store
+        self._world = (config.camera, config.scene, config.sensor, config.ground, config.target_m)
         self._sensor = Sensor(config)
         self._target_m = config.target_m
         self._errors = TelemetryErrors(
@@ -70,6 +75,16 @@ class Studio:
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""
+        inputs = [self._rock.sha256, self._replicate, *self._world, viewpoint.id, true_pose]
+        return remember(
+            self._store,
+            "photographs",
+            lambda: {"image": self._see(viewpoint, true_pose)},
+            code=__name__,
+            inputs=inputs,
+        )["image"]
+
+    def _see(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         if self._renderer is None:
             self._renderer = self._make_renderer(self._sensor.drawn)
         return self._sensor.photograph(self._renderer, true_pose, self._rock, self._replicate, viewpoint.id)

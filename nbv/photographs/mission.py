@@ -24,7 +24,6 @@ from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric import PhotogrammetricReconstructor
-from nbv.photogrammetric.cached_sequences import CachedReconstructor, LazyCloud
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
@@ -83,10 +82,8 @@ class PhotographFidelity:
         )
         box_m = (x_m, y_m, z_m)
         # The sparse model is asked, after the dense stage, where the photographs kept out were taken.
-        self.reconstructor = (
-            PhotogrammetricReconstructor(self.believed, half_extents_m=box_m)
-            if context.store is None
-            else CachedReconstructor(self.believed, context.store, half_extents_m=box_m)
+        self.reconstructor = PhotogrammetricReconstructor(
+            self.believed, context.store, half_extents_m=box_m, stopwatch=context.stopwatch
         )
         self.facts = {
             "photographs": len(self._takeable),
@@ -108,9 +105,12 @@ class PhotographFidelity:
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Against the reference, and by the photographs kept out (``metrics["kept_out"]``)."""
         with self.context.stopwatch.timed("evaluation"):
-            if not isinstance(cloud, LazyCloud):
-                return self._measure(cloud)
-            inputs = [cloud.key, self.context.rock.sha256, self.believed.evaluation, sorted(self._kept_out)]
+            inputs = [
+                self.reconstructor.cloud_key,
+                self.context.rock.sha256,
+                self.believed.evaluation,
+                sorted(self._kept_out),
+            ]
             found: dict[str, Any] = remember_json(
                 self.context.store,
                 "evaluations",

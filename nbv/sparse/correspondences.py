@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.cache import Arrays, Store, remember
 from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.ground_features import extract_ground_features
@@ -18,32 +20,60 @@ GROUND_MATCH_RATIO = 0.9  # nearly all ground matches are right even so, and wit
 
 
 class Correspondences:
-    """Features and verified pairs: pure functions of the arguments and the options, so that a store can stand in front."""
+    """Features and verified pairs: pure functions of the arguments and the options, kept in the store where there is one."""
 
-    def __init__(self, camera: CameraConfig, config: SparseConfig) -> None:
+    def __init__(
+        self,
+        camera: CameraConfig,
+        config: SparseConfig,
+        store: Store | None = None,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
         self.camera = camera
         self.config = config
-        self.stopwatch = Stopwatch()
+        self.stopwatch = stopwatch or Stopwatch()  # of all sparse stages
+        self._store = store
 
     def features(self, image: NDArray[np.uint8]) -> Features:
         """Features of an (H, W, 3) RGB photograph; see :func:`nbv.sparse.features.extract_features`."""
-        with self.stopwatch.timed("features"):
-            return extract_features(image, self.config)
+        c = self.config
+        inputs = [c.max_features, c.first_octave, c.peak_threshold, image]
+        return self._features(lambda: extract_features(image, c), "nbv.sparse.features", inputs)
 
     def ground_features(
         self, image: NDArray[np.uint8], camera_from_world: Floats, target_m: Floats
     ) -> Features:
         """Features of the ground about ``target_m`` (3,) of a photograph with that reported pose (4, 4)."""
         limits = (self.config.ground_features, self.config.peak_threshold)
-        with self.stopwatch.timed("features"):
-            return extract_ground_features(image, camera_from_world, self.camera, target_m, *limits)
+        return self._features(
+            lambda: extract_ground_features(image, camera_from_world, self.camera, target_m, *limits),
+            "nbv.sparse.ground_features",
+            [self.camera, *limits, image, camera_from_world, target_m],
+        )
+
+    def _features(self, extract: Callable[[], Features], code: str, inputs: list[Any]) -> Features:
+        def make() -> Arrays:
+            with self.stopwatch.timed("sparse.features"):
+                features = extract()
+            return {"keypoints": features.keypoints, "descriptors": features.descriptors}
+
+        entry = remember(self._store, "features", make, code=code, inputs=inputs)
+        return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
         """Verified matches of two photographs; order matters (indices of ``a``, then of ``b``)."""
-        with self.stopwatch.timed("matching"):
-            matches = self._match(a, b)
-        with self.stopwatch.timed("verification"):
-            return verify_pair(a, b, matches, self.camera, self.config)
+        c = self.config
+
+        def make() -> Arrays:
+            with self.stopwatch.timed("sparse.matching"):
+                matches = self._match(a, b)
+            with self.stopwatch.timed("sparse.verification"):
+                pair = verify_pair(a, b, matches, self.camera, c)
+            return {"matches": pair.matches, "config": np.array(pair.config)}
+
+        inputs = [self.camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]
+        entry = remember(self._store, "pairs", make, code="nbv.sparse.matching", inputs=inputs)
+        return VerifiedPair(entry["matches"], int(entry["config"]))
 
     def _match(self, a: Features, b: Features) -> NDArray[np.uint32]:
         """Matches of the photographs, then of the ground seen from above."""

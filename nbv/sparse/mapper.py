@@ -74,11 +74,20 @@ class IncrementalModel:
 
     Parameters
     ----------
+    stopwatch
+        Counts the seconds of mapping and adjustment.
     poses_guarded
         Somebody compares poses with telemetry, so that fewer matches may register a photograph.
     """
 
-    def __init__(self, camera: CameraConfig, config: SparseConfig, *, poses_guarded: bool = False) -> None:
+    def __init__(
+        self,
+        camera: CameraConfig,
+        config: SparseConfig,
+        stopwatch: Stopwatch | None = None,
+        *,
+        poses_guarded: bool = False,
+    ) -> None:
         self.camera = camera
         self.config = config
         self.names: list[str] = []
@@ -86,7 +95,7 @@ class IncrementalModel:
         self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
         self.reconstruction = pycolmap.Reconstruction()
         self.captures_since_global = 0
-        self.stopwatch = Stopwatch()
+        self.stopwatch = stopwatch or Stopwatch()
         self._options = mapping_options(config)
         if poses_guarded:
             self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
@@ -133,7 +142,7 @@ class IncrementalModel:
         quarter is left over it is tried once more, with few matches and with points that only two images see.
         """
         pycolmap.set_random_seed(_SEED)
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             cache = self._database_cache(self.pairs)
             mapper = pycolmap.IncrementalMapper(cache)
         reason = "no pair of seed images is fit to start from"
@@ -177,7 +186,7 @@ class IncrementalModel:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
         options = self._mapper_options
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             found = None
             for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
                 relaxed = self._options.get_mapper()
@@ -193,7 +202,7 @@ class IncrementalModel:
             mapper.register_initial_image_pair(options, first, second, second_from_first)
             for image_id in (first, second):
                 mapper.triangulate_image(self._triangulation, image_id)
-        with self.stopwatch.timed("ba"):
+        with self.stopwatch.timed("sparse.ba"):
             mapper.adjust_global_bundle(options, self._global_ba)
             mapper.reconstruction.normalize()
             mapper.filter_points(options)
@@ -204,7 +213,7 @@ class IncrementalModel:
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
-            with self.stopwatch.timed("mapping"):
+            with self.stopwatch.timed("sparse.mapping"):
                 candidates = mapper.find_next_images(self._mapper_options, False)
             if all(self._register(mapper, image_id, judge) for image_id in candidates):
                 break
@@ -218,13 +227,12 @@ class IncrementalModel:
         usual, model = self._mapper_options, mapper.reconstruction
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
         self._mapper_options, self._triangulation.ignore_two_view_tracks = self._for_judged_poses(), False
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             for image_id in sorted(held):
                 mapper.triangulate_image(self._triangulation, image_id)
         self._grow(mapper, judge)
-        with self.stopwatch.timed(
-            "mapping"
-        ):  # points of two images hold those that joined; the others did without
+        # Points of two images hold those that joined; the others did without.
+        with self.stopwatch.timed("sparse.mapping"):
             for point_id in sorted(set(model.point3D_ids()) - before):
                 seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
                 if len(seen_by) == 2 and seen_by <= held:
@@ -263,7 +271,7 @@ class IncrementalModel:
         pairs = (
             self.pairs if is_global or self.config.update_pairs == "all" else pairs_near(self.pairs, waiting)
         )
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
         reasons = self._try_all(mapper, waiting, judge)
@@ -276,7 +284,7 @@ class IncrementalModel:
         if is_global:
             self._refine_globally(mapper)
             self.captures_since_global = 0
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             mapper.end_reconstruction(False)
         return reasons
 
@@ -284,11 +292,11 @@ class IncrementalModel:
         """Global adjustment of the model as it stands, e.g. before the dense stage."""
         pycolmap.set_random_seed(_SEED)
         self._limit_iterations()
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
             mapper.begin_reconstruction(self.reconstruction)
         self._refine_globally(mapper)
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             mapper.end_reconstruction(False)
         self.captures_since_global = 0
 
@@ -324,7 +332,7 @@ class IncrementalModel:
 
     def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> str:
         """Register one image and adjust locally about it. Returns "" or why it was left out."""
-        with self.stopwatch.timed("mapping"):
+        with self.stopwatch.timed("sparse.mapping"):
             if not mapper.register_next_image(self._mapper_options, image_id):
                 return NO_POSE
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
@@ -335,7 +343,7 @@ class IncrementalModel:
         return ""
 
     def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
-        with self.stopwatch.timed("ba"):
+        with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_local_refinement(
                 self.config.local_ba_rounds,
                 _LOCAL_CHANGE,
@@ -346,7 +354,7 @@ class IncrementalModel:
             )
 
     def _refine_globally(self, mapper: pycolmap.IncrementalMapper) -> None:
-        with self.stopwatch.timed("ba"):
+        with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_global_refinement(
                 _GLOBAL_REFINEMENTS,
                 _GLOBAL_CHANGE,

@@ -27,7 +27,6 @@ from nbv.sparse.model import (
     to_sparse_model,
 )
 from nbv.sparse.priors import PositionPriors, adjust_with_priors
-from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Floats, UpdateReport
 
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
@@ -69,13 +68,14 @@ class SparseReconstructor:
         )
         self.target_m = np.asarray(target_m, dtype=float)
         self._source = correspondences or Correspondences(camera, config)
+        self._stopwatch = self._source.stopwatch
         # With exact telemetry COLMAP's own thresholds stand: the world `ideal` stays as it is.
-        self._model = IncrementalModel(camera, config, poses_guarded=not self.telemetry.is_exact)
-        self._stopwatch = Stopwatch()
+        self._model = IncrementalModel(
+            camera, config, self._stopwatch, poses_guarded=not self.telemetry.is_exact
+        )
         self._captures: list[Capture] = []
         self._features: list[Features] = []
         self._alignment: Alignment | None = None
-        self._points_m: Floats = np.zeros((0, 3))
 
     # ------------------------------------------------------------------------------------ what others see
 
@@ -99,8 +99,8 @@ class SparseReconstructor:
         return dict(zip(registered_names(self.reconstruction), poses))
 
     def world_points_m(self) -> Floats:
-        """(N, 3) the model's points in metres, as last reported."""
-        return self._points_m
+        """(N, 3) the model's points in metres."""
+        return to_sparse_model(self.reconstruction, self.alignment).points_m
 
     def locate(self, capture: Capture, partners: int) -> Located | None:
         """Where a photograph that is no part of the model was taken, or None; matched with its nearest ``partners``."""
@@ -210,7 +210,7 @@ class SparseReconstructor:
             notes.append(f"now registered too: {', '.join(late)}")
         return self._report(capture.name in registered, "; ".join(notes))
 
-    def refine(self) -> UpdateReport:
+    def refine(self) -> None:
         """Global adjustment, to be called once before the dense stage; changes no registration.
 
         Between the periodic global adjustments an update moves only the newest image's neighbours; this
@@ -219,7 +219,7 @@ class SparseReconstructor:
         if self._model.captures_since_global:
             self._model.refine()
             self._hold_by_telemetry()
-        return self._report(True, self._drop_outliers())
+        self._drop_outliers()
 
     def _take_in(self, captures: Sequence[Capture]) -> None:
         """Features of each capture and its verified pairs with all earlier ones."""
@@ -260,7 +260,7 @@ class SparseReconstructor:
         return np.array([self._captures[i - 1].camera_from_world for i in ids]).reshape(-1, 4, 4)
 
     def _align(self, reconstruction: pycolmap.Reconstruction) -> Alignment:
-        with self._stopwatch.timed("alignment"):
+        with self._stopwatch.timed("sparse.alignment"):
             self._alignment = align_cameras(
                 camera_from_model_poses(reconstruction),
                 self._telemetry(reconstruction),
@@ -274,7 +274,7 @@ class SparseReconstructor:
         if self.telemetry.is_exact:
             return
         centers_m = {i: c.camera_center_m for i, c in enumerate(self._captures, start=1)}
-        with self._stopwatch.timed("priors"):
+        with self._stopwatch.timed("sparse.priors"):
             adjust_with_priors(
                 self.reconstruction,
                 PositionPriors(centers_m, self.telemetry.covariance_m2),
@@ -318,10 +318,6 @@ class SparseReconstructor:
         return f"taken out, pose disagrees with telemetry: {', '.join(names)}"
 
     def _report(self, registered: bool, message: str) -> UpdateReport:
-        with self._stopwatch.timed("model"):
+        with self._stopwatch.timed("sparse.model"):
             model = to_sparse_model(self.reconstruction, self.alignment)
-        self._points_m = model.points_m
-        timings = {}
-        for stopwatch in (self._source.stopwatch, self._model.stopwatch, self._stopwatch):
-            timings.update(stopwatch.take())
-        return UpdateReport(model, registered, message, timings)
+        return UpdateReport(model, registered, message)

@@ -1,6 +1,5 @@
 """The loop of Fig. 1 on its own: a reconstructor that only counts, real flight, real planning."""
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +28,7 @@ class CountingReconstructor:
         n = self.points + 50 * self.adds
         points = rng.normal(size=(n, 3))
         points = [0, 0, 0.8] + 0.7 * points / np.linalg.norm(points, axis=1, keepdims=True)
-        cameras = np.stack([rng.permutation(24)[:3] for _ in range(n)])
+        cameras = np.stack([rng.permutation(min(24, len(self.centers)))[:3] for _ in range(n)])
         return SparseModel(
             points,
             np.full(n, 0.5),
@@ -48,8 +47,9 @@ class CountingReconstructor:
 
     def glimpse(self, captures):
         self.glimpsed = [capture.name for capture in captures]
-        centers_m = np.array([capture.camera_center_m for capture in captures])
-        return dataclasses.replace(self._model(), camera_centers_m=centers_m)
+        self.centers = [capture.camera_center_m for capture in captures]
+        model, self.centers = self._model(), []
+        return model
 
     def add(self, capture):
         self.adds += 1

@@ -10,15 +10,15 @@ import pytest
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
 
 from nbv.cache import Store, addressing
-from nbv.config import MissionConfig, TelemetryConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.evaluation import evaluate_cloud
 from nbv.geometry.sampling import sample_surface
-from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor
-from nbv.photogrammetric.cached_sparse import CachedSparse
-from nbv.photogrammetric.cached_stages import CachedStudio
+from nbv.mission.fidelity import MissionContext
+from nbv.photogrammetric import mission as photogrammetric
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
+from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
-from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.stopwatch import Stopwatch
 from nbv.types import PointCloud, Viewpoint
 
 SEEDS = ring_captures(12)
@@ -36,11 +36,12 @@ class Counting(LabelledPoints):
         return super().features(image)
 
 
-def reconstructor(world=None, store=None, config=CONFIG):
-    world = world or Counting(SEEDS + LATER + ELSEWHERE)
-    if store is None:
-        return SparseReconstructor(CAMERA, config, TARGET, world)
-    return CachedSparse(CAMERA, config, TARGET, world, TelemetryConfig(), store)
+def reconstructor(world=None, store=None):
+    config = dataclasses.replace(MissionConfig(), camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET))
+    made = PhotogrammetricReconstructor(config, store)
+    made._correspondences = world or Counting(SEEDS + LATER + ELSEWHERE)
+    made._begin()
+    return made
 
 
 def fly(sparse, later):
@@ -60,8 +61,7 @@ def bits(reports):
 
 
 def files(sparse, folder, images):
-    sparse.refine()
-    sparse.export(folder, images)
+    sparse.export_sparse(folder, images)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -129,7 +129,7 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     fly(known, LATER)
     write_photographs(tmp_path, SEEDS + LATER)
     assert files(known, tmp_path / "known", tmp_path) == files(plain, tmp_path / "plain", tmp_path)
-    poses, expected = known.world_camera_poses(), plain.world_camera_poses()
+    poses, expected = known._mapped().world_camera_poses(), plain._mapped().world_camera_poses()
     assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
 
 
@@ -138,10 +138,8 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
 
 def made_cloud(store, made, config, points):
     """What a reconstructor that has been given a sequence of photographs finishes with."""
-    sparse = reconstructor(store=store)
-    sparse.key = "a sequence"
-    cached = CachedReconstructor(config, store)
-    cached._sparse, cached._fuse = sparse, lambda: made.append(1) or PointCloud(points)
+    cached = PhotogrammetricReconstructor(config, store)
+    cached._key, cached._fuse = "a sequence", lambda: made.append(1) or PointCloud(points)
     return cached.finish()
 
 
@@ -164,25 +162,32 @@ def test_metrics_come_back_as_they_were(store, monkeypatch):
     points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
     cloud = PointCloud(points + np.random.default_rng(1).normal(0, 0.004, points.shape))
     plain = evaluate_cloud(cloud, rock, config)
-    first = CachedEvaluation(store)(cloud, rock, config)
-    monkeypatch.setattr("nbv.photogrammetric.cached_sequences.evaluate_cloud", None)  # not to be asked again
-    second = CachedEvaluation(store)(cloud, rock, config)
+
+    def measured(key):
+        context = MissionContext(config, rock, 0, config, store, True, Stopwatch())
+        fidelity = photogrammetric.PhotogrammetricFidelity(context)
+        fidelity.reconstructor._key = key
+        fidelity.measure(cloud)
+        return fidelity._evaluation
+
+    first = measured("a sequence")
+    monkeypatch.setattr(photogrammetric, "evaluate_cloud", None)  # not to be asked again
+    second = measured("a sequence")
     texts = [json.dumps([e.metrics, e.cleaning]) for e in (plain, first, second)]  # floats to the last bit
     assert texts[0] == texts[1] == texts[2]
     np.testing.assert_array_equal(second.cleaned.points_m, plain.cleaned.points_m)
     with pytest.raises(TypeError):  # another cloud is another question
-        CachedEvaluation(store)(PointCloud(cloud.points_m + 1e-9), rock, config)
+        measured("another sequence")
 
 
 def test_a_glimpse_leaves_nothing_behind(monkeypatch):
     """The model of the first six photographs, and afterwards the seed model that there would have been."""
-    monkeypatch.setattr("nbv.sparse.reconstructor.Correspondences", lambda camera, options: Counting(SEEDS))
-    config = dataclasses.replace(MissionConfig(), camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET))
-    seen = PhotogrammetricReconstructor(config)
+    monkeypatch.setattr("nbv.photogrammetric.reconstructor.Correspondences", lambda *_: Counting(SEEDS))
+    seen = reconstructor()
     model = seen.glimpse(SEEDS[:6])
     assert model is not None and model.camera_names == tuple(capture.name for capture in SEEDS[:6])
     assert seen.glimpse(SEEDS[:2]) is None
-    assert bits([seen.bootstrap(SEEDS)]) == bits([PhotogrammetricReconstructor(config).bootstrap(SEEDS)])
+    assert bits([seen.bootstrap(SEEDS)]) == bits([reconstructor().bootstrap(SEEDS)])
 
 
 VIEW = Viewpoint("seed_00", (0.0, -4.0, 1.5), 270.0, 10.0, "seed")
@@ -222,7 +227,7 @@ def test_another_camera_or_light_takes_another_photograph(tmp_path, change):
     ideal = MissionConfig().with_values({"camera.height_px": SHAPE[0], "camera.width_px": SHAPE[1]})
     renderer, images = CountingRenderer(), []
     for config in (ideal, ideal, ideal.with_values(change), ideal.with_values(change)):
-        camera = CachedStudio(renderer.made_for, rock, 0, config, Store(tmp_path))
+        camera = Studio(renderer.made_for, rock, 0, config, Store(tmp_path))
         images.append(camera.take_photograph(VIEW, np.array(VIEW.position_m), 0.0).image)
     assert len(renderer.drawn) == 2
     assert all(image.shape == SHAPE for image in images)
