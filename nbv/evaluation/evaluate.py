@@ -17,10 +17,10 @@ from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import (
     COARSE_REACHES_M,
     REACHES_M,
+    moved,
     place_on_target,
     register_cloud,
 )
-from nbv.geometry.frames import Similarity
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.terrain.relief import relief_of
@@ -150,10 +150,10 @@ def _registered(
     """
     truth_from_cloud = place_on_target(cloud.points_m, np.asarray(config.target_m))
     for reaches_m in (COARSE_REACHES_M, REACHES_M):
-        placed, _ = clean_for_evaluation(_moved(cloud, truth_from_cloud), config)
+        placed, _ = clean_for_evaluation(moved(cloud, truth_from_cloud), config)
         step = register_cloud(placed.points_m, truth.points_m, reaches_m)
         truth_from_cloud = step.after(truth_from_cloud)
-    measured = measure(_moved(placed, step))
+    measured = measure(moved(placed, step))
     centre_m = np.asarray(config.target_m)
     turn = truth_from_cloud.rotation
     return {
@@ -163,8 +163,3 @@ def _registered(
         "turn_deg": float(np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))),
         "shift_of_target_m": float(np.linalg.norm(truth_from_cloud.apply(centre_m) - centre_m)),
     }
-
-
-def _moved(cloud: Cloud, target_from_cloud: Similarity) -> PointCloud:
-    normals = None if cloud.normals is None else cloud.normals @ target_from_cloud.rotation.T
-    return PointCloud(target_from_cloud.apply(cloud.points_m), cloud.colors, normals)

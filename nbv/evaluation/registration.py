@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.geometry.target import find_target
-from nbv.types import Floats
+from nbv.types import Cloud, Floats, PointCloud
 
 REACHES_M = (1.0, 0.5, 0.2, 0.1, 0.05)  # of correspondences, coarse to fine
 COARSE_REACHES_M = REACHES_M[:3]  # enough to crop the cloud and to find its ground
@@ -72,6 +72,12 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
             if np.abs(moved - before).max() < _STILL_M:
                 break
     return found
+
+
+def moved(cloud: Cloud, target_from_cloud: Similarity) -> PointCloud:
+    """The cloud in another frame."""
+    normals = None if cloud.normals is None else cloud.normals @ target_from_cloud.rotation.T
+    return PointCloud(target_from_cloud.apply(cloud.points_m), cloud.colors, normals)
 
 
 def _picked(points: Floats, count: int) -> Floats:

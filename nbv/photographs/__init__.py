@@ -1,6 +1,7 @@
 """Real photographs of one object, imported once: poses, a dense reference with its own error, a surface."""
 
 from nbv.photographs.photograph_set import (
+    Coverage,
     HalvesAgreement,
     Photograph,
     PhotographSet,
@@ -11,6 +12,7 @@ from nbv.photographs.photograph_set import (
 )
 
 __all__ = [
+    "Coverage",
     "HalvesAgreement",
     "Photograph",
     "PhotographSet",

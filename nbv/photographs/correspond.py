@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import cv2  # noqa: F401  before pycolmap: the other order aborts the process when cv2 writes a PNG
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, remember
 from nbv.config import SparseConfig
-from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
+from nbv.photographs.folder import Progress
+from nbv.photographs.source import Source
 from nbv.sparse.database_cache import database_cache
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.matching import NO_MATCHES, VerifiedPair, match_pair, matches_of_one_motion
@@ -32,38 +32,25 @@ WORKERS = 2
 class Correspondences:
     """What structure from motion works on; photographs by their index."""
 
+    names: list[str]
     features: list[Features]
     pairs: dict[tuple[int, int], VerifiedPair]  # (smaller index, larger index), those that have matches
 
     def cache(
-        self, names: Sequence[str], cameras: Mapping[int, pycolmap.Camera], camera_ids: Sequence[int]
+        self, cameras: Mapping[int, pycolmap.Camera], camera_ids: Sequence[int]
     ) -> pycolmap.DatabaseCache:
         """For COLMAP; image ids count from 1 in the order of ``names``. Otherwise as `nbv.sparse.database_cache`."""
         keypoints_px = [found.keypoints[:, :2].astype(np.float64) for found in self.features]
         pairs = {(a + 1, b + 1): pair for (a, b), pair in self.pairs.items()}
-        return database_cache(names, keypoints_px, cameras, camera_ids, pairs)
+        return database_cache(self.names, keypoints_px, cameras, camera_ids, pairs)
 
 
 def correspondences(
-    photographs: Sequence[SourcePhotograph],
-    cameras: Sequence[pycolmap.Camera],
-    progress: Progress,
-    store: Store | None,
-    *,
-    upright: bool,
+    source: Source, names: Sequence[str], cameras: Sequence[pycolmap.Camera]
 ) -> Correspondences:
-    """Features of all photographs and verified matches of all pairs that may overlap.
+    """Features of photographs and verified matches of all pairs that may overlap.
 
-    Parameters
-    ----------
-    photographs
-        Of the folder, in the order in which they were taken.
-    cameras
-        Of each, at the size that it is worked on.
-    progress, store
-        As in `nbv.photographs.importer.import_photographs`.
-    upright
-        Whether they are worked on as EXIF turns them.
+    ``names`` are theirs, in the order in which they were taken, and ``cameras`` of each, at the size that it is worked on.
 
     Raises
     ------
@@ -72,59 +59,63 @@ def correspondences(
     """
     config = SparseConfig(max_features=MAX_FEATURES)
     features = []
-    for index, (photograph, camera) in enumerate(zip(photographs, cameras, strict=True)):
-        progress("finding features", index, len(photographs))
-        features.append(_features(photograph, camera, config, store, upright=upright))
-    partners = _partners(features, progress)
+    for index, name in enumerate(names):
+        source.progress("finding features", index, len(names))
+        features.append(_features(source, name, config))
+    partners = _partners(features, source.progress)
+    keys = [
+        f"{c.model_name} {c.width} {c.height} {c.params_to_string()} {c.has_prior_focal_length}"
+        for c in cameras
+    ]
     pairs: dict[tuple[int, int], VerifiedPair] = {}
     with ThreadPoolExecutor(WORKERS) as pool:
+
+        def matched(index: int) -> Arrays:
+            def one(other: int) -> VerifiedPair:
+                a, b = features[index], features[other]
+                matches = match_pair(a.descriptors, b.descriptors, config.match_ratio)
+                estimate = pycolmap.estimate_two_view_geometry
+                return matches_of_one_motion(
+                    a, b, matches, (cameras[index], cameras[other]), config, estimate
+                )
+
+            found = list(pool.map(one, partners[index].tolist()))
+            return {
+                "counts": np.array([len(pair) for pair in found], dtype=np.int64),
+                "configs": np.array([pair.config for pair in found], dtype=np.int64),
+                "matches": np.concatenate([NO_MATCHES, *(pair.matches for pair in found)]),
+            }
+
         for index, later in enumerate(partners):
-            progress("matching photographs", index, len(partners))
+            source.progress("matching photographs", index, len(partners))
+            members = (index, *later.tolist())
             entry = remember(
-                store,
+                source.store,
                 "photograph-pairs",
-                lambda index=index, later=later: _pairs(index, later, features, cameras, config, pool),  # type: ignore[misc]
+                lambda index=index: matched(index),  # type: ignore[misc]
                 code=__name__,
-                inputs=[
-                    [features[i].digest for i in (index, *later.tolist())],
-                    [_camera_key(cameras[i]) for i in (index, *later.tolist())],
-                    later,
-                ],
+                inputs=[[features[i].digest for i in members], [keys[i] for i in members], later],
             )
-            split = np.split(entry["matches"], np.cumsum(entry["counts"])[:-1]) if len(later) else []
-            for other, matches, kind in zip(later.tolist(), split, entry["configs"], strict=True):
+            split = np.split(entry["matches"], np.cumsum(entry["counts"]))
+            for other, matches, kind in zip(later.tolist(), split, entry["configs"], strict=False):
                 if len(matches):
                     pairs[(index, other)] = VerifiedPair(matches, int(kind))
-    return Correspondences(features, pairs)
+    return Correspondences(list(names), features, pairs)
 
 
-def _camera_key(camera: pycolmap.Camera) -> str:
-    prior = "prior" if camera.has_prior_focal_length else "guess"
-    return f"{camera.model_name} {camera.width} {camera.height} {camera.params_to_string()} {prior}"
-
-
-def _features(
-    photograph: SourcePhotograph,
-    camera: pycolmap.Camera,
-    config: SparseConfig,
-    store: Store | None,
-    *,
-    upright: bool,
-) -> Features:
-    size = max(camera.width, camera.height)
-
+def _features(source: Source, name: str, config: SparseConfig) -> Features:
     def extract() -> Arrays:
-        found = extract_features(read_pixels(photograph.path, size, upright=upright), config)
+        found = extract_features(source.pixels(name), config)
         # COLMAP's limit keeps the scale that reaches it whole.
         largest = np.sort(np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES])
         return {"keypoints": found.keypoints[largest], "descriptors": found.descriptors[largest]}
 
     entry = remember(
-        store,
+        source.store,
         "photograph-features",
         extract,
         code=__name__,
-        inputs=[photograph.sha256, size, upright, config],
+        inputs=[source.by_name[name].sha256, max(source.size_px(name)), source.upright, config],
     )
     return Features(entry["keypoints"], entry["descriptors"])
 
@@ -146,27 +137,3 @@ def _partners(features: Sequence[Features], progress: Progress) -> list[Ints]:
         chosen[index, best[alike[index, best] >= FIRST_MATCHES]] = True
     chosen |= chosen.T
     return [np.flatnonzero(chosen[index, index + 1 :]) + index + 1 for index in range(count)]
-
-
-def _pairs(
-    index: int,
-    later: Ints,
-    features: Sequence[Features],
-    cameras: Sequence[pycolmap.Camera],
-    config: SparseConfig,
-    pool: ThreadPoolExecutor,
-) -> Arrays:
-    def one(other: int) -> VerifiedPair:
-        a, b = features[index], features[other]
-        matches = match_pair(a.descriptors, b.descriptors, config.match_ratio)
-        estimate = pycolmap.estimate_two_view_geometry
-        return matches_of_one_motion(a, b, matches, (cameras[index], cameras[other]), config, estimate)
-
-    found = list(pool.map(one, later.tolist()))
-    matches: list[NDArray[np.uint32]] = [NO_MATCHES, *(pair.matches for pair in found)]
-    return {
-        "partners": later,
-        "counts": np.array([len(pair) for pair in found], dtype=np.int64),
-        "configs": np.array([pair.config for pair in found], dtype=np.int64),
-        "matches": np.concatenate(matches),
-    }

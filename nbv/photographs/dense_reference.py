@@ -1,26 +1,41 @@
-"""The dense reference of a set, and how well one half of the photographs agrees with the other."""
+"""The dense reference of a set: its clouds, what of them is the object, how well halves agree, and its surface."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from nbv.cache import Store, remember
-from nbv.config import CameraConfig, DenseConfig
+from nbv.cache import remember
+from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
 from nbv.dense import PosedViews, make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import points_to_search, sgbm_depth_maps
 from nbv.dense.views import shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
+from nbv.evaluation.cleaning import inlier_mask, select
 from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.target import GROUND_BAND_M
 from nbv.memory import give_back_freed_memory
-from nbv.photographs.folder import Progress
-from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, HalvesAgreement
+from nbv.photographs.object_frame import ObjectFrame
+from nbv.photographs.photograph_set import (
+    THRESHOLD_FRACTIONS,
+    HalvesAgreement,
+    Photograph,
+    Reference,
+    read_image,
+    read_mask,
+)
+from nbv.photographs.source import Source
+from nbv.rocks import Rock
+from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas
+from nbv.rocks.rock import make_rock
+from nbv.rocks.texture import linear_from_srgb
 from nbv.types import Bools, Floats, PointCloud
 
 MAX_VIEWS = 140  # reconstructed at once: memory grows with them
@@ -29,94 +44,139 @@ WORKERS = 2
 MIN_BASELINE_ANGLE_DEG = 60.0  # photographs one behind the other rectify to huge pictures
 AGREEING_VIEWS = 3  # as many as `gatetune photographs enough` asks of its missions
 VOXEL_M = 0.008
+SECTORS = 12
+WEAK_SHARE = 0.25  # of a sector's points beyond the middle threshold make it weak
+SPARSE_SHARE = 0.3  # of the median number of points in a sector make it thin
+FEWEST_POINTS = 1000
+SURFACE_DEPTH = 8  # of the octree: cells of 1/256 of the object
+SURFACE_REACH = 0.06  # of the height: surface farther from any reference point is invention and left out
+_SURFACE_POINTS = 300_000
+_WEAK_AT = THRESHOLD_FRACTIONS[2]
 
 
-@dataclasses.dataclass(frozen=True)
-class View:
-    """One registered photograph; its pixels are read when they are needed."""
+@dataclass(frozen=True)
+class ReferenceMaker:
+    """Makes the clouds of a set's photographs near the object."""
 
-    name: str
-    camera_from_world: Floats  # (4, 4) in the set's frame
-    pixels: Callable[[], NDArray[np.uint8]]  # (H, W, 3)
-    mask: Callable[[], Bools | None]  # (H, W)
-    sha256: str  # of the photograph
-    mask_sha256: str
+    source: Source  # whom to tell, and where clouds are kept
+    folder: Path  # with the undistorted photographs and masks
+    camera: CameraConfig  # their pinhole
+    frame: ObjectFrame
+    sparse_points_m: (
+        Floats  # (N, 3) surface is sought near these: close photographs would be searched from the lens on
+    )
+
+    def cloud(self, views: Sequence[Photograph], what: str) -> PointCloud:
+        """What of the dense cloud of some photographs, which ``what`` names, is the object.
+
+        More than `MAX_VIEWS` are reconstructed in several interleaved parts, whose clouds are put together.
+
+        Raises
+        ------
+        UserError
+            Hardly anything of the object can be reconstructed from them.
+        """
+        config = DenseConfig(
+            backend="patchmatch" if patchmatch_runs() else "sgbm",
+            crop_half_width_m=round(1.15 * self.frame.half_width_m, 3),
+            search="sparse",
+            min_baseline_angle_deg=MIN_BASELINE_ANGLE_DEG,
+            agreeing_views=AGREEING_VIEWS,
+            fusion_voxel_m=VOXEL_M,
+        )
+        near_m = points_to_search(self.sparse_points_m, self.frame.center_m, config)
+        parts = -(-len(views) // MAX_VIEWS)
+        clouds = []
+        for part in range(parts):
+            members = views[part::parts]
+            said = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
+            entry = remember(
+                self.source.store,
+                "photograph-clouds",
+                partial(self._fused, members, config, near_m, said),
+                code=__name__,
+                inputs=[
+                    [
+                        (v.name, v.sha256, self.source.masks[v.name].sha256 if v.masked else "")
+                        for v in members
+                    ],
+                    np.array([v.camera_from_world for v in members]),
+                    self.camera,
+                    config,
+                    self.frame.center_m,
+                    np.zeros((0, 3)) if near_m is None else near_m,
+                ],
+            )
+            clouds.append(PointCloud(**entry))
+        return object_cloud(
+            clouds[0] if parts == 1 else _together(clouds), self.frame, masked=bool(self.source.masks)
+        )
+
+    def _fused(
+        self, views: Sequence[Photograph], config: DenseConfig, near_m: Floats | None, what: str
+    ) -> dict[str, np.ndarray]:
+        small = shrunk_camera(self.camera, DENSE_SIZE_PX)
+        posed = PosedViews(
+            {v.name: shrunk(read_image(self.folder, v.name, self.camera), small) for v in views},
+            {v.name: v.camera_from_world for v in views if v.camera_from_world is not None},
+            small,
+            self.frame.center_m,
+            config,
+            near_m,
+        )
+        progress = self.source.progress
+        if config.backend == "sgbm":
+            maps = sgbm_depth_maps(posed, WORKERS, lambda done: progress(what, done, len(views)))
+        else:
+            maps = make_backend(config.backend)(posed)
+        for name in maps:
+            if (mask := read_mask(self.folder, name, self.camera)) is not None:
+                size_px = (small.width_px, small.height_px)
+                inside = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_AREA) > 0
+                maps[name][~inside] = np.nan
+        progress(f"{what}: comparing depths and fusing", 0, 1)
+        try:
+            cloud = fuse(check_consistency(maps, posed), posed)
+        except MissionFailure:
+            cloud = PointCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3)))
+        finally:
+            give_back_freed_memory()
+        assert cloud.colors is not None and cloud.normals is not None
+        return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
 
 
-def cloud_of_views(
-    views: Sequence[View],
-    camera: CameraConfig,
-    center_m: Floats,
-    half_width_m: float,
-    sparse_points_m: Floats,
-    store: Store | None,
-    progress: Progress,
-    what: str,
-) -> PointCloud:
-    """The dense cloud of some photographs near the object, from the store if it is there.
+def _together(clouds: Sequence[PointCloud]) -> PointCloud:
+    """The points of several clouds, one a voxel: the first of each."""
+    points = np.concatenate([c.points_m for c in clouds])
+    _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
+    first.sort()
+    colors = np.concatenate([c.colors for c in clouds if c.colors is not None])
+    normals = np.concatenate([c.normals for c in clouds if c.normals is not None])
+    return PointCloud(points[first], colors[first], normals[first])
 
-    More than `MAX_VIEWS` are reconstructed in several interleaved parts, whose clouds are put together.
 
-    Parameters
-    ----------
-    views
-        Photographs with poses.
-    camera
-        Their pinhole.
-    center_m, half_width_m
-        The cube in which the object is.
-    sparse_points_m
-        (N, 3) points of the sparse model; surface is sought near these. Close photographs would else be searched from the
-        lens on.
-    store
-        Where the cloud is kept; nowhere if None.
-    progress, what
-        Told after every photograph.
+def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
+    """The points in the object's box, off the ground where no masks say what is the object, without outliers.
 
     Raises
     ------
     UserError
-        Nothing can be reconstructed from them.
+        Hardly anything is left.
     """
-    small = shrunk_camera(camera, DENSE_SIZE_PX)
-    config = DenseConfig(
-        backend="patchmatch" if patchmatch_runs() else "sgbm",
-        crop_half_width_m=round(1.15 * half_width_m, 3),
-        search="sparse",
-        min_baseline_angle_deg=MIN_BASELINE_ANGLE_DEG,
-        agreeing_views=AGREEING_VIEWS,
-        fusion_voxel_m=VOXEL_M,
-    )
-    near_m = points_to_search(sparse_points_m, center_m, config)
-    parts = -(-len(views) // MAX_VIEWS)
-    clouds = []
-    for part in range(parts):
-        members = views[part::parts]
-        said = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
-        entry = remember(
-            store,
-            "photograph-clouds",
-            lambda members=members, said=said: _cloud(  # type: ignore[misc]
-                members, small, center_m, config, near_m, progress, said
-            ),
-            code=__name__,
-            inputs=[
-                [(v.name, v.sha256, v.mask_sha256) for v in members],
-                np.array([v.camera_from_world for v in members]),
-                camera,
-                small,
-                config,
-                np.asarray(center_m),
-                np.zeros((0, 3)) if near_m is None else near_m,
-            ],
-        )
-        clouds.append(PointCloud(**entry))
-    if not sum(map(len, clouds)):
+    inside = frame.in_box(cloud.points_m)
+    if not masked:
+        inside &= cloud.points_m[:, 2] > frame.low_m[2] + GROUND_BAND_M
+    kept = select(cloud, inside)
+    config = EvaluationConfig()
+    if len(kept) > config.sor_neighbours:
+        distances = nearest_neighbours(kept.points_m, kept.points_m, k=config.sor_neighbours + 1)[0][:, 1:]
+        kept = select(kept, inlier_mask(distances, config.sor_std_ratio))
+    if len(kept) < FEWEST_POINTS:
         raise UserError(
-            "no surface could be reconstructed from the photographs: too few of them overlap, or they show nothing but "
-            "plain surfaces; give more photographs of the object"
+            f"only {len(kept)} points of the object could be reconstructed: too few photographs overlap, or they show "
+            "nothing but plain surfaces; give more photographs of it, or masks of the object (--masks)"
         )
-    return clouds[0] if parts == 1 else _together(clouds)
+    return kept
 
 
 def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
@@ -149,52 +209,67 @@ def halves_agreement(
     return HalvesAgreement(completeness, precision, scores)
 
 
-def _cloud(
-    views: Sequence[View],
-    camera: CameraConfig,
-    center_m: Floats,
-    config: DenseConfig,
-    near_m: Floats | None,
-    progress: Progress,
-    what: str,
-) -> dict[str, np.ndarray]:
-    size = (camera.width_px, camera.height_px)
-    images = {v.name: shrunk(v.pixels(), camera) for v in views}
-    poses = {v.name: v.camera_from_world for v in views}
-    posed = PosedViews(images, poses, camera, center_m, config, near_m)
-    if config.backend == "sgbm":
-        maps = sgbm_depth_maps(posed, WORKERS, lambda done: progress(what, done, len(views)))
-    else:
-        maps = make_backend(config.backend)(posed)
-    for view in views:
-        if view.name in maps and (mask := view.mask()) is not None:
-            inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
-            maps[view.name][~inside] = np.nan
-    empty: dict[str, np.ndarray] = {
-        "points_m": np.zeros((0, 3)),
-        "colors": np.zeros((0, 3), np.uint8),
-        "normals": np.zeros((0, 3)),
-    }
-    if not maps:
-        return empty
-    progress(f"{what}: comparing depths", 0, 1)
-    maps = check_consistency(maps, posed)
-    progress(f"{what}: fusing", 0, 1)
-    try:
-        cloud = fuse(maps, posed)
-    except MissionFailure:
-        return empty
-    finally:
-        give_back_freed_memory()
-    assert cloud.colors is not None and cloud.normals is not None
-    return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
+def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:
+    """Sentences on the sides of the object where the halves disagree or hardly a point is."""
+    x, y, _ = reference.points_m.T
+    sector = (np.rad2deg(np.arctan2(y, x)) % 360 // (360 / SECTORS)).astype(int)
+    counts = np.bincount(sector, minlength=SECTORS)
+    weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
+    thin = counts < SPARSE_SHARE * np.median(counts)
+    share = weak / np.maximum(counts, 1)
+    width_deg = 360 // SECTORS
+    sentences = []
+    for start, stop in _runs(thin):
+        sentences.append(f"azimuth {width_deg * start}° to {width_deg * stop}°: hardly any points")
+    for start, stop in _runs(~thin & (share > WEAK_SHARE)):
+        percent = 100 * weak[start:stop].sum() / counts[start:stop].sum()
+        sentences.append(
+            f"azimuth {width_deg * start}° to {width_deg * stop}°: {percent:.0f} % of the points are farther than "
+            f"{100 * _WEAK_AT:.0f} % of the height from the cloud of one half"
+        )
+    return tuple(sentences)
 
 
-def _together(clouds: Sequence[PointCloud]) -> PointCloud:
-    """The points of several clouds, one a voxel: the first of each."""
-    points = np.concatenate([c.points_m for c in clouds])
-    _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
-    first.sort()
-    colors = np.concatenate([c.colors for c in clouds if c.colors is not None])
-    normals = np.concatenate([c.normals for c in clouds if c.normals is not None])
-    return PointCloud(points[first], colors[first], normals[first])
+def _runs(marked: Bools) -> list[tuple[int, int]]:
+    """Begin and end (excluded) of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+
+def surface_of(reference: Reference, name: str, height_m: float) -> Rock:
+    """Screened Poisson reconstruction (Kazhdan and Hoppe 2013, Open3D's), cut off where there are no points.
+
+    Raises
+    ------
+    UserError
+        The reference is too small for a surface.
+    """
+    import open3d as o3d  # noqa: PLC0415  seconds to load
+
+    step = max(1, len(reference) // _SURFACE_POINTS)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(reference.points_m[::step]))
+    cloud.normals = o3d.utility.Vector3dVector(reference.normals[::step])
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+        cloud, depth=SURFACE_DEPTH, n_threads=1
+    )
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    away, nearest = nearest_neighbours(reference.points_m, vertices)
+    faces = faces[(away[faces] <= SURFACE_REACH * height_m).all(axis=1)]
+    if len(faces):
+        labels = body_labels(faces)
+        areas = np.bincount(labels, weights=face_areas(vertices, faces))
+        faces = faces[areas[labels] >= 0.05 * areas.max()]
+    if len(faces) < 100:
+        raise UserError("the reference has too few points for a surface; give more photographs of the object")
+    # Albedo rides along as three more coordinates.
+    albedo = linear_from_srgb(reference.colors[nearest] / 255.0)
+    values, faces = drop_unused_vertices(np.hstack([vertices, albedo]), faces)
+    return make_rock(
+        name,
+        values[:, :3],
+        faces,
+        values[:, 3:].astype(np.float32),
+        split="extra",
+        difficulty="meshed from photographs",
+        notes=(f"Poisson surface of {len(reference)} reference points; open where nothing was seen",),
+    )

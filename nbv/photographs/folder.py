@@ -10,9 +10,9 @@ import os
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ MAX_PIXELS = 200_000_000
 _ORIENTATION, _MAKE, _MODEL, _DATE = 0x0112, 0x010F, 0x0110, 0x0132
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _ORIGINAL_DATE, _FOCAL_MM, _FOCAL_35_MM = 0x9003, 0x920A, 0xA405
-_GIMBAL = re.compile(rb"Gimbal(Yaw|Pitch|Roll)Degree\s*(?:=\s*\"|>)\s*([-+]?[0-9.]+)")
+_GIMBAL = re.compile(rb"Gimbal(Yaw|Pitch|Roll)Degree\s*(?:=\s*\"|>)\s*([-+]?\d+(?:\.\d+)?)")
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 Progress = Callable[[str, int, int], None]  # what is done, how many of them, of how many
 
@@ -102,43 +102,21 @@ def read_pixels(path: Path, max_size_px: int, *, upright: bool) -> NDArray[np.ui
     UserError
         The file is missing, damaged or too large.
     """
-    with _opened(path) as picture:
+    with _opened(path) as (picture, _):
         width, height = picture.size
         if picture.format in ("JPEG", "MPO"):
             picture.draft("RGB", (min(width, 2 * max_size_px), min(height, 2 * max_size_px)))
-        if upright:
-            turned = ImageOps.exif_transpose(picture)
-            width, height = (
-                (height, width) if (width > height) != (turned.width > turned.height) else (width, height)
-            )
-        else:
-            turned = picture
-        rgb = _eight_bit(turned)
-        return np.asarray(rgb.resize(shrunk_size((width, height), max_size_px), Image.Resampling.LANCZOS))
+        turned = ImageOps.exif_transpose(picture) if upright else picture
+        if (width > height) != (turned.width > turned.height):
+            width, height = height, width
+        size_px = shrunk_size((width, height), max_size_px)
+        return np.asarray(_eight_bit(turned).resize(size_px, Image.Resampling.LANCZOS))
 
 
 def shrunk_size(size_px: tuple[int, int], max_size_px: int) -> tuple[int, int]:
     """Width and height of a picture whose long side is at most ``max_size_px``."""
     scale = min(1.0, max_size_px / max(size_px))
     return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
-
-
-def kept_upright(photographs: Sequence[SourcePhotograph]) -> bool:
-    """Whether photographs are worked on as EXIF turns them: yes, unless only unturned they are all of one size.
-
-    A telephone held both ways is one camera with its pixels as the sensor has them, and two once they are turned.
-    """
-    upright, stored = ({getattr(p, key) for p in photographs} for key in ("upright_size_px", "size_px"))
-    return len(upright) <= len(stored)
-
-
-def up_in_picture(photograph: SourcePhotograph, *, upright: bool) -> tuple[float, float]:
-    """Direction (right, down) of the picture that is up for who looks at it."""
-    if upright:
-        return (0.0, -1.0)
-    return {3: (0.0, 1.0), 4: (0.0, 1.0), 5: (-1.0, 0.0), 6: (-1.0, 0.0), 7: (1.0, 0.0), 8: (1.0, 0.0)}.get(
-        photograph.orientation, (0.0, -1.0)
-    )
 
 
 def _photograph_files(folder: Path) -> tuple[list[Path], list[str]]:
@@ -184,7 +162,7 @@ def _load_heic() -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
     data = read_bytes(path, MAX_FILE_BYTES)
     if not data:
         raise UserError("empty")
@@ -197,7 +175,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
                 io.BytesIO(data), formats=None if path.suffix.lower() in HEIC else FORMATS
             ) as picture:
                 require(picture.width * picture.height, MAX_PIXELS, f"the number of pixels of {path.name}")
-                yield picture
+                yield picture, data
     except UserError:
         raise
     except Exception as error:  # Pillow's decoders raise families of their own on damaged bytes
@@ -212,7 +190,7 @@ def _eight_bit(picture: Image.Image) -> Image.Image:
 
 
 def _read(path: Path) -> SourcePhotograph:
-    with _opened(path) as picture:
+    with _opened(path) as (picture, data):
         size = picture.size
         exif = picture.getexif()
         details: Mapping[int, Any] = exif.get_ifd(_EXIF_IFD)
@@ -226,7 +204,7 @@ def _read(path: Path) -> SourcePhotograph:
     return SourcePhotograph(
         path=path,
         name=path.stem,
-        sha256=hashlib.sha256(read_bytes(path, MAX_FILE_BYTES)).hexdigest(),
+        sha256=hashlib.sha256(data).hexdigest(),
         size_px=size,
         orientation=orientation if orientation in range(1, 9) else 1,
         device=device,
@@ -261,22 +239,12 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
 
 
 def _gimbal(xmp: bytes) -> tuple[float, float, float] | None:
-    found = {axis: _angle(text) for axis, text in _GIMBAL.findall(xmp)}
-    angles = [found.get(axis) for axis in (b"Yaw", b"Pitch", b"Roll")]
-    if any(angle is None for angle in angles):
-        return None
-    return tuple(angles)  # type: ignore[return-value]
-
-
-def _angle(text: bytes) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    found = {axis: float(text) for axis, text in _GIMBAL.findall(xmp)}
+    yaw, pitch, roll = (found.get(axis) for axis in (b"Yaw", b"Pitch", b"Roll"))
+    return None if yaw is None or pitch is None or roll is None else (yaw, pitch, roll)
 
 
 def _with_names(photographs: list[SourcePhotograph]) -> list[SourcePhotograph]:
     """With unique names: two files may differ in their suffix alone."""
     counts = Counter(p.path.stem for p in photographs)
-    names = [p.path.stem if counts[p.path.stem] == 1 else p.path.name.replace(".", "_") for p in photographs]
-    return [SourcePhotograph(**{**vars(p), "name": name}) for p, name in zip(photographs, names, strict=True)]
+    return [p if counts[p.name] == 1 else replace(p, name=p.path.name.replace(".", "_")) for p in photographs]

@@ -28,9 +28,8 @@ from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.expressible import require_expressible
-from nbv.photographs.kept_out import SHARE, kept_out
 from nbv.photographs.oracle import TrackOracle
-from nbv.photographs.photograph_set import PhotographSet, Reference
+from nbv.photographs.photograph_set import KEPT_OUT_SHARE, PhotographSet, Reference
 from nbv.photographs.rephotography import judge_kept_out
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.threads import limit_threads
@@ -62,7 +61,7 @@ class PhotographFidelity:
         self.context = context
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
-        self._kept_out = kept_out(self.photographs)
+        self._kept_out = self.photographs.kept_out
         self._takeable = tuple(p for p in self.photographs.registered if p.name not in self._kept_out)
         self.viewpoints = PhotographViewpoints(
             np.array([p.camera_center_m for p in self._takeable]),
@@ -88,7 +87,7 @@ class PhotographFidelity:
         self.facts = {
             "photographs": len(self._takeable),
             "kept_out": len(self._kept_out),
-            "kept_out_share": SHARE,
+            "kept_out_share": KEPT_OUT_SHARE,
             "seed_cap_deg": SEED_CAP_DEG,
             "flight_time": NOMINAL,
         }

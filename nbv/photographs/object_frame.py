@@ -20,6 +20,7 @@ LOOKS_AT_DEG = 30.0  # off its optical axis at most lies what a photograph is of
 MIN_LOOKING = 0.6  # share of the photographs that look at one place
 IN_MASK = 0.8  # share of a point's observations that lie in masks where it is the object's
 MIN_POINTS = 50
+BOX_MARGIN = 0.05  # about the object's box, as a share of its largest side
 _COMPANION_M = 0.1
 _ROUNDS = 30
 
@@ -42,6 +43,12 @@ class ObjectFrame:
     def center_m(self) -> Floats:
         """(3,) middle of the box."""
         return (self.low_m + self.high_m) / 2
+
+    def in_box(self, points_m: Floats) -> Bools:
+        """(N,) which of points (N, 3) lie in the object's box or a little beyond."""
+        margin = BOX_MARGIN * float((self.high_m - self.low_m).max())
+        inside: Bools = np.all((points_m >= self.low_m - margin) & (points_m <= self.high_m + margin), axis=1)
+        return inside
 
 
 def find_object(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,11 +27,11 @@ from nbv.cache import home
 from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.errors import UserError
-from nbv.photographs.reference_file import Reference, read_reference
+from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.imported import check_name, read_rock
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text
-from nbv.types import Floats
+from nbv.types import Bools, Floats, PointCloud
 
 FORMAT = 1
 SET_FILE, IMAGES, MASKS, SPARSE = "set.json", "images", "masks", "sparse"
@@ -38,10 +39,19 @@ REFERENCE_FILE, SURFACE_FILE = "reference.ply", "surface.npz"
 THRESHOLD_FRACTIONS = (0.01, 0.02, 0.03, 0.04, 0.05)  # of the object's height
 MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
 MAX_IMAGE_BYTES = 64 * 2**20
+MAX_REFERENCE_BYTES = 2**30
 MAX_PHOTOGRAPHS = 5000
+KEPT_OUT_SHARE = 0.1  # of the registered photographs
+WIDE_GAP_DEG = 30.0  # between neighbours in azimuth: a step that SIFT rarely bridges
+_RECORD = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *((name, "u1") for name in ("red", "green", "blue")),
+        ("error", "<f4"),
+    ]
+)
+_PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 ScaleSource = Literal["length", "control points", "gps", "none"]
-
-__all__ = ["Reference"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,62 @@ class Photograph:
             raise ValueError(f"{self.name} is not registered")
         center: Floats = -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
         return center
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The dense cloud made of all registered photographs but those kept out, in the set's frame."""
+
+    points_m: Floats  # (N, 3)
+    normals: Floats  # (N, 3) unit
+    colors: NDArray[np.uint8]  # (N, 3) RGB
+    error_m: Floats  # (N,) distance to the cloud of the worse half of the photographs
+
+    def __len__(self) -> int:
+        return len(self.points_m)
+
+    @property
+    def cloud(self) -> PointCloud:
+        """Its points as any other cloud."""
+        return PointCloud(self.points_m, self.colors, self.normals)
+
+    def write(self, path: Path) -> None:
+        """Write a binary PLY, which viewers open."""
+        columns = np.column_stack([self.points_m, self.normals, self.colors, self.error_m])
+        path.write_bytes(_ply_header(len(self)) + np.rec.fromarrays(list(columns.T), _RECORD).tobytes())
+
+    @staticmethod
+    def read(path: Path) -> Reference:
+        """A reference as `write` writes it; `UserError` for any other file."""
+        data = read_bytes(path, MAX_REFERENCE_BYTES)
+        start = data.find(b"end_header\n") + len(b"end_header\n")
+        count = (len(data) - start) // _RECORD.itemsize
+        if not count or data[:start] != _ply_header(count) or (len(data) - start) % _RECORD.itemsize:
+            raise UserError(f"{path} is damaged; import the photographs again with --force")
+        records = np.frombuffer(data, _RECORD, offset=start)
+        columns = np.column_stack([records[name] for name in _RECORD.names or ()]).astype(float)
+        if not np.isfinite(columns).all():
+            raise UserError(
+                f"{path} holds numbers that are not finite; import the photographs again with --force"
+            )
+        return Reference(columns[:, :3], columns[:, 3:6], columns[:, 6:9].astype(np.uint8), columns[:, 9])
+
+
+def _ply_header(count: int) -> bytes:
+    names = _RECORD.names or ()
+    properties = "".join(f"property {_PLY_TYPES[_RECORD[name].str]} {name}\n" for name in names)
+    return f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n".encode()
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """From where photographs (M,) were taken, as seen from the object, and the gaps between them."""
+
+    names: tuple[str, ...]
+    azimuths_deg: Floats  # counter-clockwise, 0 to 360
+    elevations_deg: Floats
+    distances_m: Floats  # from the object's centre
+    gaps_deg: tuple[tuple[float, float], ...]  # azimuths between which nobody stood, widest first
 
 
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -122,6 +188,24 @@ class PhotographSet:
         return tuple(p for p in self.photographs if p.registered)
 
     @property
+    def kept_out(self) -> frozenset[str]:
+        """Names of the photographs that no mission may take and the reference is not made of; see `drawn_out`."""
+        return drawn_out({p.name: p.sha256 for p in self.registered})
+
+    @property
+    def coverage(self) -> Coverage:
+        """Azimuth, elevation and distance of the registered photographs about the object's centre."""
+        offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
+        distances = np.linalg.norm(offsets, axis=1)
+        azimuths = np.rad2deg(np.arctan2(offsets[:, 1], offsets[:, 0])) % 360
+        elevations = np.rad2deg(np.arcsin(np.clip(offsets[:, 2] / distances, -1, 1)))
+        around = np.sort(azimuths)
+        steps = np.diff(np.append(around, around[0] + 360))
+        wide = [i for i in np.argsort(-steps) if steps[i] > WIDE_GAP_DEG]
+        gaps = tuple((float(around[i]), float((around[i] + steps[i]) % 360)) for i in wide)
+        return Coverage(tuple(p.name for p in self.registered), azimuths, elevations, distances, gaps)
+
+    @property
     def target_m(self) -> tuple[float, float, float]:
         """The object's centre."""
         return (0.0, 0.0, self.height_m / 2)
@@ -141,23 +225,16 @@ class PhotographSet:
         return self.folder / IMAGES / f"{name}.jpg"
 
     def image(self, name: str) -> NDArray[np.uint8]:
-        """(H, W, 3) the undistorted photograph.
+        """(H, W, 3) the undistorted photograph; `UserError` where the file is missing, damaged or of another size."""
+        return read_image(self.folder, name, self.camera)
 
-        Raises
-        ------
-        UserError
-            The file is missing, damaged or of another size.
-        """
-        return _pixels(self.image_path(name), "RGB", self.camera)
-
-    def mask(self, name: str) -> NDArray[np.bool_] | None:
+    def mask(self, name: str) -> Bools | None:
         """(H, W) True on the object, or None where no mask was given; errors as `image`."""
-        path = self.folder / MASKS / f"{name}.png"
-        return _pixels(path, "L", self.camera) > 127 if path.is_file() else None
+        return read_mask(self.folder, name, self.camera)
 
     def reference(self) -> Reference:
         """The dense reference; `UserError` where its file is damaged."""
-        return read_reference(self.folder / REFERENCE_FILE)
+        return Reference.read(self.folder / REFERENCE_FILE)
 
     def rock(self) -> Rock:
         """The meshed reference as a rock, for surroundings, oracle and viewer; `UserError` where it is damaged."""
@@ -189,6 +266,16 @@ class PhotographSet:
             pose = record["camera_from_world"]
             record["camera_from_world"] = None if pose is None else np.asarray(pose).tolist()
         (folder / SET_FILE).write_text(json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
+
+
+def drawn_out(sha256: Mapping[str, str]) -> frozenset[str]:
+    """`KEPT_OUT_SHARE` of the names of photographs, drawn by their content (SHA-256 of the user's file).
+
+    What a mission's model is to predict, and may not have seen.
+    """
+    rank = {name: keyed_rng("photographs-kept-out", content).random() for name, content in sha256.items()}
+    count = round(KEPT_OUT_SHARE * len(rank))
+    return frozenset(sorted(rank, key=lambda name: (rank[name], name))[:count])
 
 
 def sets_folder() -> Path:
@@ -242,6 +329,17 @@ def _decoded(kind: type, value: Any) -> Any:
     ):
         raise ValueError("a pose is not a rigid transform")
     return pose
+
+
+def read_image(folder: Path, name: str, camera: CameraConfig) -> NDArray[np.uint8]:
+    """(H, W, 3) an undistorted photograph in a set's folder; errors as `PhotographSet.image`."""
+    return _pixels(folder / IMAGES / f"{name}.jpg", "RGB", camera)
+
+
+def read_mask(folder: Path, name: str, camera: CameraConfig) -> Bools | None:
+    """(H, W) a mask in a set's folder, if there is one; errors as `PhotographSet.image`."""
+    path = folder / MASKS / f"{name}.png"
+    return _pixels(path, "L", camera) > 127 if path.is_file() else None
 
 
 def _pixels(path: Path, mode: str, camera: CameraConfig) -> NDArray[np.uint8]:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.geometry.frames import Similarity, align_umeyama
-from nbv.photographs.folder import SourcePhotograph
+from nbv.geometry.frames import align_umeyama
 from nbv.photographs.photograph_set import ScaleSource
 from nbv.photographs.solved import SolvedModel
+from nbv.photographs.source import Source
 from nbv.safe_files import expanded, read_text
 from nbv.types import Floats
 
@@ -53,7 +53,7 @@ class ControlPoints:
     marks: Mapping[Place, Sequence[tuple[str, float, float]]]
 
 
-def read_control_points(path: Path, photographs: Sequence[SourcePhotograph]) -> ControlPoints:
+def read_control_points(path: Path, source: Source) -> ControlPoints:
     """Marks on these photographs, from a file in OpenDroneMap's ``gcp_list.txt`` format.
 
     Raises
@@ -62,7 +62,7 @@ def read_control_points(path: Path, photographs: Sequence[SourcePhotograph]) -> 
         It cannot be read, or marks a place outside its photograph.
     """
     path = expanded(path)
-    of_file = {p.path.name.lower(): p for p in photographs}
+    of_file = {p.path.name.lower(): p for p in source.photographs}
     kept: dict[Place, list[tuple[str, float, float]]] = {}
     for place, seen in _read_marks(path).items():
         for file, x_px, y_px in seen:
@@ -84,11 +84,7 @@ def read_control_points(path: Path, photographs: Sequence[SourcePhotograph]) -> 
 
 
 def find_scale(
-    model: SolvedModel,
-    photographs: Sequence[SourcePhotograph],
-    full_sizes_px: Mapping[str, tuple[int, int]],
-    height_m: float | None,
-    control_points: ControlPoints | None,
+    model: SolvedModel, source: Source, height_m: float | None, control_points: ControlPoints | None
 ) -> Scale:
     """The best that there is: the object's height as the user gave it, control points, GPS of the photographs.
 
@@ -96,10 +92,8 @@ def find_scale(
     ----------
     model
         In its own frame.
-    photographs
-        With what EXIF says.
-    full_sizes_px
-        Width and height of the users' files, by photograph, in which control points are marked.
+    source
+        The photographs, with what EXIF says.
     height_m
         Of the object, if the user knows it.
     control_points
@@ -111,34 +105,25 @@ def find_scale(
         The control points do not fit the model.
     """
     if control_points is not None:
-        fitted = _from_control_points(model, full_sizes_px, control_points)
-        if height_m is None:
-            return fitted
-        return Scale("length", height_m, None, fitted.up, fitted.notes)
-    if height_m is not None:
-        return Scale("length", height_m)
-    return _from_gps(model, photographs)
+        fitted = _from_control_points(model, source, control_points)
+        return fitted if height_m is None else Scale("length", height_m, None, fitted.up, fitted.notes)
+    return Scale("length", height_m) if height_m is not None else _from_gps(model, source)
 
 
-def _from_control_points(
-    model: SolvedModel,
-    full_sizes_px: Mapping[str, tuple[int, int]],
-    points: ControlPoints,
-) -> Scale:
+def _from_control_points(model: SolvedModel, source: Source, points: ControlPoints) -> Scale:
     path = points.path
     row = {name: index for index, name in enumerate(model.names)}
     found, expected, misses_deg = [], [], []
     for place, seen in points.marks.items():
-        rays = []
+        views, rays = [], []
         for name, x_px, y_px in seen:
-            if name not in row:
-                continue
-            width, height = full_sizes_px[name]
-            camera = model.cameras[row[name]]
-            xy = np.array([[x_px * camera.width / width, y_px * camera.height / height]])
-            rays.append((row[name], np.asarray(camera.cam_from_img(xy))[0]))
+            if name in row:
+                camera = model.cameras[row[name]]
+                shrunk = np.array([camera.width, camera.height]) / source.full_size_px(name)
+                views.append(row[name])
+                rays.append(np.asarray(camera.cam_from_img(shrunk[None] * [x_px, y_px]))[0])
         if len(rays) >= 2:
-            point, miss_deg = _triangulated(model, rays)
+            point, miss_deg = _triangulated(model, views, np.array(rays))
             found.append(point)
             expected.append(place)
             misses_deg.append(miss_deg)
@@ -152,16 +137,16 @@ def _from_control_points(
             f"{path}: the marks of one control point do not meet (they miss by {np.median(misses_deg):.1f}° in the median); "
             "give marks in pixels of these photographs"
         )
-    source, target = np.array(found), np.array(expected)
+    placed, target = np.array(found), np.array(expected)
     target = target - target.mean(axis=0)
     try:
-        fit = align_umeyama(target, source)
+        fit = align_umeyama(target, placed)
     except ValueError as error:
         raise UserError(f"{path}: the control points coincide") from error
     spread = np.linalg.svd(target, compute_uv=False)
     if spread[1] < 0.02 * spread[0]:
         raise UserError(f"{path}: the control points lie on one line, which does not tell what is up")
-    rest = float(np.sqrt(((fit.apply(source) - target) ** 2).sum(axis=1).mean()))
+    rest = float(np.sqrt(((fit.apply(placed) - target) ** 2).sum(axis=1).mean()))
     if rest > 0.2 * float(np.sqrt((target**2).sum(axis=1).mean())):
         raise UserError(
             f"{path} does not fit the model: {rest:.2f} m rms; are the marks in pixels of these photographs?"
@@ -202,40 +187,36 @@ def local_metres(position: tuple[float, float, float], origin: tuple[float, floa
     return np.array([east, EARTH_M * degrees[0], position[2] - origin[2]])
 
 
-def _triangulated(model: SolvedModel, rays: list[tuple[int, Floats]]) -> tuple[Floats, float]:
-    """(3,) the point nearest to rays, given as (photograph, normalised coordinates), and by how much they miss it."""
-    directions = []
-    left, right = np.zeros((3, 3)), np.zeros(3)
-    for view, ray in rays:
-        rotation = model.poses[view, :3, :3]
-        direction = rotation.T @ np.array([ray[0], ray[1], 1.0])
-        direction /= np.linalg.norm(direction)
-        directions.append(direction)
-        across = np.eye(3) - np.outer(direction, direction)
-        left += across
-        right += across @ model.centers[view]
-    point = np.asarray(np.linalg.lstsq(left, right, rcond=None)[0], dtype=float)
-    sights = point - model.centers[[view for view, _ in rays]]
+def _triangulated(model: SolvedModel, views: list[int], rays: Floats) -> tuple[Floats, float]:
+    """(3,) the point nearest to rays (K, 2), normalised coordinates in so many photographs, and by how much they miss it."""
+    directions = np.einsum(
+        "kji,kj->ki", model.poses[views, :3, :3], np.column_stack([rays, np.ones(len(rays))])
+    )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    centers = model.centers[views]
+    right = np.einsum("kij,kj->i", across, centers)
+    point = np.asarray(np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0], dtype=float)
+    sights = point - centers
     cosines = (sights * directions).sum(axis=1) / np.linalg.norm(sights, axis=1)
     return point, float(np.rad2deg(np.median(np.arccos(np.clip(cosines, -1, 1)))))
 
 
-def _from_gps(model: SolvedModel, photographs: Sequence[SourcePhotograph]) -> Scale:
-    gps = {p.name: p.gps for p in photographs if p.gps is not None}
-    rows = [index for index, name in enumerate(model.names) if name in gps]
+def _from_gps(model: SolvedModel, source: Source) -> Scale:
+    gps = [source.by_name[name].gps for name in model.names]
+    rows = [row for row, position in enumerate(gps) if position is not None]
     if len(rows) < max(4, len(model.names) // 2):
         return Scale("none", notes=("scale: none given; thresholds are shares of the object's height",))
-    positions = [gps[model.names[row]] for row in rows]
-    origin = positions[0]
-    target = np.array([local_metres(p, origin) for p in positions])  # type: ignore[arg-type]
-    source = model.centers[rows]
+    positions = [position for position in gps if position is not None]
+    target = np.array([local_metres(p, positions[0]) for p in positions])
+    centers = model.centers[rows]
     try:
-        fit: Similarity = align_umeyama(target, source)
+        fit = align_umeyama(target, centers)
     except ValueError:
         return Scale("none", notes=("scale: GPS has all photographs in one place",))
-    rest = fit.apply(source) - target
+    rest = fit.apply(centers) - target
     rms = float(np.sqrt((rest**2).sum(axis=1).mean()))
-    spread = fit.scale * float(np.sqrt(((source - source.mean(axis=0)) ** 2).sum()))
+    spread = fit.scale * float(np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum()))
     error = float(np.sqrt((rest**2).sum() / (3 * len(rows) - 7))) / max(spread, 1e-9)
     told = f"GPS, {rms:.2f} m rms to the cameras, scale to about {200 * error:.0f} %"
     if fit.scale <= 0 or error > WORST_GPS_SCALE / 2:

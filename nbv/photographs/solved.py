@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
+from nbv.photographs.source import Source
 from nbv.sparse.model import camera_from_world_poses
 from nbv.types import Floats, Ints
 
@@ -43,86 +44,67 @@ class SolvedModel:
 
     def moved(self, target_from_model: Similarity) -> SolvedModel:
         """The same in another frame."""
-        return replace(
-            self,
-            poses=camera_from_world_poses(self.poses, target_from_model),
-            xyz=target_from_model.apply(self.xyz),
-        )
+        poses = camera_from_world_poses(self.poses, target_from_model)
+        return replace(self, poses=poses, xyz=target_from_model.apply(self.xyz))
 
-    def rays(self) -> Floats:
-        """(T, 2) normalised coordinates, right and down, of every observation, distortion taken off."""
-        rays = np.zeros_like(self.xy_px)
-        for view, camera in enumerate(self.cameras):
-            of_view = self.views == view
-            if of_view.any():
-                rays[of_view] = camera.cam_from_img(self.xy_px[of_view])
-        return rays
+    def of_view(self, view: int) -> tuple[Ints, tuple[Ints, Ints]]:
+        """Which observations (K,) a photograph has, and their pixels' rows (K,) and columns (K,)."""
+        members = np.flatnonzero(self.views == view)
+        width, height = self.cameras[view].width, self.cameras[view].height
+        columns, rows = self.xy_px[members].astype(int).T
+        return members, (np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))
 
     def reprojection_errors_px(self) -> Floats:
         """(T,) distance of every observation from where its point is seen."""
         errors = np.full(len(self.xy_px), np.inf)
         for view, camera in enumerate(self.cameras):
-            of_view = np.flatnonzero(self.views == view)
-            if len(of_view):
-                local = self.xyz[self.points[of_view]] @ self.poses[view, :3, :3].T + self.poses[view, :3, 3]
-                ahead = local[:, 2] > 1e-9
-                seen = np.asarray(camera.img_from_cam(local[ahead]))
-                errors[of_view[ahead]] = np.linalg.norm(seen - self.xy_px[of_view[ahead]], axis=1)
+            members = np.flatnonzero(self.views == view)
+            local = self.xyz[self.points[members]] @ self.poses[view, :3, :3].T + self.poses[view, :3, 3]
+            members, local = members[local[:, 2] > 1e-9], local[local[:, 2] > 1e-9]
+            if len(members):
+                seen = np.asarray(camera.img_from_cam(local))
+                errors[members] = np.linalg.norm(seen - self.xy_px[members], axis=1)
         return errors
 
 
 def solved_from_colmap(
-    reconstruction: pycolmap.Reconstruction,
-    name_of: Mapping[str, str],
-    sizes_px: Mapping[str, tuple[int, int]],
+    reconstruction: pycolmap.Reconstruction, name_of: Mapping[str, str], source: Source
 ) -> SolvedModel:
     """What a COLMAP model says of the photographs that are there.
 
-    Parameters
-    ----------
-    reconstruction
-        The model; its cameras may be of another size than the photographs, with the same sides' ratio.
-    name_of
-        From the model's image names to the photographs' names; other images are left out.
-    sizes_px
-        Width and height that each photograph is worked on at, by name.
+    ``name_of`` leads from the model's image names to the photographs' names; other images are left out. Its cameras may be
+    of another size than the photographs, with the same sides' ratio.
     """
     ids = [i for i in sorted(reconstruction.reg_image_ids()) if reconstruction.image(i).name in name_of]
     row = {image_id: index for index, image_id in enumerate(ids)}
-    images = [reconstruction.image(i) for i in ids]
-    names = tuple(name_of[image.name] for image in images)
+    names = tuple(name_of[reconstruction.image(i).name] for i in ids)
     poses = np.tile(np.eye(4), (len(ids), 1, 1))
     cameras, keypoints = [], []
-    for index, image in enumerate(images):
+    for index, image in enumerate(map(reconstruction.image, ids)):
         poses[index, :3] = image.cam_from_world().matrix()
         camera = pycolmap.Camera(reconstruction.camera(image.camera_id).todict())
-        scale = sizes_px[names[index]][0] / camera.width
-        camera.rescale(*sizes_px[names[index]])
+        width_px, height_px = source.size_px(names[index])
+        keypoints.append(np.array([p.xy for p in image.points2D]).reshape(-1, 2) * (width_px / camera.width))
+        camera.rescale(width_px, height_px)
         cameras.append(camera)
-        keypoints.append(np.array([p.xy for p in image.points2D]).reshape(-1, 2) * scale)
-    xyz: list[Any] = []
-    rgb: list[Any] = []
-    points: list[int] = []
-    views: list[int] = []
+    points: list[Any] = []
+    observations: list[tuple[int, int]] = []
     xy: list[Any] = []
     for _, point in sorted(reconstruction.points3D.items()):
         seen = [(row[e.image_id], e.point2D_idx) for e in point.track.elements if e.image_id in row]
-        if len({view for view, _ in seen}) < 2:
-            continue
-        for view, feature in seen:
-            points.append(len(xyz))
-            views.append(view)
-            xy.append(keypoints[view][feature])
-        xyz.append(point.xyz)
-        rgb.append(point.color)
+        if len({view for view, _ in seen}) >= 2:
+            observations += [(len(points), view) for view, _ in seen]
+            xy += [keypoints[view][feature] for view, feature in seen]
+            points.append(point)
+    of_point, of_view = np.array(observations, dtype=np.int64).reshape(-1, 2).T
     return SolvedModel(
         names,
         poses,
         tuple(cameras),
-        np.array(xyz, dtype=float).reshape(-1, 3),
-        np.array(rgb, dtype=np.uint8).reshape(-1, 3),
-        np.array(points, dtype=np.int64),
-        np.array(views, dtype=np.int64),
+        np.array([p.xyz for p in points], dtype=float).reshape(-1, 3),
+        np.array([p.color for p in points], dtype=np.uint8).reshape(-1, 3),
+        of_point,
+        of_view,
         np.array(xy, dtype=float).reshape(-1, 2),
     )
 
@@ -131,22 +113,22 @@ def write_colmap(model: SolvedModel, camera: CameraConfig, folder: Path) -> None
     """Write the model as COLMAP's binary files with one pinhole camera; images are called ``NAME.jpg``."""
     out = pycolmap.Reconstruction()
     middle = (camera.width_px / 2, camera.height_px / 2)
+    params = [camera.focal_px, camera.focal_px, *middle]
     out.add_camera_with_trivial_rig(
         pycolmap.Camera(
-            camera_id=1,
-            model="PINHOLE",
-            width=camera.width_px,
-            height=camera.height_px,
-            params=[camera.focal_px, camera.focal_px, *middle],
+            camera_id=1, model="PINHOLE", width=camera.width_px, height=camera.height_px, params=params
         )
     )
-    pixels = camera.focal_px * model.rays() + np.array(middle)
     feature = np.zeros(len(model.views), dtype=np.int64)
     for view, name in enumerate(model.names):
-        of_view = np.flatnonzero(model.views == view)
-        feature[of_view] = np.arange(len(of_view))
+        members = np.flatnonzero(model.views == view)
+        feature[members] = np.arange(len(members))
+        rays = model.cameras[view].cam_from_img(model.xy_px[members]) if len(members) else np.zeros((0, 2))
         image: Any = pycolmap.Image(
-            name=f"{name}.jpg", keypoints=pixels[of_view], camera_id=1, image_id=view + 1
+            name=f"{name}.jpg",
+            keypoints=camera.focal_px * np.asarray(rays) + middle,
+            camera_id=1,
+            image_id=view + 1,
         )
         out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(model.poses[view, :3]))
     bounds = np.searchsorted(model.points, np.arange(len(model.xyz) + 1))

@@ -17,7 +17,6 @@ from nbv.config.presets import REDUCED_SFM
 from nbv.dense import PosedViews, dense_cloud
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import MARGIN, measure_cloud
-from nbv.photographs.kept_out import kept_out
 from nbv.photographs.mission import over_photographs
 
 
@@ -29,7 +28,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1)
     asked = parser.parse_args()
     photographs = PhotographSet.read(asked.set)
-    reference, out = photographs.reference(), kept_out(photographs)
+    reference, out = photographs.reference(), photographs.kept_out
     config = over_photographs(preset("campaign").with_values(REDUCED_SFM), photographs)
     taken = sorted((p for p in photographs.registered if p.name not in out), key=lambda p: p.name)
     taken = taken[:: asked.every]

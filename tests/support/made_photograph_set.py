@@ -9,7 +9,6 @@ from nbv.config import CameraConfig
 from nbv.geometry import look_at
 from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference
 from nbv.photographs.photograph_set import IMAGES, REFERENCE_FILE, set_folder
-from nbv.photographs.reference_file import write_reference
 
 CENTER_M = np.array([0.0, 0.0, 1.3])
 
@@ -41,9 +40,8 @@ def write_set(name: str = "mine", registered: int = 6) -> PhotographSet:
     outward = rng.normal(size=(500, 3))
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     colors = rng.integers(0, 255, (500, 3), dtype=np.uint8)
-    write_reference(
-        Reference(CENTER_M + 1.3 * outward, outward, colors, 0.1 * rng.random(500)), folder / REFERENCE_FILE
-    )
+    reference = Reference(CENTER_M + 1.3 * outward, outward, colors, 0.1 * rng.random(500))
+    reference.write(folder / REFERENCE_FILE)
     made = PhotographSet(
         name=name,
         folder=folder,

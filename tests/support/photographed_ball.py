@@ -13,7 +13,6 @@ from scene_helpers import BALL_RADIUS_M, SMALL_GROUND, make_ball
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry import look_at
 from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference, set_folder
-from nbv.photographs.reference_file import write_reference
 from nbv.rocks.imported import write_rock
 from nbv.rocks.rock import make_rock
 from nbv.scene import build_scene, make_renderer
@@ -57,7 +56,7 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
     points = points[points[:, 2] > 0.2]
     normals = (points - CENTRE_M) / BALL_RADIUS_M
     colors = np.full((len(points), 3), 128, np.uint8)
-    write_reference(Reference(points, normals, colors, np.full(len(points), 0.001)), folder / "reference.ply")
+    Reference(points, normals, colors, np.full(len(points), 0.001)).write(folder / "reference.ply")
     write_rock(
         make_rock(name, ball.vertices_m, ball.faces, ball.albedo, split="extra", difficulty="a ball"),
         folder / "surface.npz",

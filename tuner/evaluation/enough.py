@@ -17,8 +17,6 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from nbv.photographs.coverage import coverage
-from nbv.photographs.kept_out import kept_out
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.statistics import Interval, mean_interval
@@ -99,7 +97,7 @@ def enough_plans(
     UserError
         The set has too few photographs for the fewest of ``numbers``.
     """
-    views, out = coverage(photographs), kept_out(photographs)
+    views, out = photographs.coverage, photographs.kept_out
     takeable = [name not in out for name in views.names]
     kept = sorted({n for n in numbers if SEEDS <= n < sum(takeable)})
     if not kept:

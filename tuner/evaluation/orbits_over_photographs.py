@@ -8,7 +8,6 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.photographs import PhotographSet
-from nbv.photographs.coverage import coverage
 from nbv.rocks.imported import are_photographed
 from tuner.evaluation.baselines import is_orbit
 
@@ -24,7 +23,7 @@ def where_photographed(
     """
     if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
         return dict(strategies), ()
-    elevations_deg = np.concatenate([coverage(PhotographSet.read(rock)).elevations_deg for rock in rocks])
+    elevations_deg = np.concatenate([PhotographSet.read(rock).coverage.elevations_deg for rock in rocks])
     low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()
 
     def placed(config: MissionConfig) -> MissionConfig:

@@ -11,7 +11,8 @@ from PIL import Image
 from rendered_photographs import FOCAL_35_MM, save
 
 from nbv.errors import UserError
-from nbv.photographs.folder import kept_upright, read_folder, read_pixels, up_in_picture
+from nbv.photographs.folder import read_folder, read_pixels
+from nbv.photographs.source import Source
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -98,8 +99,9 @@ def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
     for index in range(9):
         save(picture(index), tmp_path / f"{index}.jpg", index, orientation=6 if index < 4 else 1)
     found, _ = read_folder(tmp_path, silent)
-    assert not kept_upright(found)
-    assert up_in_picture(found[0], upright=False) == (-1.0, 0.0)
+    source = Source(tuple(found), 64, silent).turned()
+    assert not source.upright
+    assert source.up(found[0].name) == (-1.0, 0.0)
     assert read_pixels(found[0].path, 64, upright=False).shape == (48, 64, 3)
     upright = read_pixels(found[0].path, 64, upright=True)
     assert upright.shape == (64, 48, 3)

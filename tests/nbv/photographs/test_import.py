@@ -90,8 +90,8 @@ def test_a_second_import_goes_on_from_the_store(
         raise AssertionError("worked out again")
 
     monkeypatch.setattr("nbv.photographs.correspond.extract_features", never)
-    monkeypatch.setattr("nbv.photographs.mapping._map", never)
-    monkeypatch.setattr("nbv.photographs.dense_reference._cloud", never)
+    monkeypatch.setattr("nbv.photographs.mapping._largest_model", never)
+    monkeypatch.setattr("nbv.photographs.dense_reference.ReferenceMaker._fused", never)
     left = sets_folder() / ".again.killed"
     left.mkdir()
     options = ImportOptions(max_size_px=MAX_SIZE_PX, height_m=0.4)
@@ -155,7 +155,8 @@ def test_poses_alone_are_enough(
 
     from nbv.geometry import invert_rigid, look_at
     from nbv.photographs.folder import read_folder
-    from nbv.photographs.solve import solve
+    from nbv.photographs.mapping import solve
+    from nbv.photographs.source import Source
 
     frames = [
         {
@@ -170,7 +171,8 @@ def test_poses_alone_are_enough(
     path = tmp_path / "transforms.json"
     path.write_text(json.dumps({**size, "frames": frames}))
     photographs, _ = read_folder(ball_folder, silent)
-    model, _, notes = solve(photographs, MAX_SIZE_PX, path, silent, ball_store)
+    source = Source(tuple(photographs), MAX_SIZE_PX, silent, ball_store)
+    model, _, notes = solve(source, path)
     assert len(model.xyz) > 500 and "triangulated" in notes[1]
     on_ball = np.abs(np.linalg.norm(model.xyz - TARGET_M, axis=1) - BALL_RADIUS_M) < 0.02
     on_ground = np.abs(model.xyz[:, 2]) < 0.05

@@ -14,6 +14,7 @@ from nbv.errors import UserError
 from nbv.geometry import invert_rigid, look_at
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.model_files import read_model
+from nbv.photographs.source import Source
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 500.0
 POSES = [look_at(np.array([3 * np.cos(a), 3 * np.sin(a), 1.0]), np.zeros(3)) for a in np.linspace(0, 5, 8)]
@@ -21,13 +22,14 @@ POINTS = np.array([[0.1, 0.2, 0.3], [-0.4, 0.1, 0.2], [0.3, -0.3, 0.0]])
 K1, K2, P1, P2 = -0.05, 0.02, 0.001, -0.002
 
 
-def photographs() -> list[SourcePhotograph]:
-    return [
+def photographs(max_size: int = WIDTH) -> Source:
+    found = [
         SourcePhotograph(
             Path(f"IMG_{i}.JPG"), f"IMG_{i}", str(i), (WIDTH, HEIGHT), 1, "", None, None, None, None
         )
         for i in range(len(POSES))
     ]
+    return Source(tuple(found), max_size, lambda *_: None)
 
 
 def seen(pose: np.ndarray, middle: tuple[float, float], lens: tuple[float, ...]) -> np.ndarray:
@@ -38,8 +40,8 @@ def seen(pose: np.ndarray, middle: tuple[float, float], lens: tuple[float, ...])
 
 
 def check(path: Path, middle: tuple[float, float], lens: tuple[float, ...], max_size: int = WIDTH) -> None:
-    model, upright = read_model(path, photographs(), max_size)
-    assert upright and model.names == tuple(f"IMG_{i}" for i in range(len(POSES)))
+    model, source = read_model(path, photographs(max_size))
+    assert source.upright and model.names == tuple(f"IMG_{i}" for i in range(len(POSES)))
     assert np.allclose(model.poses, POSES, atol=1e-9)
     for pose, camera in zip(POSES, model.cameras, strict=True):
         local = POINTS @ pose[:3, :3].T + pose[:3, 3]
@@ -126,7 +128,7 @@ def test_colmap(tmp_path: Path, text: bool) -> None:
         model.add_point3D(point, track, np.zeros(3, np.uint8))
     (model.write_text if text else model.write_binary)(tmp_path)
     check(tmp_path, (322.0, 239.0), (K1, K2, P1, P2))
-    solved, _ = read_model(tmp_path, photographs(), 320)
+    solved, _ = read_model(tmp_path, photographs(320))
     assert np.allclose(solved.xyz, POINTS) and len(solved.views) == len(POSES) * len(POINTS)
     assert solved.reprojection_errors_px().max() < 1e-6
     files = sorted(tmp_path.glob("images.*"))
@@ -136,7 +138,7 @@ def test_colmap(tmp_path: Path, text: bool) -> None:
 
 def refused(path: Path, words: str) -> None:
     with pytest.raises(UserError, match=words) as told:
-        read_model(path, photographs(), WIDTH)
+        read_model(path, photographs())
     assert "\n" not in str(told.value)
 
 

@@ -15,7 +15,6 @@ from nbv.checksums import with_checksum
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet, Reference, list_sets
 from nbv.photographs.photograph_set import REFERENCE_FILE, read_set
-from nbv.photographs.reference_file import read_reference, write_reference
 
 
 @pytest.fixture
@@ -83,8 +82,8 @@ def test_the_reference_is_read_back_and_a_truncated_one_refused(small_set: Photo
         rng.normal(size=(50, 3)), normals, rng.integers(0, 255, (50, 3), dtype=np.uint8), rng.random(50)
     )
     path = small_set.folder / REFERENCE_FILE
-    write_reference(made, path)
-    found = read_reference(path)
+    made.write(path)
+    found = Reference.read(path)
     assert np.allclose(found.points_m, made.points_m, atol=1e-6)
     assert np.allclose(found.normals, made.normals, atol=1e-6)
     assert np.array_equal(found.colors, made.colors)

@@ -14,13 +14,14 @@ from nbv.geometry import Similarity, look_at
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.scale import ControlPoints, find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel
+from nbv.photographs.source import Source
 
 WIDTH, HEIGHT = 640, 480
 CAMERA = pycolmap.Camera(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, params=[500, 320, 240, 0.03])
 PLACES = np.array([[8 * np.cos(a), 8 * np.sin(a), 4.0] for a in np.linspace(0, 6, 9)])
 POINTS = np.array([[1.0, 0, 0], [-1, 1, 0], [0, -1, 0.2], [0.5, 0.5, 1.0]])
 POSES = np.array([look_at(p, np.zeros(3)) for p in PLACES])
-SIZES = {f"p{i}": (2 * WIDTH, 2 * HEIGHT) for i in range(len(PLACES))}
+NAMES = tuple(f"p{i}" for i in range(len(PLACES)))
 # The model's frame: turned, shrunk and shifted.
 TURN = look_at(np.array([1.0, 2, 3]), np.zeros(3))[:3, :3]
 MODEL_FROM_WORLD = Similarity(0.37, TURN, np.array([1.0, -2, 5]))
@@ -30,7 +31,7 @@ MODEL_FROM_WORLD = Similarity(0.37, TURN, np.array([1.0, -2, 5]))
 def model() -> SolvedModel:
     none = np.zeros(0, dtype=np.int64)
     world = SolvedModel(
-        tuple(SIZES),
+        NAMES,
         POSES,
         (CAMERA,) * len(PLACES),
         np.zeros((0, 3)),
@@ -42,18 +43,22 @@ def model() -> SolvedModel:
     return world.moved(MODEL_FROM_WORLD)
 
 
-def photographs(gps_error_m: float | None = None) -> list[SourcePhotograph]:
+def source(found: list[SourcePhotograph]) -> Source:
+    return Source(tuple(found), WIDTH, lambda *_: None)
+
+
+def photographs(gps_error_m: float | None = None) -> Source:
     plain = [
         SourcePhotograph(Path(f"p{i}.JPG"), f"p{i}", "", (1280, 960), 1, "", None, None, None, None)
         for i in range(len(PLACES))
     ]
     if gps_error_m is None:
-        return plain
+        return source(plain)
     noise = np.random.default_rng(1).normal(0, gps_error_m, PLACES.shape)
     east, north, up = (PLACES + noise).T
     degree = 6_378_137.0 * np.pi / 180
     positions = zip(46 + north / degree, 7 + east / degree / np.cos(np.deg2rad(46)), up, strict=True)
-    return [replace(p, gps=tuple(map(float, at))) for p, at in zip(plain, positions, strict=True)]
+    return source([replace(p, gps=tuple(map(float, at))) for p, at in zip(plain, positions, strict=True)])
 
 
 def marks(
@@ -70,7 +75,7 @@ def marks(
 
 
 def test_control_points_give_scale_and_up(model: SolvedModel, tmp_path: Path) -> None:
-    found = find_scale(model, photographs(), SIZES, None, marks(tmp_path / "gcp.txt"))
+    found = find_scale(model, photographs(), None, marks(tmp_path / "gcp.txt"))
     assert found.source == "control points"
     assert found.metres_per_model_unit == pytest.approx(1 / 0.37, rel=1e-6)
     assert np.allclose(found.up, TURN @ [0, 0, 1], atol=1e-6)
@@ -100,16 +105,16 @@ def test_control_points_that_cannot_be_used(tmp_path: Path, text: str, words: st
 def test_control_points_on_a_line_or_in_other_pixels(model: SolvedModel, tmp_path: Path) -> None:
     line = np.array([[x, x, 0.0] for x in (-1.0, 0.0, 1.0)])
     with pytest.raises(UserError, match="on one line"):
-        find_scale(model, photographs(), SIZES, None, marks(tmp_path / "gcp.txt", line))
+        find_scale(model, photographs(), None, marks(tmp_path / "gcp.txt", line))
     with pytest.raises(UserError, match="do not meet"):
-        find_scale(model, photographs(), SIZES, None, marks(tmp_path / "gcp.txt", factor=0.7))
+        find_scale(model, photographs(), None, marks(tmp_path / "gcp.txt", factor=0.7))
 
 
 def test_gps_gives_the_scale_where_it_is_good_enough(model: SolvedModel) -> None:
-    found = find_scale(model, photographs(0.1), SIZES, None, None)
+    found = find_scale(model, photographs(0.1), None, None)
     assert found.source == "gps"
     assert found.metres_per_model_unit == pytest.approx(1 / 0.37, rel=0.02)
-    coarse = find_scale(model, photographs(8.0), SIZES, None, None)
+    coarse = find_scale(model, photographs(8.0), None, None)
     assert coarse.source == "none" and "too coarse" in coarse.notes[0]
     assert coarse.metres_per_unit(1.0, 1.0) is None
-    assert find_scale(model, photographs(), SIZES, None, None).source == "none"
+    assert find_scale(model, photographs(), None, None).source == "none"

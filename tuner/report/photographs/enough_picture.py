@@ -43,12 +43,11 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
         above.set_xlabel("photographs")
         above.set_ylabel("F-score at 3 % of the height, %")
         above.legend(loc="lower right")
-        offsets = np.array([p.camera_center_m for p in photographs.registered]) - photographs.target_m
-        azimuth = np.rad2deg(np.arctan2(offsets[:, 1], offsets[:, 0])) % 360.0
-        elevation = np.rad2deg(np.arcsin(offsets[:, 2] / np.linalg.norm(offsets, axis=1)))
+        views = photographs.coverage
+        azimuth, elevation = views.azimuths_deg, views.elevations_deg
         below.scatter(azimuth, elevation, s=14, color=LIGHT, edgecolor=GREY, lw=0.5, label="not needed")
         if found.smallest is not None:
-            chosen = np.isin([p.name for p in photographs.registered], found.smallest.taken)
+            chosen = np.isin(views.names, found.smallest.taken)
             label = f"these {chosen.sum()} would have done"
             below.scatter(azimuth[chosen], elevation[chosen], s=22, color=BLUE, label=label)
         below.set_xlim(0, 360)

@@ -8,11 +8,8 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from nbv.photographs import PhotographSet
-from nbv.photographs.coverage import Coverage, coverage
-from nbv.photographs.kept_out import kept_out
+from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
-from nbv.photographs.reference_file import Reference
 from tuner.report.pages import write_page
 from tuner.report.style import SEQUENTIAL, Illustration, embed, look, new_figure
 
@@ -30,7 +27,7 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
     UserError
         The page cannot be written, or a file of the set is damaged.
     """
-    views = coverage(photographs)
+    views = photographs.coverage
     reference = photographs.reference()
     registered, total = len(photographs.registered), len(photographs.photographs)
     height = (
@@ -67,7 +64,7 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
 
 def _can(photographs: PhotographSet, views: Coverage) -> list[str]:
     low, high = np.percentile(views.elevations_deg, [5, 95])
-    out = len(kept_out(photographs))
+    out = len(photographs.kept_out)
     near, far = np.percentile(views.distances_m, [5, 95])
     return [
         f"Plans with up to {len(views.names) - out} photographs, seeds included; {out} are kept out, to judge by.",

@@ -1,0 +1,69 @@
+"""What an import works on, from the user's files to the set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.cache import Store
+from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels, shrunk_size
+from nbv.photographs.masks import Mask
+from nbv.types import Bools
+
+
+@dataclass(frozen=True)
+class Source:
+    """What an import works on: the photographs, in the order in which they were taken, at which size, which way up."""
+
+    photographs: tuple[SourcePhotograph, ...]
+    max_size_px: int  # of the long side
+    progress: Progress
+    store: Store | None = None  # keeps features, pairs, models and clouds, so that an import can go on
+    upright: bool = True  # turned as EXIF says
+    masks: Mapping[str, Mask] = field(default_factory=dict)
+
+    @cached_property
+    def by_name(self) -> dict[str, SourcePhotograph]:
+        """The photographs by name."""
+        return {p.name: p for p in self.photographs}
+
+    def full_size_px(self, name: str) -> tuple[int, int]:
+        """Width and height of the user's file."""
+        photograph = self.by_name[name]
+        return photograph.upright_size_px if self.upright else photograph.size_px
+
+    def size_px(self, name: str) -> tuple[int, int]:
+        """Width and height at which a photograph is worked on."""
+        return shrunk_size(self.full_size_px(name), self.max_size_px)
+
+    def pixels(self, name: str) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; errors as `read_pixels`."""
+        return read_pixels(self.by_name[name].path, self.max_size_px, upright=self.upright)
+
+    def mask(self, name: str) -> Bools | None:
+        """(H, W) True on the object; None where no mask was given."""
+        return self.masks[name].read(self.size_px(name)) if name in self.masks else None
+
+    def up(self, name: str) -> tuple[float, float]:
+        """Direction (right, down) of the picture that is up for who looks at it."""
+        orientation = 1 if self.upright else self.by_name[name].orientation
+        return {
+            3: (0.0, 1.0),
+            4: (0.0, 1.0),
+            5: (-1.0, 0.0),
+            6: (-1.0, 0.0),
+            7: (1.0, 0.0),
+            8: (1.0, 0.0),
+        }.get(orientation, (0.0, -1.0))
+
+    def turned(self) -> Source:
+        """Turned as EXIF says, unless only unturned the photographs are all of one size.
+
+        A telephone held both ways is one camera with its pixels as the sensor has them, and two once they are turned.
+        """
+        upright, stored = ({getattr(p, k) for p in self.photographs} for k in ("upright_size_px", "size_px"))
+        return replace(self, upright=len(upright) <= len(stored))
