@@ -136,8 +136,8 @@ def _mission_result(path: Path) -> None:
 
 def _policy(path: Path) -> None:
     from nbv.config import preset
+    from nbv.gates import make_gate
     from nbv.gates.learned import LearnedGate  # noqa: F401  the kind must be known
-    from nbv.gates.registry import make_gate
 
     make_gate(preset("campaign").with_values({"gate.kind": "learned", "gate.learned_policy": str(path)}))
 

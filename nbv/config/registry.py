@@ -51,9 +51,9 @@ SCORERS = Registry(
 GATES = Registry(
     "gate",
     {
-        "hyb-h": "nbv.gates.heuristic:HeuristicGate",
+        "hyb-h": "nbv.gates.controls:HeuristicGate",
         "hyb-o": "nbv.gates.oracle:OracleGate",
-        "greedy-oracle": "nbv.gates.greedy_oracle:GreedyOracleGate",
+        "greedy-oracle": "nbv.gates.oracle:GreedyOracleGate",
         "learned": "nbv.gates.learned:LearnedGate",
         "random": "nbv.gates.controls:RandomGate",
         "movement-only": "nbv.gates.controls:MovementGate",

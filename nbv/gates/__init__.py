@@ -3,15 +3,12 @@
 Two of them see the ground truth and are upper references, not planners: they say so (`Gate.sees_ground_truth`).
 """
 
-from nbv.gates.base import Gate, GateInputs
+from nbv.gates.base import Gate, Oracle, gate_class, make_gate
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
-from nbv.gates.registry import gate_class, make_gate
-from nbv.gates.truth import Oracle
 
 __all__ = [
     "Gate",
-    "GateInputs",
     "GroundTruthOracle",
     "Oracle",
     "gate_class",

@@ -2,50 +2,81 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self
 
-from nbv.config import MissionConfig
-from nbv.gates.truth import Oracle
-from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import GATES, SCORERS, MissionConfig
+from nbv.errors import UserError
+from nbv.scorers import COVIS
+from nbv.scorers.scorer import falling
+from nbv.types import Bools, CandidatePool, Floats, GateDecision, PlanningState, Ranking
 
 
 @dataclass(frozen=True)
-class GateInputs:
-    """What a gate may be made from."""
+class Coverage:
+    """Which samples are covered in one state, and how far the others have come."""
 
-    config: MissionConfig
-    rock_sha256: str = ""  # with the replicate, the key of a gate's random stream
-    replicate: int = 0
-    oracle: Oracle | None = None
+    covered: Bools  # (S,)
+    visited_m: Floats  # (V, 3); used by "matchable" only
+    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
+
+
+class Oracle(Protocol):
+    """What an oracle gate may ask of the ground truth, be that a surface or the tracks of photographs."""
 
     @property
-    def truth(self) -> Oracle:
-        """The ground truth: for a gate that says ``sees_ground_truth``, and for no other."""
-        if self.oracle is None:
-            raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")
-        return self.oracle
+    def config(self) -> MissionConfig:
+        """Its ``gate.oracle_*``."""
+
+    def coverage(self, state: PlanningState) -> Coverage:
+        """What is covered before the next capture."""
+
+    def gain(self, position_m: Floats, coverage: Coverage) -> float:
+        """What a view from ``position_m`` (3,) would add."""
 
 
+@dataclass
 class Gate(ABC):
     """Chooses the ranking to fly.
 
     A control or a planner of its own returns a ranking that is not among those given, under its own name, so that
     the mission loop is the same for all. A gate that draws (`nbv.gates.controls.RandomGate`) draws from a stream
     keyed by rock, replicate and iteration.
+
+    Parameters
+    ----------
+    config
+        What the vehicle believes; the gate's own settings are in its ``gate``.
+    rock_sha256, replicate
+        Key of a gate's random stream.
+    oracle
+        The ground truth, for a gate that says ``sees_ground_truth``, and for no other.
     """
 
     sees_ground_truth: ClassVar[bool] = False  # True: an upper reference, not deployable
 
-    @classmethod
-    def make(cls, given: GateInputs) -> Self:
-        """The gate that a configuration asks for; here, for gates with nothing to set."""
-        return cls()
+    config: MissionConfig
+    rock_sha256: str = ""
+    replicate: int = 0
+    oracle: Oracle | None = None
 
-    def retargeted(self, config: MissionConfig) -> Gate:
-        """This gate, or one like it, once the target has been found where ``config`` says."""
-        return self
+    @property
+    def truth(self) -> Oracle:
+        """The ground truth."""
+        if self.oracle is None:
+            raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")
+        return self.oracle
+
+    def retargeted(self, config: MissionConfig) -> Self:
+        """This gate, once the target has been found where ``config`` says."""
+        other = copy.copy(self)
+        other.config = config
+        return other
 
     @abstractmethod
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
@@ -61,6 +92,51 @@ class Gate(ABC):
         """
 
 
+class FixedGate(Gate):
+    """One scorer flown alone. It has no kind of its own: every scorer's name is one."""
+
+    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
+        """The ranking of the scorer that the kind names."""
+        scorer = self.config.gate.kind
+        return GateDecision(rankings[scorer], f"always {scorer}")
+
+
+def gate_class(kind: str) -> type[Gate]:
+    """The gates of one kind (`nbv.config.registry`); ``UserError`` if there is no such kind."""
+    found: type[Gate] = FixedGate if kind in SCORERS else GATES.load(kind)
+    return found
+
+
+def make_gate(
+    config: MissionConfig, rock_sha256: str = "", replicate: int = 0, oracle: Oracle | None = None
+) -> Gate:
+    """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
+
+    Parameters
+    ----------
+    config, rock_sha256, replicate, oracle
+        As in `Gate`.
+
+    Raises
+    ------
+    UserError
+        An oracle gate without ground truth, or a learned gate whose policy file cannot be read.
+    """
+    kind = config.gate.kind
+    gate = gate_class(kind)
+    if not gate.sees_ground_truth:
+        oracle = None
+    elif oracle is None:
+        raise UserError(f"gate.kind {kind} needs the ground truth; give it an oracle, or choose another gate")
+    return gate(config, rock_sha256, replicate, oracle)
+
+
 def budget_fraction(state: PlanningState) -> float:
     """f_b of Eq. 9: adaptive captures used over the adaptive budget; the seeds count in neither."""
     return state.captures_used / max(1, state.adaptive_budget)
+
+
+def ranking_of(name: str, scores: Floats, rankings: dict[str, Ranking]) -> Ranking:
+    """A ranking by ``scores`` (C,); ties keep pool order. Its main term is the score itself."""
+    shared = rankings[COVIS.name].terms  # as in any ranking
+    return Ranking(name, falling(scores), scores, {**shared, "main": scores})

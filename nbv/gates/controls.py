@@ -1,34 +1,35 @@
-"""Policies that use neither main term: what any scorer has to beat."""
+"""Hyb-H, the paper's heuristic hybrid (Eq. 9), and policies that use no main term: what any scorer has to beat."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from nbv.gates.base import Gate, GateInputs
+from nbv.gates.base import Gate, budget_fraction, ranking_of
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
-from nbv.scorers.scorer import falling
-from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking
+from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 
-def ranking_of(scorer: str, scores: Floats, rankings: dict[str, Ranking]) -> Ranking:
-    """A ranking by ``scores`` (C,); ties keep pool order. Its main term is the score itself."""
-    shared = rankings[COVIS.name].terms  # as in any ranking
-    terms = {"main": scores, "nov": shared["nov"], "move": shared["move"], "ang": shared["ang"]}
-    return Ranking(scorer, falling(scores), scores, terms)
+class HeuristicGate(Gate):
+    """The geometry scorer (B-aware) while little of the budget is used or the sparse cloud is coarse, else Covis.
+
+    Both inequalities are strict, and there is no memory: a cloud that coarsens again switches back.
+    An infinite ``d95_m`` (too few points to tell) counts as coarse.
+    """
+
+    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
+        """Eq. 9."""
+        gate, f_b = self.config.gate, budget_fraction(state)
+        early, coarse = f_b < gate.budget_fraction, state.d95_m > gate.d95_m
+        details = {"f_b": f_b, "d95_m": state.d95_m, "early": early, "coarse": coarse}
+        if early or coarse:
+            reasons = [f"f_b {f_b:.3f} < {gate.budget_fraction:g}"] if early else []
+            reasons += [f"d95 {state.d95_m:.4f} m > {gate.d95_m:g} m"] if coarse else []
+            return GateDecision(rankings[gate.geometry_scorer], " and ".join(reasons), details)
+        reason = f"f_b {f_b:.3f} and d95 {state.d95_m:.4f} m ask for no repair"
+        return GateDecision(rankings[COVIS.name], reason, details)
 
 
-@dataclass(frozen=True)
 class RandomGate(Gate):
     """Any feasible candidate with equal probability, drawn per (rock, replicate, iteration)."""
-
-    rock_sha256: str
-    replicate: int
-
-    @classmethod
-    def make(cls, given: GateInputs) -> RandomGate:
-        """With the mission's key."""
-        return cls(given.rock_sha256, given.replicate)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """A random permutation of the pool."""
@@ -36,7 +37,6 @@ class RandomGate(Gate):
         return GateDecision(ranking_of("random", rng.random(len(pool)), rankings), "random view")
 
 
-@dataclass(frozen=True)
 class MovementGate(Gate):
     """The cheapest candidate to reach (Eq. 3 alone)."""
 

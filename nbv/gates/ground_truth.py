@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.gates.truth import Coverage, Oracle
+from nbv.gates.base import Coverage, Oracle
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster

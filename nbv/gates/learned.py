@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from nbv.config import SCORERS, MissionConfig
+from nbv.config import SCORERS
 from nbv.errors import UserError
-from nbv.gates.base import Gate, GateInputs
+from nbv.gates.base import Gate
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.safe_files import parse_json, read_json
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
@@ -76,28 +76,17 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
 
 
-@dataclass(frozen=True)
+@dataclass
 class LearnedGate(Gate):
-    """Walks the tree at every iteration. Deployable: features come from the sparse model alone."""
+    """Walks the tree at every iteration. Deployable: features come from the sparse model alone.
 
-    root: dict[str, Any]
-    config: MissionConfig
+    ``UserError`` where the configuration's policy file is missing or malformed.
+    """
 
-    @classmethod
-    def make(cls, given: GateInputs) -> LearnedGate:
-        """With the configuration's policy."""
-        return cls.from_file(given.config.gate.learned_policy, given.config)
-
-    @classmethod
-    def from_file(cls, path: str, config: MissionConfig) -> LearnedGate:
-        """Read and check a policy file; empty: the shipped policy. ``UserError`` if missing or malformed."""
-        if not path:
-            return cls(check_policy(shipped_policy(), "the shipped policy"), config)
-        return cls(check_policy(read_json(Path(path)), path), config)
-
-    def retargeted(self, config: MissionConfig) -> LearnedGate:
-        """Features of the points about the target that was found."""
-        return replace(self, config=config)
+    def __post_init__(self) -> None:
+        path = self.config.gate.learned_policy
+        policy = read_json(Path(path)) if path else shipped_policy()
+        self.root = check_policy(policy, path or "the shipped policy")
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The leaf's scorer; the path walked is the reason."""

@@ -1,47 +1,36 @@
-"""Hyb-O: the paper's oracle hybrid. GROUND TRUTH: not deployable."""
+"""Hyb-O, the paper's oracle hybrid, and the greedy ceiling. GROUND TRUTH: not deployable."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from nbv.gates.base import Gate, GateInputs
+from nbv.gates.base import Gate, ranking_of
 from nbv.gates.ground_truth import oracle_rewards
-from nbv.gates.truth import Oracle
-from nbv.scorers import B_AWARE, COVIS
+from nbv.scorers import COVIS
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 
-@dataclass(frozen=True)
 class OracleGate(Gate):
     """Covis or the geometry scorer (B-aware), whichever's top candidate covers more uncovered ground-truth samples; ties go to Covis.
 
     With ``gate.oracle_quality_weight`` (the first author's later code, f3120ba) a reward is the share of the uncovered
     samples plus that weight times the scorer's own main term, and ties go to the scorer that prefers its best by more.
 
-    It compares two candidates only and looks one step ahead, so it is not a ceiling (see
-    `nbv.gates.greedy_oracle`). Reads the ground truth.
+    It compares two candidates only and looks one step ahead, so it is not a ceiling (see `GreedyOracleGate`).
     """
 
     sees_ground_truth: ClassVar[bool] = True
-    oracle: Oracle
-    geometry_scorer: str = B_AWARE.name
-
-    @classmethod
-    def make(cls, given: GateInputs) -> OracleGate:
-        """With the rock's truth."""
-        return cls(given.truth, given.config.gate.geometry_scorer)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The geometry scorer where its reward is larger; of a tie `gate.oracle_quality_weight` says more."""
-        covis, geometry = COVIS.name, self.geometry_scorer
+        covis, geometry = COVIS.name, self.config.gate.geometry_scorer
         both = {name: rankings[name] for name in (covis, geometry)}
-        rewards = oracle_rewards(self.oracle, state, pool, both)
+        rewards = oracle_rewards(self.truth, state, pool, both)
         worth, tied = rewards, covis
-        if weight := self.oracle.config.gate.oracle_quality_weight:
-            left = max(1, int(np.count_nonzero(~self.oracle.coverage(state).covered)))
+        if weight := self.config.gate.oracle_quality_weight:
+            left = max(1, int(np.count_nonzero(~self.truth.coverage(state).covered)))
             worth = {n: rewards[n] / left + weight * float(r.terms["main"][r.top]) for n, r in both.items()}
             tied = geometry if _margin(both[geometry]) > _margin(both[covis]) else covis
         tie = worth[geometry] == worth[covis]
@@ -51,11 +40,33 @@ class OracleGate(Gate):
         )
         details = {
             "ground_truth": True,
-            "coverage": self.oracle.config.gate.oracle_coverage,
+            "coverage": self.config.gate.oracle_coverage,
             "oracle_rewards": rewards,
             "tie": tie,
         }
         return GateDecision(rankings[chosen], reason, details)
+
+
+class GreedyOracleGate(Gate):
+    """The candidate that really gains most: the whole pool by the oracle's gain; ties keep pool order."""
+
+    sees_ground_truth: ClassVar[bool] = True
+
+    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
+        """Falling gain."""
+        coverage = self.truth.coverage(state)
+        gains = np.array([self.truth.gain(p, coverage) for p in pool.positions_m])
+        ranking = ranking_of("greedy-oracle", gains, rankings)
+        rewards = {name: float(gains[r.top]) for name, r in rankings.items()}
+        rewards["greedy-oracle"] = float(gains[ranking.top])
+        details = {
+            "ground_truth": True,
+            "coverage": self.config.gate.oracle_coverage,
+            "oracle_rewards": rewards,
+            "covered_fraction": float(coverage.covered.mean()),
+        }
+        reason = f"ground truth: gains {gains[ranking.top]:g} of {len(coverage.covered)} samples"
+        return GateDecision(ranking, reason, details)
 
 
 def _margin(ranking: Ranking) -> float:

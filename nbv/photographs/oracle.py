@@ -11,7 +11,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
-from nbv.gates.truth import Coverage
+from nbv.gates.base import Coverage
 from nbv.photographs.photograph_set import Photograph, PhotographSet
 from nbv.photographs.viewpoints import PhotographViewpoints
 from nbv.types import Floats, PlanningState

@@ -82,7 +82,7 @@ def test_what_is_exported_decides_as_scikit_learn_does(tmp_path, monkeypatch):
     policy = learn_gate(decisions(noisy, n=600), max_depth=6)
     assert len(describe_tree(policy.root)) > 10
     policy.save(tmp_path / "policy.json")
-    gate = LearnedGate.from_file(str(tmp_path / "policy.json"), MissionConfig())
+    gate = LearnedGate(MissionConfig().with_values({"gate.learned_policy": str(tmp_path / "policy.json")}))
     empty = np.zeros(0)
     both = {name: Ranking(name, empty.astype(int), empty, {}) for name in SCORERS}
     fresh = np.concatenate(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from gate_states import pool, rankings, state
 
 from nbv.config import GATES, SCORERS, MissionConfig, gate_kinds
 from nbv.errors import UserError
-from nbv.gates import GateInputs, controls, gate_class, make_gate
+from nbv.gates import controls, gate_class, make_gate
 from nbv.gates.controls import RandomGate
 
 
@@ -60,11 +62,10 @@ def test_hyb_h_switches_to_the_configured_geometry_scorer() -> None:
 
 
 def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    @dataclass
     class Peeking(RandomGate):
-        @classmethod
-        def make(cls, given: GateInputs) -> Peeking:
-            given.truth  # noqa: B018
-            return cls("", 0)
+        def __post_init__(self) -> None:
+            self.truth  # noqa: B018
 
     monkeypatch.setattr(controls, "Peeking", Peeking, raising=False)
     monkeypatch.setitem(GATES, "peeking", "nbv.gates.controls:Peeking")  # one line makes a new kind
@@ -76,7 +77,7 @@ def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pyte
 
 def test_random_is_keyed_not_sequential() -> None:
     both, candidates = rankings(0, 1, len(pool())), pool()
-    gate = RandomGate("rock", 0)
+    gate = RandomGate(config("random"), "rock", 0)
     first = gate.decide(state(used=3), candidates, both).ranking
     gate.decide(state(used=4), candidates, both)
     again = gate.decide(state(used=3), candidates, both).ranking
@@ -84,8 +85,8 @@ def test_random_is_keyed_not_sequential() -> None:
     assert first.scorer == "random" and sorted(first.order) == list(range(len(candidates)))
     others = [
         gate.decide(state(used=4), candidates, both).ranking,
-        RandomGate("rock", 1).decide(state(used=3), candidates, both).ranking,
-        RandomGate("other rock", 0).decide(state(used=3), candidates, both).ranking,
+        RandomGate(config("random"), "rock", 1).decide(state(used=3), candidates, both).ranking,
+        RandomGate(config("random"), "other rock", 0).decide(state(used=3), candidates, both).ranking,
     ]
     assert all((first.order != o.order).any() for o in others)
 
