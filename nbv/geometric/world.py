@@ -33,7 +33,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
 from nbv.types import Bools, Floats, Viewpoint
-from nbv.viewpoints import raw_candidates, second_turn_viewpoints, seed_viewpoints, shell_viewpoints
+from nbv.viewpoints import raw_candidates, seed_viewpoints, shell_viewpoints
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -140,7 +140,9 @@ def with_seeds(
         Its ``seed``, camera and target.
     """
     caster = _caster(rock, around)
-    seeds = seed_viewpoints(config) + (second_turn_viewpoints(config) if config.seed.second_turn else [])
+    seeds = seed_viewpoints(config) + (
+        seed_viewpoints(config, second_turn=True) if config.seed.second_turn else []
+    )
     pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
 
     def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Bools) -> Bools:

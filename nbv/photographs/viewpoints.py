@@ -17,15 +17,15 @@ from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
-from nbv.viewpoints import second_turn_viewpoints, seed_viewpoints
+from nbv.viewpoints import ViewpointSource, seed_viewpoints
 
 SEED_CAP_DEG = 20.0  # a seed viewpoint without a photograph within this is not flown
 MOST_MISSING = 0.25  # of the seeds; more, and the set cannot express the layout
 UPPER_BAND_DEG = 35.0  # as in the paper's pool
 
 
-class PhotographViewpoints:
-    """Implements `nbv.viewpoints.ViewpointSource`.
+class PhotographViewpoints(ViewpointSource):
+    """The photographs of a set.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class PhotographViewpoints:
         """The same of a second turn, less what the first has taken; empty where too few photographs are near it."""
         first = {view.position_m for view in self.seeds(config)}
         try:
-            found = self._nearest_to(second_turn_viewpoints(config), config.seed.total)
+            found = self._nearest_to(seed_viewpoints(config, second_turn=True), config.seed.total)
         except MissionFailure:
             return []
         return [view for view in found if view.position_m not in first]

@@ -26,16 +26,14 @@ A minimum altitude of 1.5 m (the public code's) instead of 1.3 m also rejects th
 ring, the densest one: 105 remain.
 """
 
-from nbv.viewpoints.pool import candidate_pool, raw_candidates, shell_viewpoints
-from nbv.viewpoints.rings import second_turn_viewpoints, seed_viewpoints
-from nbv.viewpoints.source import RINGS, ViewpointSource
+from nbv.viewpoints.pool import RINGS, ViewpointSource, candidate_pool
+from nbv.viewpoints.rings import raw_candidates, seed_viewpoints, shell_viewpoints
 
 __all__ = [
     "RINGS",
     "ViewpointSource",
     "candidate_pool",
     "raw_candidates",
-    "second_turn_viewpoints",
     "seed_viewpoints",
     "shell_viewpoints",
 ]

@@ -2,85 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from nbv.config import MissionConfig, PoolConfig, SeedConfig
+from nbv.config import MissionConfig
 from nbv.geometry.frames import heading_to
-from nbv.types import CandidatePool, Floats, Viewpoint
-from nbv.viewpoints import filters
-from nbv.viewpoints.rings import ring, ring_viewpoints
+from nbv.types import CandidatePool, Floats, Ints, Viewpoint
+from nbv.viewpoints.rings import raw_candidates, seed_viewpoints
 
 
-def lateral_ring_counts(total: int, rings: int) -> list[int]:
-    """``total`` candidates shared out by inverse rank (1, 1/2, 1/3, ...), at least one per ring.
+class ViewpointSource:
+    """Where a mission may take its photographs: here the paper's rings, anywhere about the target."""
 
-    Rounding drift is taken from (or given to) the last ring. 120 over 4 rings: 58, 29, 19, 14.
-    """
-    if rings == 0:
-        return []
-    weights = [1.0 / (rank + 1) for rank in range(rings)]
-    counts = [max(1, round(total * w / sum(weights))) for w in weights]
-    counts[-1] = max(1, counts[-1] + total - sum(counts))
-    return counts
+    # Whether viewpoints move with the target when it is found elsewhere than believed; if not it is not looked for.
+    follows_target = True
 
+    def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """The seeds of Phase 1 in the order flown."""
+        return seed_viewpoints(config)
 
-def upper_ring_counts(total: int, rings: int) -> list[int]:
-    """``total`` shared out equally; the remainder goes to the first rings. 50 over 3: 17, 17, 16."""
-    if rings == 0:
-        return []
-    return [total // rings + (1 if i < total % rings else 0) for i in range(rings)]
+    def second_turn(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """Further seeds between these, for where these make no model."""
+        return seed_viewpoints(config, second_turn=True)
 
+    def candidates(
+        self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
+    ) -> CandidatePool:
+        """The feasible candidates of one iteration, in the order in which ties are broken; may be empty.
 
-@lru_cache(maxsize=8)
-def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Viewpoint, ...]:
-    bands = (
-        (
-            "lateral",
-            pool.lateral_elevations_deg,
-            lateral_ring_counts(pool.lateral_count, len(pool.lateral_elevations_deg)),
-        ),
-        (
-            "upper",
-            pool.upper_elevations_deg,
-            upper_ring_counts(pool.upper_count, len(pool.upper_elevations_deg)),
-        ),
-    )
-    candidates: list[Viewpoint] = []
-    for band, elevations, counts in bands:
-        for elevation_deg, count in zip(elevations, counts):
-            candidates += ring(
-                target_m, pool.radius_m, elevation_deg, count, band, "cand", len(candidates), 3
-            )
-    return tuple(candidates)
+        Parameters
+        ----------
+        config
+            Its ``pool``.
+        vehicle_position_m
+            (3,) where the vehicle is.
+        visited_m
+            (V, 3) commanded positions of all photographs so far, seeds first.
+        n_seeds
+            How many of them are seeds.
+        """
+        return candidate_pool(config, vehicle_position_m, visited_m[n_seeds:])
 
 
-@lru_cache(maxsize=8)
-def _raw_arrays(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Floats, Floats, Floats]:
-    """Positions (R, 3), azimuths and elevations (R,) of the raw candidates; read-only."""
-    raw = _raw_candidates(pool, target_m)
-    arrays = (
-        np.array([v.position_m for v in raw]).reshape(-1, 3),
-        np.array([v.azimuth_deg for v in raw]),
-        np.array([v.elevation_deg for v in raw]),
-    )
-    for array in arrays:
-        array.setflags(write=False)
-    return arrays
-
-
-def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
-    """All candidates before any filter, lateral band first; the same in every iteration and mission."""
-    return _raw_candidates(config.pool, config.target_m)
-
-
-def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The paper's seed rings and the unfiltered candidates: where a mission may photograph from.
-
-    The same for every layout of the seeds, so that all are measured against one observable surface.
-    """
-    return [*ring_viewpoints(config.target_m, SeedConfig()), *raw_candidates(config)]
+RINGS = ViewpointSource()
 
 
 def candidate_pool(
@@ -101,39 +67,60 @@ def candidate_pool(
         Possibly empty: whether the mission ends there is the mission's decision. ``counts`` holds the
         survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance.
     """
-    pool = config.pool
+    pool, target = config.pool, np.array(config.target_m)
     raw = raw_candidates(config)
-    target = np.array(config.target_m)
     visited = np.asarray(adaptive_visited_m, dtype=float).reshape(-1, 3)
-    positions, azimuths, elevations = _raw_arrays(pool, config.target_m)
+    positions = np.array([v.position_m for v in raw]).reshape(-1, 3)
+    elevations = np.array([v.elevation_deg for v in raw])
+    counts = {"raw": len(raw)}
 
-    keep = np.arange(len(raw), dtype=np.int64)
-    counts = {"raw": len(keep)}
-    keep = filters.within_altitude_and_travel(
-        positions,
-        keep,
-        pool.min_altitude_m,
-        pool.max_altitude_m,
-        np.asarray(vehicle_position_m, dtype=float),
-        pool.max_travel_m,
+    z, travel = positions[:, 2], np.linalg.norm(positions - vehicle_position_m, axis=1)
+    keep = np.flatnonzero(
+        (z >= pool.min_altitude_m) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
     )
     counts["altitude_travel"] = len(keep)
-    keep = filters.spaced(positions, keep, pool.min_spacing_m)
+    # The paper calls it angular spacing; the authors' code measures Euclidean distance, and so does this.
+    keep = keep[_spaced(positions[keep].tobytes(), pool.min_spacing_m)]
     counts["spacing"] = len(keep)
-    keep = filters.not_revisiting(positions, keep, visited, pool.revisit_exclusion_m)
+    if len(visited):
+        distance = np.linalg.norm(positions[keep][:, None] - visited[None], axis=2)
+        keep = keep[distance.min(axis=1) >= pool.revisit_exclusion_m]
     counts["revisit"] = len(keep)
-    keep = filters.azimuth_balanced(
-        positions, elevations, keep, target, visited, pool.azimuth_sectors, pool.max_candidates
-    )
+    # Sectors with the fewest adaptive captures first, then the highest elevation first; below `max_candidates` only
+    # tie-breaking feels it.
+    sectors = pool.azimuth_sectors
+    captures = np.bincount(sector_of(visited, target, sectors), minlength=sectors)
+    captures_there = captures[sector_of(positions[keep], target, sectors)]
+    keep = keep[np.lexsort((-elevations[keep], captures_there))][: pool.max_candidates]
     counts["azimuth_balance"] = len(keep)
 
-    chosen = keep.tolist()
+    chosen = [raw[i] for i in keep.tolist()]
     return CandidatePool(
-        ids=tuple([raw[i].id for i in chosen]),
+        ids=tuple(v.id for v in chosen),
         positions_m=positions[keep],
         headings_rad=heading_to(positions[keep], target),
-        azimuths_deg=azimuths[keep],
+        azimuths_deg=np.array([v.azimuth_deg for v in chosen]),
         elevations_deg=elevations[keep],
-        bands=tuple([raw[i].band for i in chosen]),
+        bands=tuple(v.band for v in chosen),
         counts=counts,
     )
+
+
+@lru_cache(maxsize=8)  # nearly always the same question: the pool hardly changes before this filter
+def _spaced(positions: bytes, min_spacing_m: float) -> Ints:
+    """First come, first kept: rows of the positions (K, 3), less those nearer than ``min_spacing_m`` to one already kept."""
+    points_m = np.frombuffer(positions).reshape(-1, 3)
+    close = np.linalg.norm(points_m[:, None] - points_m[None], axis=2) < min_spacing_m
+    kept: list[int] = []
+    for i in range(len(points_m)):
+        if not close[i, kept].any():
+            kept.append(i)
+    return np.array(kept, dtype=np.int64)
+
+
+def sector_of(positions_m: Floats, target_m: Floats, sectors: int) -> Ints:
+    """(K,) azimuth sector of each position; sector 0 starts due north, counting clockwise."""
+    delta = np.asarray(positions_m, dtype=float).reshape(-1, 3) - target_m
+    bearing = np.arctan2(delta[:, 0], delta[:, 1]) / (2 * np.pi) * sectors
+    # Many viewpoints lie exactly on a sector's edge: rounding must not decide where they belong.
+    return np.floor(bearing + 1e-9).astype(np.int64) % sectors

@@ -1,64 +1,25 @@
-"""Rings of viewpoints on a sphere around the target, and the seed phase built from them."""
+"""Rings of viewpoints on a sphere around the target: the seeds of phase 1, and the raw candidates of phase 2."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterable
+from functools import lru_cache
 
-from nbv.config import MissionConfig, SeedConfig
+from nbv.config import MissionConfig, PoolConfig, SeedConfig
 from nbv.types import Viewpoint
 
-
-def ring(
-    target_m: tuple[float, float, float],
-    radius_m: float,
-    elevation_deg: float,
-    count: int,
-    band: str,
-    id_prefix: str,
-    first_index: int,
-    id_digits: int,
-    first_bearing_deg: float = 0.0,
-) -> list[Viewpoint]:
-    """``count`` viewpoints at one elevation, clockwise from ``first_bearing_deg`` (0: due north of the target).
-
-    Parameters
-    ----------
-    target_m
-        What the ring stands about.
-    radius_m
-        Distance to the target, not the radius of the circle.
-    elevation_deg, count
-        Of the ring, and how many viewpoints it has.
-    band
-        Of the viewpoints.
-    id_prefix, first_index, id_digits
-        Ids are ``{id_prefix}_{index}`` with so many digits, counting from ``first_index``.
-    first_bearing_deg
-        Clockwise from north.
-    """
-    return [
-        _viewpoint(
-            target_m,
-            radius_m,
-            elevation_deg,
-            first_bearing_deg + 360.0 * k / count,
-            band,
-            f"{id_prefix}_{first_index + k:0{id_digits}d}",
-        )
-        for k in range(count)
-    ]
+Place = tuple[
+    float, float, float
+]  # distance to the target (m), elevation, and bearing clockwise from north (degrees)
 
 
-def _viewpoint(
-    target_m: tuple[float, float, float],
-    radius_m: float,
-    elevation_deg: float,
-    bearing_deg: float,
-    band: str,
-    name: str,
-) -> Viewpoint:
-    """``bearing_deg`` runs from north towards east."""
+def _ring(radius_m: float, elevation_deg: float, count: int, first_bearing_deg: float = 0.0) -> list[Place]:
+    return [(radius_m, elevation_deg, first_bearing_deg + 360.0 * k / count) for k in range(count)]
+
+
+def _viewpoint(target_m: tuple[float, float, float], place: Place, band: str, name: str) -> Viewpoint:
+    radius_m, elevation_deg, bearing_deg = place
     elevation, bearing = math.radians(elevation_deg), math.radians(bearing_deg)
     horizontal_m = radius_m * math.cos(elevation)
     position = (
@@ -69,63 +30,89 @@ def _viewpoint(
     return Viewpoint(name, position, (90.0 - bearing_deg) % 360.0, elevation_deg, band)
 
 
-def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
+def seed_viewpoints(config: MissionConfig, *, second_turn: bool = False) -> list[Viewpoint]:
     """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn or two rings.
 
     One turn: even azimuths, clockwise from ``seed.start_bearing_deg``, elevations in turn: neighbours differ in both.
     Two rings (``seed.upper_share``): each with even azimuths from that bearing, the lower one first.
+
+    ``second_turn``: as many again between these, named after them: the same rings, each turned by half the step of its
+    seeds.
     """
-    layout = config.seed
-    if not layout.count:
-        return ring_viewpoints(config.target_m, layout)
-    if layout.upper_count:
-        return ring_viewpoints(config.target_m, _two_rings(layout))
-    step_deg = 360.0 / layout.count
+    first = config.seed.total if second_turn else 0
+    places = _seed_places(config.seed, 180.0 if second_turn else 0.0)
+    return _seeds(config.target_m, places, first)
+
+
+def _seeds(target_m: tuple[float, float, float], places: Iterable[Place], first: int = 0) -> list[Viewpoint]:
+    return [_viewpoint(target_m, place, "seed", f"seed_{k:02d}") for k, place in enumerate(places, first)]
+
+
+def _seed_places(layout: SeedConfig, turn_deg: float) -> list[Place]:
+    """Rings turned by ``turn_deg`` over the number of their seeds."""
+    count, upper = layout.count, layout.upper_count
+    if count and not upper:
+        start_deg, step_deg = layout.start_bearing_deg + turn_deg / count, 360.0 / count
+        elevations_deg = layout.layout_deg
+        return [
+            (layout.radius_m, elevations_deg[k % layout.rings], start_deg + k * step_deg)
+            for k in range(count)
+        ]
+    rings = list(zip(layout.ring_elevations_deg, layout.ring_azimuth_counts))
+    radii_m = layout.ring_radii_m or (layout.radius_m,) * len(rings)
+    bearings_deg = layout.ring_bearings_deg or (0.0,) * len(rings)
+    if count:
+        rings = [(layout.lowest_deg, count - upper), (layout.upper_deg, upper)]
+        radii_m, bearings_deg = (layout.radius_m,) * 2, (layout.start_bearing_deg,) * 2
     return [
-        _viewpoint(
-            config.target_m,
-            layout.radius_m,
-            layout.layout_deg[k % layout.rings],
-            layout.start_bearing_deg + k * step_deg,
-            "seed",
-            f"seed_{k:02d}",
-        )
-        for k in range(layout.count)
+        place
+        for (elevation_deg, n), radius_m, bearing_deg in zip(rings, radii_m, bearings_deg)
+        for place in _ring(radius_m, elevation_deg, n, bearing_deg + turn_deg / n)
     ]
 
 
-def second_turn_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """As many seeds again, named after the first: the same rings, each turned by half the step of its seeds."""
-    layout, first = config.seed, config.seed.total
-    if layout.count and not layout.upper_count:
-        between = replace(layout, start_bearing_deg=layout.start_bearing_deg + 180.0 / layout.count)
-    else:
-        rings = _two_rings(layout) if layout.count else layout
-        counts = rings.ring_azimuth_counts
-        bearings_deg = rings.ring_bearings_deg or (0.0,) * len(counts)
-        turned = tuple(start + 180.0 / count for start, count in zip(bearings_deg, counts))
-        between = replace(rings, ring_bearings_deg=turned)
-    views = seed_viewpoints(replace(config, seed=between))
-    return [replace(view, id=f"seed_{first + k:02d}") for k, view in enumerate(views)]
+def lateral_ring_counts(total: int, rings: int) -> list[int]:
+    """``total`` candidates shared out by inverse rank (1, 1/2, 1/3, ...), at least one per ring.
+
+    Rounding drift is taken from (or given to) the last ring. 120 over 4 rings: 58, 29, 19, 14.
+    """
+    if rings == 0:
+        return []
+    weights = [1.0 / (rank + 1) for rank in range(rings)]
+    counts = [max(1, round(total * w / sum(weights))) for w in weights]
+    counts[-1] = max(1, counts[-1] + total - sum(counts))
+    return counts
 
 
-def _two_rings(layout: SeedConfig) -> SeedConfig:
-    return SeedConfig(
-        ring_elevations_deg=(layout.lowest_deg, layout.upper_deg),
-        ring_azimuth_counts=(layout.count - layout.upper_count, layout.upper_count),
-        ring_bearings_deg=(layout.start_bearing_deg,) * 2,
-        radius_m=layout.radius_m,
+def upper_ring_counts(total: int, rings: int) -> list[int]:
+    """``total`` shared out equally; the remainder goes to the first rings. 50 over 3: 17, 17, 16."""
+    return [total // rings + (1 if i < total % rings else 0) for i in range(rings)]
+
+
+@lru_cache(maxsize=8)
+def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Viewpoint, ...]:
+    lateral, upper = pool.lateral_elevations_deg, pool.upper_elevations_deg
+    bands = (
+        ("lateral", lateral, lateral_ring_counts(pool.lateral_count, len(lateral))),
+        ("upper", upper, upper_ring_counts(pool.upper_count, len(upper))),
     )
+    places = [
+        (band, place)
+        for band, elevations_deg, counts in bands
+        for elevation_deg, count in zip(elevations_deg, counts)
+        for place in _ring(pool.radius_m, elevation_deg, count)
+    ]
+    return tuple(_viewpoint(target_m, place, band, f"cand_{k:03d}") for k, (band, place) in enumerate(places))
 
 
-def ring_viewpoints(target_m: tuple[float, float, float], layout: SeedConfig) -> list[Viewpoint]:
-    """A stratified orbit: ring by ring, in the order of ``layout``'s rings (the paper's: lowest first)."""
-    n = len(layout.ring_elevations_deg)
-    radii_m = layout.ring_radii_m or (layout.radius_m,) * n
-    bearings_deg = layout.ring_bearings_deg or (0.0,) * n
-    seeds: list[Viewpoint] = []
-    for elevation_deg, count, radius_m, bearing_deg in zip(
-        layout.ring_elevations_deg, layout.ring_azimuth_counts, radii_m, bearings_deg
-    ):
-        seeds += ring(target_m, radius_m, elevation_deg, count, "seed", "seed", len(seeds), 2, bearing_deg)
-    return seeds
+def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
+    """All candidates before any filter, lateral band first; the same in every iteration and mission."""
+    return _raw_candidates(config.pool, config.target_m)
+
+
+def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
+    """The paper's seed rings and the unfiltered candidates: where a mission may photograph from.
+
+    The same for every layout of the seeds, so that all are measured against one observable surface.
+    """
+    return [*_seeds(config.target_m, _seed_places(SeedConfig(), 0.0)), *raw_candidates(config)]

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.viewpoints import candidate_pool, filters, raw_candidates, seed_viewpoints, shell_viewpoints
-from nbv.viewpoints.pool import lateral_ring_counts, upper_ring_counts
+from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints, shell_viewpoints
+from nbv.viewpoints.pool import sector_of
+from nbv.viewpoints.rings import lateral_ring_counts, upper_ring_counts
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
@@ -157,7 +158,7 @@ def test_visited_sectors_go_last() -> None:
     config = MissionConfig()
     visited = np.array([[1.2, 3.0, 1.408]])  # bearing 22 degrees: sector 0
     pool = candidate_pool(config, VEHICLE, visited)
-    sectors = filters.sector_of(pool.positions_m, np.array(config.target_m), 8)
+    sectors = sector_of(pool.positions_m, np.array(config.target_m), 8)
     in_visited = sectors == 0
     assert in_visited.any()
     assert not in_visited[: np.argmax(in_visited)].any() and in_visited[np.argmax(in_visited) :].all()
