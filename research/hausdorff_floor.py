@@ -13,8 +13,8 @@ import sys
 
 from nbv.cache import Store
 from nbv.config import preset
-from nbv.evaluation.evaluate import camera_shell, ground_truth, rock_floors
-from nbv.evaluation.floor import perfect_cloud
+from nbv.evaluation import ground_truth
+from nbv.evaluation.floor import perfect_cloud, rock_floors
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.rocks import list_rocks, load_rock
 
@@ -30,13 +30,7 @@ def main() -> None:
         rock = load_rock(name, Store())
         truth = ground_truth(rock, config, Store())
         floors = rock_floors(rock, truth, config, Store())
-        cloud = perfect_cloud(
-            rock.vertices_m,
-            rock.faces,
-            camera_shell(config),
-            config.dense.fusion_voxel_m,
-            config.evaluation.ground_ransac_threshold_m,
-        )
+        cloud = perfect_cloud(rock, config)
         reached = nearest_neighbours(cloud, truth.points_m)[0] < 0.048
         key = "hausdorff_gt_to_cloud_floor_mm"
         print(

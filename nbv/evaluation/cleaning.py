@@ -15,6 +15,7 @@ from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, PointCloud
 
 _LOWEST_FRACTION = 0.2  # plane hypotheses come from the lowest points, as in the authors' code
+_SEED = 0  # of the plane hypotheses
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
 
 
@@ -38,7 +39,6 @@ def clean_cloud(
     cloud: Cloud,
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats,
-    seed: int,
     ground_height_m: Callable[[Floats], Floats] | None = None,
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
@@ -51,16 +51,13 @@ def clean_cloud(
     * the best hypothesis is refined once by least squares over its inliers, which makes the removed
       slab depend less on the draw;
     * points below the plane go with it, since nothing of the rock can be seen there;
-    * the random draw has a generator of its own, keyed by ``seed`` (theirs is shared, so that results
-      depend on processing order);
+    * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
 
     Parameters
     ----------
     cloud
         (N, 3) points in the world frame, colours and normals optional.
-    seed
-        Any integer; decides the plane hypotheses and nothing else.
     ground_height_m
         Where the ground has relief: its true height (P,) under points (P, 3). The plane is then sought, and the slab
         removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
@@ -89,7 +86,7 @@ def clean_cloud(
     flat = cloud.points_m
     if ground_height_m is not None:
         flat = flat - np.outer(ground_height_m(flat), [0.0, 0.0, 1.0])
-    plane = find_ground(flat, config, target, seed)
+    plane = find_ground(flat, config, target)
     report["ground_found"] = int(plane is not None)
     report["ground_tilt_deg"] = report["ground_height_m"] = float("nan")
     if plane is not None:
@@ -132,30 +129,17 @@ def select(cloud: Cloud, keep: Bools) -> PointCloud:
     )
 
 
-def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, seed: int) -> Plane | None:
-    """The near-horizontal plane with most points within the threshold (RANSAC, Fischler and Bolles 1981).
+def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) -> Plane | None:
+    """The near-horizontal plane with most of the points (N, 3) within the threshold (RANSAC, Fischler and Bolles 1981).
 
-    Parameters
-    ----------
-    points_m
-        (N, 3) in the world frame.
-    config
-        Its ``ground_*``.
-    target_m
-        (3,) below which the plane must lie near z = 0.
-    seed
-        Decides the hypotheses.
-
-    Returns
-    -------
-    The plane, or None if there are fewer than 10 points or no hypothesis meets the constraints.
+    It must lie near z = 0 below ``target_m`` (3,). None if there are fewer than 10 points or no hypothesis is such a plane.
     """
     if len(points_m) < _MIN_POINTS:
         return None
     lowest = points_m[points_m[:, 2] <= np.quantile(points_m[:, 2], _LOWEST_FRACTION)]
     if len(lowest) < 3:
         return None
-    rng = keyed_rng("ground-ransac", seed)
+    rng = keyed_rng("ground-ransac", _SEED)
     triples = lowest[rng.integers(len(lowest), size=(config.ground_ransac_iterations, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -163,7 +147,8 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, se
     normals, anchors = normals[proper] / lengths[proper, None], triples[proper, 0]
     normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
     offsets = (normals * anchors).sum(1)
-    allowed = np.array([_is_ground(Plane(n, float(d)), config, target_m) for n, d in zip(normals, offsets)])
+    planes = [Plane(n, float(d)) for n, d in zip(normals, offsets)]
+    allowed = np.array([_is_ground(plane, config, target_m) for plane in planes], dtype=bool)
     if not allowed.any():
         return None
     normals, offsets = normals[allowed], offsets[allowed]

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import Store, remember, remember_json
+from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
-from nbv.evaluation.floor import hausdorff_floors
-from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth
+from nbv.evaluation.floor import rock_floors
+from nbv.evaluation.ground_truth import GroundTruthSamples, ground_truth
 from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import (
     COARSE_REACHES_M,
@@ -24,11 +24,7 @@ from nbv.evaluation.registration import (
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.terrain.relief import relief_of
-from nbv.types import Cloud, Floats, PointCloud
-from nbv.viewpoints import shell_viewpoints
-
-_CLEANING_SEED = 0
-_GROUND_TRUTH, _FLOORS = build_ground_truth.__module__, hausdorff_floors.__module__
+from nbv.types import Cloud, PointCloud
 
 
 @dataclass(frozen=True)
@@ -45,59 +41,11 @@ class Evaluation:
         return self._make_cleaned()
 
 
-def camera_shell(config: MissionConfig) -> Floats:
-    """(C, 3) the paper's seed rings and the unfiltered candidate rings: where a mission may photograph from.
-
-    Altitude limits and the layout of the seeds are left out on purpose, so that configurations which differ in them are
-    measured against the same observable surface.
-    """
-    return np.array([view.position_m for view in shell_viewpoints(config)])
-
-
-def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:
-    """Samples of the true surface and the part that the camera shell can see."""
-    shell, count = camera_shell(config), config.evaluation.gt_samples
-    arrays = remember(
-        store,
-        "ground-truth",
-        lambda: vars(build_ground_truth(rock.vertices_m, rock.faces, shell, count)),
-        code=_GROUND_TRUTH,
-        inputs=[rock.sha256, shell, count],
-    )
-    return GroundTruthSamples(**arrays)
-
-
-def rock_floors(
-    rock: Rock, truth: GroundTruthSamples, config: MissionConfig, store: Store | None = None
-) -> dict[str, dict[str, float]]:
-    """What a perfect reconstruction of the rock's observable surface would get.
-
-    Parameters
-    ----------
-    rock, truth
-        The rock, and its samples from `ground_truth`.
-    config
-        Voxels of the fusion, and how much cleaning takes for ground.
-    store
-        Where floors are kept; nowhere where left out.
-    """
-    shell = camera_shell(config)
-    voxel_m, ground_cut_m = config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m
-    floors: dict[str, dict[str, float]] = remember_json(
-        store,
-        "floors",
-        lambda: hausdorff_floors(rock.vertices_m, rock.faces, truth, shell, voxel_m, ground_cut_m),
-        code=_FLOORS,
-        inputs=[rock.sha256, shell, config.evaluation.gt_samples, voxel_m, ground_cut_m],
-    )
-    return floors
-
-
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
     """`clean_cloud` as it comes before the metrics."""
     relief = relief_of(config.ground, config.scene.ground_seed)
     height_m = None if relief is None else relief.height_m
-    return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED, height_m)
+    return clean_cloud(cloud, config.evaluation, config.target_m, height_m)
 
 
 def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:
@@ -129,7 +77,8 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
 
     def measure(measured: PointCloud) -> dict[str, Any]:
         to_surface_m = caster.distances_m(measured.points_m)
-        return compute_metrics(measured, truth, config.evaluation, config.target_m, to_surface_m, floors)
+        metrics = compute_metrics(measured, truth, config.evaluation, config.target_m, to_surface_m)
+        return {**metrics, **{surface: {**metrics[surface], **floors[surface]} for surface in floors}}
 
     metrics = measure(cleaned)
     if not config.telemetry.is_exact:

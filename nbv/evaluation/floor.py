@@ -8,60 +8,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.evaluation.ground_truth import (
-    GroundTruthSamples,
-    observable_mask,
-)
-from nbv.evaluation.measures import hausdorff_mm
+from nbv.cache import Store, remember_json
+from nbv.config import MissionConfig
+from nbv.evaluation.ground_truth import GroundTruthSamples, camera_shell, observable_mask
 from nbv.evaluation.voxels import occupied_voxels
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
-from nbv.types import Floats, Ints
+from nbv.rocks import Rock
+from nbv.rocks.mesh import face_areas
+from nbv.types import Floats
 
 SAMPLES_PER_VOXEL = 2.0  # per voxel area of surface: with 4 the floors of two rocks moved by 0.4 mm or less
 MIN_SAMPLES, MAX_SAMPLES = 1_000, 1_000_000
 _SEED = 1  # not the ground truth's: equal samples would hide the sampling's own gaps
 
 
-def perfect_cloud(
-    vertices_m: Floats, faces: Ints, camera_centers_m: Floats, voxel_m: float, ground_cut_m: float
-) -> Floats:
-    """(N, 3) points that a reconstruction without error or omission would leave after cleaning.
-
-    Dense samples of the surface that at least two reachable cameras see (`observable_mask`), above the height
-    up to which cleaning takes points for ground, averaged per voxel as fusion does. Empty if there are none.
-
-    Parameters
-    ----------
-    voxel_m
-        ``dense.fusion_voxel_m``; also decides how many samples are drawn.
-    ground_cut_m
-        ``evaluation.ground_ransac_threshold_m``, with the ground at z = 0.
-    """
-    corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
-    area_m2 = float(
-        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-        / 2
-    )
-    wanted = SAMPLES_PER_VOXEL * area_m2 / voxel_m**2
-    samples, normals = sample_surface(
-        vertices_m, faces, int(np.clip(wanted, MIN_SAMPLES, MAX_SAMPLES)), _SEED
-    )
-    kept = samples[:, 2] > ground_cut_m
-    samples, normals = samples[kept], normals[kept]
-    if len(samples):
-        samples = samples[observable_mask(vertices_m, faces, samples, normals, camera_centers_m)]
-    return occupied_voxels(samples, voxel_m).means_m if len(samples) else samples
-
-
-def hausdorff_floors(
-    vertices_m: Floats,
-    faces: Ints,
-    truth: GroundTruthSamples,
-    camera_centers_m: Floats,
-    voxel_m: float,
-    ground_cut_m: float,
+def rock_floors(
+    rock: Rock, truth: GroundTruthSamples, config: MissionConfig, store: Store | None = None
 ) -> dict[str, dict[str, float]]:
     """``{"whole": {...}, "observable": {...}}``, each with ``hausdorff_{direction}_floor_mm``.
 
@@ -69,25 +33,52 @@ def hausdorff_floors(
     `perfect_cloud`, measured as any other. What is left of ``gt_to_cloud`` is surface that is never seen or
     cut away with the ground, and gaps of about a voxel; of ``cloud_to_gt``, what averaging in voxels moves off
     a curved surface. A real reconstruction needs more than two views of a place, so the floor is a lower
-    bound, not a promise.
+    bound, not a promise. Empty dictionaries if nothing at all is observable above the ground cut.
 
     Parameters
     ----------
-    vertices_m, faces
-        (V, 3) and (F, 3): the rock.
-    truth
-        Its ground-truth samples.
-
-    Returns
-    -------
-    Empty dictionaries if nothing at all is observable above the ground cut.
+    rock, truth
+        The rock, and its samples from `nbv.evaluation.ground_truth`.
+    config
+        Voxels of the fusion, and how much cleaning takes for ground.
+    store
+        Where floors are kept; nowhere where left out.
     """
-    cloud = perfect_cloud(vertices_m, faces, camera_centers_m, voxel_m, ground_cut_m)
-    floors: dict[str, dict[str, float]] = {"whole": {}, "observable": {}}
-    if len(cloud):
-        to_gt = RayCaster(vertices_m, faces).distances_m(cloud)
-        to_cloud, _ = nearest_neighbours(cloud, truth.points_m)
-        for name, part in (("whole", to_cloud), ("observable", to_cloud[truth.observable])):
-            distances = hausdorff_mm(part, to_gt)
-            floors[name] = {key.removesuffix("_mm") + "_floor_mm": value for key, value in distances.items()}
+
+    def make() -> dict[str, dict[str, float]]:
+        cloud = perfect_cloud(rock, config)
+        floors: dict[str, dict[str, float]] = {"whole": {}, "observable": {}}
+        if len(cloud):
+            wrong_m = RayCaster(rock.vertices_m, rock.faces).distances_m(cloud)
+            missing_m, _ = nearest_neighbours(cloud, truth.points_m)
+            for name, part in (("whole", missing_m), ("observable", missing_m[truth.observable])):
+                forward, backward = (float((1000.0 * d).max()) for d in (part, wrong_m))
+                floors[name] = {
+                    "hausdorff_gt_to_cloud_floor_mm": forward,
+                    "hausdorff_cloud_to_gt_floor_mm": backward,
+                    "hausdorff_symmetric_floor_mm": max(forward, backward),
+                }
+        return floors
+
+    made_from = [config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m]
+    inputs = [rock.sha256, camera_shell(config), config.evaluation.gt_samples, *made_from]
+    floors: dict[str, dict[str, float]] = remember_json(store, "floors", make, code=__name__, inputs=inputs)
     return floors
+
+
+def perfect_cloud(rock: Rock, config: MissionConfig) -> Floats:
+    """(N, 3) points that a reconstruction without error or omission would leave after cleaning.
+
+    Dense samples of the surface that at least two reachable cameras see (`observable_mask`), above the height
+    up to which cleaning takes points for ground, averaged per voxel as fusion does. Empty if there are none.
+    """
+    voxel_m = config.dense.fusion_voxel_m
+    wanted = SAMPLES_PER_VOXEL * float(face_areas(rock.vertices_m, rock.faces).sum()) / voxel_m**2
+    count = int(np.clip(wanted, MIN_SAMPLES, MAX_SAMPLES))
+    samples, normals = sample_surface(rock.vertices_m, rock.faces, count, _SEED)
+    kept = samples[:, 2] > config.evaluation.ground_ransac_threshold_m
+    samples, normals = samples[kept], normals[kept]
+    if len(samples):
+        caster = RayCaster(rock.vertices_m, rock.faces)
+        samples = samples[observable_mask(caster, samples, normals, camera_shell(config))]
+    return occupied_voxels(samples, voxel_m).means_m if len(samples) else samples

@@ -6,10 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.cache import Store, remember
+from nbv.config import MissionConfig
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, lifted, seen_from
+from nbv.rocks import Rock
 from nbv.types import Bools, Floats, Ints
+from nbv.viewpoints import shell_viewpoints
 
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
 
@@ -31,10 +35,37 @@ class GroundTruthSamples:
             raise ValueError("ground-truth points, normals and mask must be non-empty and equally long")
 
 
-def observable_mask(
-    vertices_m: Floats, faces: Ints, points_m: Floats, normals: Floats, camera_centers_m: Floats
-) -> Bools:
-    """Which samples at least two of the reachable cameras see.
+def camera_shell(config: MissionConfig) -> Floats:
+    """(C, 3) the paper's seed rings and the unfiltered candidate rings: where a mission may photograph from.
+
+    Altitude limits and the layout of the seeds are left out on purpose, so that configurations which differ in them are
+    measured against the same observable surface.
+    """
+    return np.array([view.position_m for view in shell_viewpoints(config)])
+
+
+def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:
+    """Samples of the true surface and the part that the camera shell can see; kept in ``store``."""
+    shell, count = camera_shell(config), config.evaluation.gt_samples
+    arrays = remember(
+        store,
+        "ground-truth",
+        lambda: vars(build_ground_truth(rock, shell, count)),
+        code=__name__,
+        inputs=[rock.sha256, shell, count],
+    )
+    return GroundTruthSamples(**arrays)
+
+
+def build_ground_truth(rock: Rock, camera_centers_m: Floats, count: int) -> GroundTruthSamples:
+    """``count`` samples of a rock and which of them cameras (C, 3) observe, as `observable_mask` has it."""
+    points, normals = sample_surface_evenly(rock.vertices_m, rock.faces, count, 0)
+    mask = observable_mask(RayCaster(rock.vertices_m, rock.faces), points, normals, camera_centers_m)
+    return GroundTruthSamples(points, normals, mask)
+
+
+def observable_mask(caster: RayCaster, points_m: Floats, normals: Floats, camera_centers_m: Floats) -> Bools:
+    """(S,) which samples at least two of the reachable cameras see.
 
     A camera sees a sample that lies above the ground (z = 0), faces the camera with an incidence of at most 80 degrees,
     and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and
@@ -42,60 +73,23 @@ def observable_mask(
 
     Parameters
     ----------
-    vertices_m, faces
-        (V, 3) and (F, 3): the occluding mesh.
+    caster
+        Of the occluding mesh.
     points_m, normals
         (S, 3) each: the samples with unit outward normals.
     camera_centers_m
         (C, 3): every position from which the camera may look, e.g. seed rings and candidate pool.
-
-    Returns
-    -------
-    (S,) booleans.
     """
-    caster = RayCaster(vertices_m, faces)
-    points, facing = np.asarray(points_m, dtype=float), np.asarray(normals, dtype=float)
-    starts = lifted(points, facing)
-    views = np.zeros(len(points), dtype=np.int64)
-    open_samples = np.flatnonzero(points[:, 2] > 0)
-    # Cameras in a stride order: neighbours on a ring see the same samples, so spreading the first few
-    # settles most samples early. The result does not depend on the order.
-    centers = np.asarray(camera_centers_m, dtype=float).reshape(-1, 3)
-    for center in centers[_spread_order(len(centers))]:
+    starts = lifted(points_m, normals)
+    views = np.zeros(len(points_m), dtype=np.int64)
+    open_samples: Ints = np.flatnonzero(points_m[:, 2] > 0)
+    # Shuffled, since neighbours on a ring see the same samples: the first few then settle most of these. The result does
+    # not depend on the order.
+    for center in np.random.default_rng(0).permutation(camera_centers_m):
         if open_samples.size == 0:
             break
-        seen = seen_from(
-            center, starts[open_samples], facing[open_samples], caster, OBSERVABLE_MAX_INCIDENCE_DEG
-        )
+        facing = normals[open_samples]
+        seen = seen_from(center, starts[open_samples], facing, caster, OBSERVABLE_MAX_INCIDENCE_DEG)
         views[open_samples[seen]] += 1
         open_samples = open_samples[views[open_samples] < MIN_OBSERVING_VIEWS]
     return views >= MIN_OBSERVING_VIEWS
-
-
-def build_ground_truth(
-    vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int = 0
-) -> GroundTruthSamples:
-    """Samples of a mesh and which of them are observable.
-
-    Parameters
-    ----------
-    vertices_m, faces
-        (V, 3) and (F, 3): the rock.
-    camera_centers_m
-        (C, 3): see `observable_mask`.
-    n, seed
-        See `sample_surface_evenly`.
-    """
-    points, normals = sample_surface_evenly(vertices_m, faces, n, seed)
-    mask = observable_mask(vertices_m, faces, points, normals, camera_centers_m)
-    return GroundTruthSamples(points, normals, mask)
-
-
-def _spread_order(count: int) -> Ints:
-    """A permutation of ``range(count)`` whose consecutive members lie far apart."""
-    if count < 3:
-        return np.arange(count)
-    stride = max(1, round(count * 0.381966))  # golden section
-    while np.gcd(stride, count) != 1:
-        stride += 1
-    return (np.arange(count) * stride) % count

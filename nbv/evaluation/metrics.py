@@ -15,7 +15,6 @@ al. 2017, Eq. 4 to 8). The authors' code uses "at most"; on measured distances t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,7 @@ import numpy as np
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.measures import azimuth_sectors, sector_centers_deg
-from nbv.evaluation.metric import Distances
+from nbv.evaluation.metric import Distances, azimuth_sectors, sector_centers_deg
 from nbv.evaluation.registry import measure_all
 from nbv.evaluation.voxels import voxel_scores
 from nbv.geometry.neighbours import nearest_neighbours
@@ -37,7 +35,6 @@ def compute_metrics(
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats = (0.0, 0.0, 0.8),
     to_surface_m: Floats | None = None,
-    floors: Mapping[str, Mapping[str, float]] | None = None,
 ) -> dict[str, Any]:
     """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
 
@@ -53,13 +50,11 @@ def compute_metrics(
         (N,) exact distances from the points to the reference surface (`RayCaster.distances_m`). Without them
         the nearest sample stands for the surface, which adds about half the samples' spacing to every
         ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
-    floors
-        By surface, values of the rock itself to report beside the scores (`nbv.evaluation.floor`).
 
     Returns
     -------
     ``n_points`` that were measured, ``gt_gate_m``, ``sector_centers_deg``, and for each surface, ``whole`` and
-    ``observable``, the metrics of `nbv.evaluation.registry`, ``n_gt_samples`` and what ``floors`` has of it.
+    ``observable``, the metrics of `nbv.evaluation.registry` and ``n_gt_samples``.
 
     Raises
     ------
@@ -69,27 +64,16 @@ def compute_metrics(
         A point is not finite, or no sample is observable.
     """
     points = np.asarray(cloud.points_m, dtype=float)
-    if len(points) == 0:
-        raise MissionFailure("empty_cloud", "the cleaned cloud holds no point, so there is nothing to score")
     if not np.isfinite(points).all():
         raise ValueError("the cloud holds points that are not finite")
     if not truth.observable.any():
         raise ValueError("no ground-truth sample is observable; check the camera shell")
-
-    if to_surface_m is None:
-        to_gt, _ = nearest_neighbours(truth.points_m, points)
-    else:
-        to_gt = np.asarray(to_surface_m, dtype=float)
-        if to_gt.shape != (len(points),):
-            raise ValueError(f"to_surface_m has shape {to_gt.shape}, the cloud {len(points)} points")
+    to_gt = nearest_neighbours(truth.points_m, points)[0] if to_surface_m is None else to_surface_m
     if config.gt_gate_m > 0:
-        kept = to_gt <= config.gt_gate_m
-        points, to_gt = points[kept], to_gt[kept]
-        if len(points) == 0:
-            raise MissionFailure(
-                "empty_cloud",
-                f"no reconstructed point lies within the {1000 * config.gt_gate_m:.0f} mm ground-truth gate",
-            )
+        points, to_gt = points[to_gt <= config.gt_gate_m], to_gt[to_gt <= config.gt_gate_m]
+    if len(points) == 0:
+        gate = f" within the {1000 * config.gt_gate_m:.0f} mm ground-truth gate" if config.gt_gate_m else ""
+        raise MissionFailure("empty_cloud", f"no reconstructed point is left to score{gate}")
     to_cloud, _ = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
     voxels = {t: voxel_scores(points, truth, t) for t in config.thresholds_mm}
@@ -101,6 +85,5 @@ def compute_metrics(
     for name, mask in (("whole", np.ones(len(to_cloud), dtype=bool)), ("observable", truth.observable)):
         by_voxel = {t: scores[name] for t, scores in voxels.items()}
         distances = Distances(1000.0 * to_cloud[mask], 1000.0 * to_gt, sectors[mask], config, by_voxel)
-        floor = {} if floors is None else floors.get(name, {})
-        metrics[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum()), **floor}
+        metrics[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum())}
     return metrics

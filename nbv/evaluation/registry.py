@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.evaluation.measures import area_under_curve, f_score, sector_completeness
-from nbv.evaluation.metric import Distances, Metric
+from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
 from nbv.types import Floats
 
 SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
@@ -54,8 +53,8 @@ def _auc(distances: Distances, _: float) -> float:
 
 
 def _by_sector(distances: Distances, _: float) -> list[float | None]:
-    count = distances.config.azimuth_sectors
-    return sector_completeness(distances.to_cloud_mm, distances.sectors, count, SECTOR_THRESHOLD_MM)
+    reached = (distances.to_cloud_mm < SECTOR_THRESHOLD_MM).astype(float)
+    return share_by_sector(distances.sectors, reached, distances.config.azimuth_sectors)
 
 
 def _p95(distances: Floats) -> Any:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.evaluation.measures import (
+from nbv.evaluation.metric import (
     area_under_curve,
     azimuth_sectors,
     f_score,
     sector_centers_deg,
+    share_by_sector,
 )
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.completeness import best_so_far, within_reach
@@ -38,11 +39,9 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     }
     for surface, mask in (("whole", everything), ("observable", world.observable)):
         scores = _scores({t: p[mask] for t, p in reached.items()}, config.evaluation.thresholds_mm)
-        total = np.bincount(sectors[mask], minlength=config.evaluation.azimuth_sectors)
-        hit = np.bincount(sectors[mask], weights=reached[SECTOR_THRESHOLD_MM][mask], minlength=len(total))
-        scores[f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm"] = [
-            100.0 * float(h) / int(n) if n else None for h, n in zip(hit, total)
-        ]
+        scores[f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm"] = share_by_sector(
+            sectors[mask], reached[SECTOR_THRESHOLD_MM][mask], config.evaluation.azimuth_sectors
+        )
         scores["n_gt_samples"] = int(mask.sum())
         metrics[surface] = scores
     return metrics

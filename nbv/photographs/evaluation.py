@@ -21,7 +21,7 @@ from nbv.errors import MissionFailure
 from nbv.evaluation.cleaning import clean_cloud, select
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.metrics import compute_metrics
-from nbv.evaluation.registration import register_cloud
+from nbv.evaluation.registration import moved, register_cloud
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.photographs.object_frame import IN_MASK
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet, Reference
@@ -33,7 +33,6 @@ MARGIN = 0.1  # of the height, about the reference's box
 REACHES = (0.125, 0.06, 0.03)  # of correspondences, of the height: 0.2, 0.1 and 0.05 of a rock of 1.6 m
 MASKS = 16  # of a set are asked, evenly picked
 LOOSE = 0.048  # of the height
-_CLEANING_SEED = 0
 
 
 def measure_cloud(
@@ -64,28 +63,27 @@ def measure_cloud(
     margin_m = MARGIN * photographs.height_m
     half_m = float(np.abs([low - photographs.target_m, high - photographs.target_m]).max()) + margin_m
     no_ground = dataclasses.replace(config, crop_half_extent_m=half_m, ground_ransac_iterations=0)
-    cleaned, report = clean_cloud(cloud, no_ground, photographs.target_m, _CLEANING_SEED)
+    cleaned, report = clean_cloud(cloud, no_ground, photographs.target_m)
     low, high = low - [margin_m, margin_m, 0.0], high + margin_m
     reaches_m = tuple(reach * photographs.height_m for reach in REACHES)
     found = register_cloud(_within(cleaned, low, high).points_m, truth_m, reaches_m)
-    moved = PointCloud(found.apply(cleaned.points_m), cleaned.colors, cleaned.normals)
-    moved = _within(moved, low, high)
-    moved = select(moved, in_masks(moved.points_m, photographs))
-    if len(moved) == 0:
+    cleaned = _within(moved(cleaned, found), low, high)
+    cleaned = select(cleaned, in_masks(cleaned.points_m, photographs))
+    if len(cleaned) == 0:
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
     scale = DEFAULT_HEIGHT_M / photographs.height_m
-    to_reference_m, _ = nearest_neighbours(reference.points_m, moved.points_m)
+    to_reference_m, _ = nearest_neighbours(reference.points_m, cleaned.points_m)
     truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
-    scaled = PointCloud(scale * moved.points_m, moved.colors, moved.normals)
+    scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
-    to_cloud_m, _ = nearest_neighbours(moved.points_m, truth_m)
+    to_cloud_m, _ = nearest_neighbours(cleaned.points_m, truth_m)
     turn = float(np.rad2deg(np.arccos(np.clip((np.trace(found.rotation) - 1) / 2, -1.0, 1.0))))
     metrics["reference"] = {
         "completeness_at_4_8_percent": 100.0 * float((to_cloud_m < LOOSE * photographs.height_m).mean()),
         "registration": {"scale": found.scale, "turn_deg": turn},
         "ceiling": ceiling(photographs),
     }
-    return metrics, report, moved
+    return metrics, report, cleaned
 
 
 def ceiling(photographs: PhotographSet) -> dict[str, float]:

@@ -29,7 +29,7 @@ def scene(seed=0, tilt_deg=0.0, height_m=0.0):
 def test_ground_goes_and_rock_stays():
     points, is_rock = scene()
     colors = np.where(is_rock[:, None], 200, 10).astype(np.uint8) * np.ones((1, 3), np.uint8)
-    cleaned, report = clean_cloud(PointCloud(points, colors), CONFIG, TARGET, 0)
+    cleaned, report = clean_cloud(PointCloud(points, colors), CONFIG, TARGET)
     assert (cleaned.colors[:, 0] == 200).mean() > 0.999
     rock_kept = (cleaned.colors[:, 0] == 200).sum() / is_rock.sum()
     # The sphere's foot within 3 cm of the plane goes too: 0.03 / 1.4 = 2.1 % of its area.
@@ -43,7 +43,7 @@ def test_ground_goes_and_rock_stays():
 @pytest.mark.parametrize(("tilt_deg", "height_m"), [(5.0, 0.0), (0.0, 0.1), (-8.0, -0.1)])
 def test_plane_is_found_where_it_is(tilt_deg, height_m):
     points, _ = scene(1, tilt_deg, height_m)
-    plane = find_ground(points, CONFIG, TARGET, 0)
+    plane = find_ground(points, CONFIG, TARGET)
     assert plane is not None
     assert np.rad2deg(np.arccos(plane.normal[2])) == pytest.approx(abs(tilt_deg), abs=0.4)
     assert plane.height_at_m(0, 0) == pytest.approx(height_m, abs=0.01)
@@ -59,7 +59,7 @@ def test_relief_goes_with_the_ground():
     points[~is_rock, 2] += height_m(points[~is_rock])
     colors = np.where(is_rock[:, None], 200, 10).astype(np.uint8) * np.ones((1, 3), np.uint8)
     bumps = [
-        (clean_cloud(PointCloud(points, colors), CONFIG, TARGET, 0, known)[0].colors[:, 0] == 10).sum()
+        (clean_cloud(PointCloud(points, colors), CONFIG, TARGET, known)[0].colors[:, 0] == 10).sum()
         for known in (None, height_m)
     ]
     assert bumps[0] > 400 and bumps[1] < 10
@@ -68,8 +68,8 @@ def test_relief_goes_with_the_ground():
 def test_a_steep_facet_is_never_taken_for_the_ground():
     rng = np.random.default_rng(2)
     wall = np.stack([np.full(5000, 0.3), rng.uniform(-1, 1, 5000), rng.uniform(0, 1.5, 5000)], 1)
-    assert find_ground(wall, CONFIG, TARGET, 0) is None
-    _, report = clean_cloud(PointCloud(wall), CONFIG, TARGET, 0)
+    assert find_ground(wall, CONFIG, TARGET) is None
+    _, report = clean_cloud(PointCloud(wall), CONFIG, TARGET)
     assert report["ground_found"] == 0 and report["ground"] == 5000
     assert np.isnan(report["ground_tilt_deg"])
 
@@ -80,7 +80,7 @@ def test_statistical_outlier_removal_drops_isolated_points():
     points = np.concatenate([dense, lone])
     keep = inlier_mask(nearest_neighbours(points, points, k=21)[0][:, 1:], 2.0)
     assert not keep[-5:].any() and keep[:-5].mean() > 0.95
-    _, report = clean_cloud(PointCloud(dense[dense[:, 2] > 0.45][:20]), CONFIG, TARGET, 0)
+    _, report = clean_cloud(PointCloud(dense[dense[:, 2] > 0.45][:20]), CONFIG, TARGET)
     assert report["floaters"] == 20  # the statistic is not defined on so few points: nothing is dropped
 
 
@@ -93,7 +93,7 @@ def rock_with(extra):
     )
     off = dataclasses.replace(CONFIG, floater_radius_m=0.0, sor_std_ratio=50.0)
     on = dataclasses.replace(off, floater_radius_m=0.024)
-    kept = [clean_cloud(cloud, config, TARGET, 0)[0].colors[:, 0] for config in (off, on)]
+    kept = [clean_cloud(cloud, config, TARGET)[0].colors[:, 0] for config in (off, on)]
     return [((c == 9).sum() / len(rock), (c == 1).sum() / len(extra)) for c in kept]
 
 
@@ -113,5 +113,5 @@ def test_nothing_left_is_a_failure():
     ground = np.concatenate([np.random.default_rng(9).uniform(-1, 1, (500, 2)), np.zeros((500, 1))], 1)
     for points in (np.empty((0, 3)), np.full((50, 3), np.nan), np.full((50, 3), 9.0), ground):
         with pytest.raises(MissionFailure) as failure:
-            clean_cloud(PointCloud(points), CONFIG, TARGET, 0)
+            clean_cloud(PointCloud(points), CONFIG, TARGET)
         assert failure.value.reason == "empty_cloud"

@@ -4,15 +4,13 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from nbv.config import EvaluationConfig
-from nbv.evaluation.floor import hausdorff_floors
-from nbv.evaluation.ground_truth import (
-    build_ground_truth,
-    observable_mask,
-)
+from nbv.config import EvaluationConfig, preset
+from nbv.evaluation.floor import rock_floors
+from nbv.evaluation.ground_truth import ground_truth, observable_mask
 from nbv.evaluation.metrics import compute_metrics
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
+from nbv.rocks.rock import make_rock
 from nbv.types import PointCloud
 
 
@@ -38,8 +36,10 @@ def test_single_camera_sees_a_sphere_up_to_the_incidence_limit():
     vertices = vertices + np.array([0, 0, 10.0])
     points, normals = sample_surface(vertices, faces, 20_000, 0)
     camera = np.array([[1000.0, 0, 10.0]])
-    assert not observable_mask(vertices, faces, points, normals, camera).any()  # two views are needed
-    seen = observable_mask(vertices, faces, points, normals, np.repeat(camera, 2, 0))
+    assert not observable_mask(
+        RayCaster(vertices, faces), points, normals, camera
+    ).any()  # two views are needed
+    seen = observable_mask(RayCaster(vertices, faces), points, normals, np.repeat(camera, 2, 0))
     # From far away the cap with incidence below 80 degrees: (1 - cos 80) / 2 of the sphere.
     assert seen.mean() == pytest.approx((1 - np.cos(np.deg2rad(80))) / 2, abs=0.01)
     assert points[seen, 0].min() == pytest.approx(0.5 * np.cos(np.deg2rad(80)), abs=0.03)
@@ -52,7 +52,7 @@ def test_underside_ground_and_occluded_parts_are_not_observable():
     vertices, faces = mesh_arrays(box + buried + inside)
     points, normals = sample_surface(vertices, faces, 20_000, 0)
     cameras = np.concatenate([ring(3.5, e) for e in (10, 35, 55)])
-    seen = observable_mask(vertices, faces, points, normals, cameras)
+    seen = observable_mask(RayCaster(vertices, faces), points, normals, cameras)
     top, bottom = (normals[:, 2] > 0.99), (normals[:, 2] < -0.99) & (np.abs(points[:, 2] - 0.2) < 1e-6)
     in_sphere = np.linalg.norm(points - [0, 0, 0.7], axis=1) < 0.21
     assert seen[top & ~in_sphere & (points[:, 2] > 0.9)].all()
@@ -69,9 +69,16 @@ def standing_box():
     """A box of 1 x 1 x 0.8 m on the ground: its bottom is never visible."""
     box = o3d.geometry.TriangleMesh.create_box(1.0, 1.0, 0.8).translate((-0.5, -0.5, 0.0))
     vertices, faces = mesh_arrays(box)
-    cameras = np.concatenate([ring(3.5, e, center=(0, 0, 0.5)) for e in (10, 30, 50)])
-    truth = build_ground_truth(vertices, faces, cameras, 20_000, 0)
-    return vertices, faces, cameras, truth, hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M)
+    rock = make_rock("box", vertices, faces, 0 * vertices, split="extra", difficulty="")
+    config = preset("campaign").with_values(
+        {
+            "evaluation.gt_samples": 20_000,
+            "dense.fusion_voxel_m": VOXEL_M,
+            "evaluation.ground_ransac_threshold_m": CUT_M,
+        }
+    )
+    truth = ground_truth(rock, config)
+    return rock, truth, rock_floors(rock, truth, config)
 
 
 def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
@@ -91,21 +98,20 @@ def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
 
 def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
     """The observable surface itself, without noise, measured as any other cloud, gets the floor."""
-    vertices, faces, _, truth, floors = standing_box
+    rock, truth, floors = standing_box
     seen = truth.points_m[truth.observable & (truth.points_m[:, 2] > CUT_M)]
     metrics = compute_metrics(
         PointCloud(seen),
         truth,
         EvaluationConfig(),
         (0, 0, 0.4),
-        RayCaster(vertices, faces).distances_m(seen),
-        floors,
+        RayCaster(rock.vertices_m, rock.faces).distances_m(seen),
     )
     for surface in ("whole", "observable"):
-        scores = metrics[surface]
+        scores = {**metrics[surface], **floors[surface]}
         assert scores["hausdorff_gt_to_cloud_mm"] == pytest.approx(
             scores["hausdorff_gt_to_cloud_floor_mm"], abs=1000 * VOXEL_M
         )
     half = seen[seen[:, 0] > 0]
-    worse = compute_metrics(PointCloud(half), truth, EvaluationConfig(), (0, 0, 0.4), None, floors)["whole"]
-    assert worse["hausdorff_gt_to_cloud_mm"] > worse["hausdorff_gt_to_cloud_floor_mm"] + 100
+    worse = compute_metrics(PointCloud(half), truth, EvaluationConfig(), (0, 0, 0.4))["whole"]
+    assert worse["hausdorff_gt_to_cloud_mm"] > floors["whole"]["hausdorff_gt_to_cloud_floor_mm"] + 100

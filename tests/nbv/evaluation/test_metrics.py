@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.measures import (
+from nbv.evaluation.metric import (
+    Distances,
     azimuth_sectors,
     f_score,
     sector_centers_deg,
-    sector_completeness,
+    share_by_sector,
 )
-from nbv.evaluation.metric import Distances
 from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registry import METRICS, find_metric, measure_all
 from nbv.types import PointCloud
@@ -166,7 +166,7 @@ def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
     assert sectors[5] is None
     assert sectors[8] < 25 and sectors[7] < 40  # a rim of 48 mm, and the poles where sectors are narrow
     assert [sectors[k] for k in (0, 1, 2, 3, 4, 10, 11)] == [100.0] * 7
-    assert sector_completeness(np.array([0.0, 1000.0]), np.array([0, 0]), 2, 48.0) == [50.0, None]
+    assert share_by_sector(np.array([0, 0]), np.array([1.0, 0.0]), 2) == [50.0, None]
 
 
 def test_the_gate_removes_far_points():

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
-from nbv.evaluation.evaluate import evaluate_cloud, ground_truth, rock_floors
+from nbv.evaluation import evaluate_cloud, ground_truth
+from nbv.evaluation.floor import rock_floors
 from nbv.evaluation.registration import register_cloud
 from nbv.geometry.frames import Similarity
 from nbv.rocks import Rock

@@ -64,7 +64,7 @@ def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
     buried = buried_rock(rock, MissionConfig().with_values({"ground.burial_m": 0.3}))
     assert buried.vertices_m[:, 2].max() == pytest.approx(1.3)
     assert buried.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-12)
-    truth = build_ground_truth(buried.vertices_m, buried.faces, np.array([[4.0, 0, 1]]), 4000)
+    truth = build_ground_truth(buried, np.array([[4.0, 0, 1]]), 4000)
     assert truth.points_m[:, 2].min() >= -1e-12
     # The cut is exact: no face is lost, none is doubled, and the rim is one closed line.
     corners = rock.vertices_m[rock.faces] - [0, 0, 0.3]
