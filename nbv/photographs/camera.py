@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from nbv.config import MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
-from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.mission.fidelity import MissionContext
+from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import PhotographViewpoints
 from nbv.types import Capture, Floats, Viewpoint
 
@@ -12,41 +12,23 @@ _NO_GROUND_M = -1e6  # a hand that holds a camera may be anywhere
 
 
 class PhotographCamera:
-    """Implements `nbv.types.Camera`.
+    """Implements `nbv.types.Camera` over the photographs of a set that may be taken, which ``viewpoints`` are of.
 
-    Telemetry reports the reference's pose, with the errors that ``config.telemetry`` says (drawn as in any mission; they
-    are added to the true pose, where a vehicle's take it away from the reported one).
-
-    Parameters
-    ----------
-    photographs
-        The set.
-    takeable
-        The photographs of ``viewpoints``, in their order.
-    viewpoints
-        Where they were taken.
-    config
-        Its ``telemetry``.
-    key, replicate
-        Of the errors.
+    Telemetry reports the reference's pose, with the errors that the configuration's ``telemetry`` says (drawn as in any
+    mission; they are added to the true pose, where a vehicle's take it away from the reported one).
     """
 
     def __init__(
-        self,
-        photographs: PhotographSet,
-        takeable: tuple[Photograph, ...],
-        viewpoints: PhotographViewpoints,
-        config: MissionConfig,
-        key: str,
-        replicate: int,
+        self, context: MissionContext, photographs: PhotographSet, viewpoints: PhotographViewpoints
     ) -> None:
-        self._set, self._takeable, self._viewpoints = photographs, takeable, viewpoints
-        self._errors = TelemetryErrors(config.telemetry, key, replicate, _NO_GROUND_M)
+        self._set, self._viewpoints = photographs, viewpoints
+        telemetry, key = context.config.telemetry, context.rock.sha256
+        self._errors = TelemetryErrors(telemetry, key, context.replicate, _NO_GROUND_M)
         self.taken: list[str] = []  # names, in order
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""
-        photograph = self._takeable[self._viewpoints.index(viewpoint)]
+        photograph = self._set.takeable[self._viewpoints.index(viewpoint)]
         assert photograph.camera_from_world is not None
         reported = self._errors.true_pose(photograph.camera_from_world, viewpoint.id, time_s)
         self.taken.append(photograph.name)

@@ -6,7 +6,7 @@ nominal: straight legs between the places, no errors of arrival.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from nbv.cache import remember_json
 from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
+from nbv.errors import UserError
 from nbv.gates import Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
@@ -27,7 +28,6 @@ from nbv.photogrammetric import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
-from nbv.photographs.expressible import require_expressible
 from nbv.photographs.oracle import TrackOracle
 from nbv.photographs.photograph_set import KEPT_OUT_SHARE, PhotographSet, Reference
 from nbv.photographs.rephotography import judge_kept_out
@@ -45,6 +45,8 @@ UNCHOSEN: dict[str, Any] = {
     "dense.max_size_px": 480,
     "dense.agreeing_views": AGREEING_VIEWS,
 }
+# What was as it was when the photographs were taken: refused by name, never ignored.
+_FIXED = ("scene", "sensor", "ground", "wind", "target", "camera", "target_m")
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
@@ -61,10 +63,8 @@ class PhotographFidelity:
         self.context = context
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
-        self._kept_out = self.photographs.kept_out
-        self._takeable = tuple(p for p in self.photographs.registered if p.name not in self._kept_out)
         self.viewpoints = PhotographViewpoints(
-            np.array([p.camera_center_m for p in self._takeable]),
+            np.array([p.camera_center_m for p in self.photographs.takeable]),
             self.photographs.target_m,
             config,
             key,
@@ -72,21 +72,17 @@ class PhotographFidelity:
         )
         require_expressible(config, self.photographs.name)
         self.believed = over_photographs(config, self.photographs)
-        self._camera = PhotographCamera(
-            self.photographs, self._takeable, self.viewpoints, config, key, context.replicate
-        )
+        self._camera = PhotographCamera(context, self.photographs, self.viewpoints)
         self.camera: Camera = self._camera
-        x_m, y_m, z_m = (
-            extent_m / 2 + MARGIN * self.photographs.height_m for extent_m in self.photographs.extents_m
-        )
-        box_m = (x_m, y_m, z_m)
+        margin_m = MARGIN * self.photographs.height_m
+        x_m, y_m, z_m = (extent_m / 2 + margin_m for extent_m in self.photographs.extents_m)
         # The sparse model is asked, after the dense stage, where the photographs kept out were taken.
         self.reconstructor = PhotogrammetricReconstructor(
-            self.believed, context.store, half_extents_m=box_m, stopwatch=context.stopwatch
+            self.believed, context.store, half_extents_m=(x_m, y_m, z_m), stopwatch=context.stopwatch
         )
         self.facts = {
-            "photographs": len(self._takeable),
-            "kept_out": len(self._kept_out),
+            "photographs": len(self.photographs.takeable),
+            "kept_out": len(self.photographs.kept_out),
             "kept_out_share": KEPT_OUT_SHARE,
             "seed_cap_deg": SEED_CAP_DEG,
             "flight_time": NOMINAL,
@@ -99,23 +95,18 @@ class PhotographFidelity:
 
     def oracle(self) -> Oracle:
         """The tracks of the reference model."""
-        return TrackOracle(self.photographs, self._takeable, self.viewpoints, self.context.config)
+        return TrackOracle(self.photographs, self.viewpoints, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Against the reference, and by the photographs kept out (``metrics["kept_out"]``)."""
         with self.context.stopwatch.timed("evaluation"):
-            inputs = [
-                self.reconstructor.cloud_key,
-                self.context.rock.sha256,
-                self.believed.evaluation,
-                sorted(self._kept_out),
-            ]
+            key, out = self.reconstructor.cloud_key, sorted(self.photographs.kept_out)
             found: dict[str, Any] = remember_json(
                 self.context.store,
                 "evaluations",
                 lambda: self._measure(cloud),
                 code="nbv.photographs",
-                inputs=inputs,
+                inputs=[key, self.context.rock.sha256, self.believed.evaluation, out],
             )
         return {**found, "taken": list(self._camera.taken)}
 
@@ -123,9 +114,7 @@ class PhotographFidelity:
         metrics, cleaning, self._cleaned = measure_cloud(
             cloud, self.photographs, self._reference, self.believed.evaluation
         )
-        kept = judge_kept_out(
-            self.photographs, self._kept_out, self.reconstructor, cloud, self._reference.points_m
-        )
+        kept = judge_kept_out(self.photographs, self.reconstructor, cloud, self._reference.points_m)
         return {**metrics, "cleaning": cleaning, "kept_out": kept, "taken": list(self._camera.taken)}
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
@@ -142,6 +131,25 @@ class PhotographFidelity:
             run.write_json("metrics.json", {"metrics": metrics, "cleaning": metrics["cleaning"]})
         if self.reconstructor.has_model:
             self.reconstructor.export_sparse(run.sparse_model, run.images)
+
+
+def require_expressible(config: MissionConfig, name: str) -> None:
+    """`UserError` where ``config`` asks for what no set, such as ``name``, can give: other light, wind, ground or optics."""
+    usual = MissionConfig()
+    paths: list[str] = []
+    for section in _FIXED:
+        asked, default = getattr(config, section), getattr(usual, section)
+        if is_dataclass(asked):
+            names = [f.name for f in fields(asked)]
+            paths += [f"{section}.{n}" for n in names if getattr(asked, n) != getattr(default, n)]
+        elif asked != default:
+            paths.append(section)
+    if paths:
+        condition = "" if config.condition == usual.condition else f" (condition {config.condition})"
+        raise UserError(
+            f"{name} is a set of photographs that were taken as they were: it cannot express {', '.join(paths)}{condition}; "
+            "leave that out"
+        )
 
 
 def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.gates.base import Coverage
-from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import PhotographViewpoints
 from nbv.types import Floats, PlanningState
 
@@ -21,30 +21,14 @@ NEAR = 0.05  # of the object's height: points farther from its box are not of it
 
 
 class TrackOracle:
-    """Implements `nbv.gates.Oracle`.
-
-    Parameters
-    ----------
-    photographs
-        The set, with its reference model.
-    takeable
-        The photographs of ``viewpoints``, in their order.
-    viewpoints
-        Where they were taken.
-    config
-        The mission's.
-    """
+    """Implements `nbv.gates.Oracle` over the photographs of a set that may be taken, which ``viewpoints`` are of."""
 
     def __init__(
-        self,
-        photographs: PhotographSet,
-        takeable: tuple[Photograph, ...],
-        viewpoints: PhotographViewpoints,
-        config: MissionConfig,
+        self, photographs: PhotographSet, viewpoints: PhotographViewpoints, config: MissionConfig
     ) -> None:
         self.config = config
         self._viewpoints = viewpoints
-        self._seen = _tracks(photographs, takeable)  # (N, P)
+        self._seen = _tracks(photographs)  # (N, P)
 
     def coverage(self, state: PlanningState) -> Coverage:
         """Points that `VIEWS_NEEDED` of the photographs taken see."""
@@ -60,22 +44,17 @@ class TrackOracle:
         return self._viewpoints.nearest(np.asarray(positions_m, dtype=float).reshape(-1, 3))
 
 
-def _tracks(photographs: PhotographSet, takeable: tuple[Photograph, ...]) -> NDArray[np.bool_]:
-    """(N, P): is point p of the object in photograph n?"""
+def _tracks(photographs: PhotographSet) -> NDArray[np.bool_]:
+    """(N, P) which of the takeable photographs are in the tracks of the reference model's points on the object."""
     model = pycolmap.Reconstruction(photographs.sparse_folder)
+    points = list(model.points3D.values())
     margin = NEAR * photographs.height_m
-    half = np.asarray(photographs.extents_m) / 2 + margin
-    row = {f"{photograph.name}.jpg": n for n, photograph in enumerate(takeable)}
+    offset = np.abs(np.array([point.xyz for point in points]).reshape(-1, 3) - photographs.target_m)
+    near = (offset < np.asarray(photographs.extents_m) / 2 + margin).all(axis=1)
+    row = {f"{photograph.name}.jpg": n for n, photograph in enumerate(photographs.takeable)}
     row_of_image = {image_id: row.get(image.name) for image_id, image in model.images.items()}
-    columns = []
-    for point in model.points3D.values():
-        x, y, z = point.xyz
-        if abs(x) > half[0] or abs(y) > half[1] or not -margin < z < photographs.height_m + margin:
-            continue
-        rows = {row_of_image[element.image_id] for element in point.track.elements} - {None}
-        if len(rows) >= 2:
-            columns.append(sorted(r for r in rows if r is not None))
-    seen = np.zeros((len(takeable), len(columns)), dtype=bool)
-    for column, rows_of_point in enumerate(columns):
-        seen[rows_of_point, column] = True
-    return seen
+    seen = np.zeros((len(row), len(points)), dtype=bool)
+    for column in np.flatnonzero(near):
+        rows = {row_of_image[element.image_id] for element in points[column].track.elements} - {None}
+        seen[[r for r in rows if r is not None], column] = True
+    return seen[:, seen.sum(axis=0) >= 2]

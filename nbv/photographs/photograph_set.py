@@ -15,6 +15,7 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -187,10 +188,16 @@ class PhotographSet:
         """Those with a pose."""
         return tuple(p for p in self.photographs if p.registered)
 
-    @property
+    @cached_property
     def kept_out(self) -> frozenset[str]:
         """Names of the photographs that no mission may take and the reference is not made of; see `drawn_out`."""
         return drawn_out({p.name: p.sha256 for p in self.registered})
+
+    @cached_property
+    def takeable(self) -> tuple[Photograph, ...]:
+        """The registered photographs but those kept out."""
+        out = self.kept_out
+        return tuple(p for p in self.registered if p.name not in out)
 
     @property
     def coverage(self) -> Coverage:
@@ -308,8 +315,6 @@ def read_set(folder: Path) -> PhotographSet:
             tree["camera"][name]
         found = msgspec.convert({**tree, "folder": str(folder)}, PhotographSet, dec_hook=_decoded)
         check_name(found.name)
-        if len({p.name for p in found.photographs}) < len(found.photographs):
-            raise ValueError("two photographs have one name")
     except (msgspec.ValidationError, KeyError, TypeError, ValueError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(f"{path} is damaged ({reason}); import the photographs again with --force") from error
@@ -321,12 +326,7 @@ def _decoded(kind: type, value: Any) -> Any:
     if kind is Path:
         return Path(value)
     pose = np.array(value, dtype=float)
-    rotation = pose[:3, :3]
-    if (
-        pose.shape != (4, 4)
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
-        or np.linalg.det(rotation) < 0
-    ):
+    if pose.shape != (4, 4):
         raise ValueError("a pose is not a rigid transform")
     return pose
 

@@ -23,7 +23,6 @@ _NEAREST_M = 0.1
 
 def judge_kept_out(
     photographs: PhotographSet,
-    names: frozenset[str],
     reconstructor: PhotogrammetricReconstructor,
     cloud: Cloud,
     object_m: Floats,
@@ -32,8 +31,8 @@ def judge_kept_out(
 
     Parameters
     ----------
-    photographs, names
-        The set, and the photographs kept out.
+    photographs
+        The set.
     reconstructor
         After ``finish``.
     cloud
@@ -41,7 +40,7 @@ def judge_kept_out(
     object_m
         (N, 3) the reference: where in a photograph the object is.
     """
-    asked = [p for p in photographs.registered if p.name in names]
+    asked = [p for p in photographs.registered if p.name in photographs.kept_out]
     found: list[Located] = []
     errors, seen = [], []
     colors = cloud.colors

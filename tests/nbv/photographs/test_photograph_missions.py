@@ -16,8 +16,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
-from nbv.photographs.expressible import require_expressible
-from nbv.photographs.mission import over_photographs, run_photographs_mission
+from nbv.photographs.mission import over_photographs, require_expressible, run_photographs_mission
 from nbv.photographs.rephotography import photometric_error
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
