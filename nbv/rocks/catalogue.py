@@ -44,15 +44,12 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     """
     if name in RECIPES or generated_name(name) is not None:
         return _once(name, lambda: procedural_rock(name, store))
-    for kept in (imported_path(name), surface_path(name)):
-        if os.sep not in name and is_file(kept):
-            return _once((str(kept), kept.stat().st_mtime_ns), functools.partial(_read_imported, kept))
     path = expanded(name)
-    if is_file(path) and path.suffix == KEPT:
-        return _once((str(path), path.stat().st_mtime_ns), lambda: _read_imported(path))
-    if is_file(path):
-        file = str(path.resolve())
-        return _once((file, path.stat().st_mtime_ns), lambda: import_mesh(file))
+    named = () if os.sep in name else (imported_path(name), surface_path(name))
+    for file in (*named, path):
+        if is_file(file):
+            load = _read_kept if file.suffix == KEPT else import_mesh
+            return _once((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
     if os.sep in name or path.suffix:
         raise UserError(f"there is no mesh file {name!r}; check the path")
     known = [rock.name for rock in list_rocks()]
@@ -88,7 +85,7 @@ def _once(key: Hashable, load: Callable[[], Rock]) -> Rock:
     return rock
 
 
-def _read_imported(path: Path) -> Rock:
+def _read_kept(path: Path) -> Rock:
     try:
         return read_rock(path)
     except UserError as error:

@@ -10,14 +10,14 @@ import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 
 from nbv.cache import home
 from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
-from nbv.rocks.rock import SPLITS, Rock, RockInfo, Split, make_rock
+from nbv.rocks.rock import SPLITS, Rock, RockInfo, Source, Split, make_rock
 from nbv.safe_files import read_npz, write_atomic
 
 log = logging.getLogger(__name__)
@@ -63,20 +63,19 @@ def are_photographed(rocks: Sequence[str]) -> bool:
 def list_kept() -> list[RockInfo]:
     """Imported rocks, then surfaces of sets of photographs, by name; a warning for a file that cannot be read."""
     meshes = sorted(imported_path("NAME").parent.glob("*.npz"))
-    sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
-    rocks = [_info(path, path.stem, "imported") for path in meshes]
-    names = filter(is_photographed, (path.parent.name for path in sets))
-    rocks += [_info(surface_path(name), name, "photographs") for name in names]
-    return [rock for rock in rocks if rock is not None]
-
-
-def _info(path: Path, name: str, source: Literal["imported", "photographs"]) -> RockInfo | None:
-    try:
-        data = read_npz(path, _LABELS)
-        return RockInfo(name, _split(path, data), source, str(data["difficulty"]))
-    except UserError as error:
-        log.warning("%s; import it again", error)
-        return None
+    sets = sorted(
+        p for p in surface_path("NAME").parents[1].glob("*/surface.npz") if is_photographed(p.parent.name)
+    )
+    rocks = []
+    for path in (*meshes, *sets):
+        name = path.stem if path in meshes else path.parent.name
+        try:
+            data = read_npz(path, _LABELS)
+            source: Source = "imported" if path in meshes else "photographs"
+            rocks.append(RockInfo(name, _split(path, data), source, str(data["difficulty"])))
+        except UserError as error:
+            log.warning("%s; import it again", error)
+    return rocks
 
 
 def save_imported(rock: Rock, *, force: bool = False) -> Path:

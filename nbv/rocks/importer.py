@@ -14,7 +14,7 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.mesh_file import Soup, read_mesh_file
+from nbv.rocks.mesh_file import Soup, UnusableMesh, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
 from nbv.safe_files import expanded
@@ -73,8 +73,6 @@ def import_mesh(
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     notes: list[str] = []
     soup, _ = _placed(path, height_m, up, notes)
-    _check_reach(soup.values[:, :3], height_m, path, notes)
-
     area_m2 = float(meshes.face_areas(soup.values[:, :3], soup.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
@@ -118,7 +116,16 @@ def frame_of_file(path: str | Path) -> Similarity:
 
 def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
     """The file's largest body upright on the ground, and how it got there."""
-    soup = _clean(read_mesh_file(path, notes), path, notes)
+    if not path.is_file():
+        raise UserError(f"there is no mesh file {str(path)!r}; check the path")
+    try:
+        soup = _clean(read_mesh_file(path, notes), notes)
+        return _upright(soup, path, height_m, up, notes)
+    except UnusableMesh as error:
+        raise UserError(f"mesh file {str(path)!r} {error}") from error
+
+
+def _upright(soup: Soup, path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
     axis: str = up
     if up == "auto":
         axis = "y" if path.suffix.lower() in (".glb", ".gltf") else "z"
@@ -128,21 +135,30 @@ def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup
     extents = np.ptp(turned, axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(turned.T)), 0))
     if spread[0] < 1e-4 * spread[2] or extents[2] < 1e-4 * extents.max():
-        raise UserError(f"mesh file {str(path)!r} is flat; a rock needs three dimensions")
+        raise UnusableMesh("is flat; a rock needs three dimensions")
     placed, scale = meshes.rest_on_ground(turned, height_m)
     notes.append(f"scaled by {scale:.6g} to {height_m:g} m height and set on the ground")
+    reach_m = float(np.linalg.norm(placed - (0, 0, height_m / 2), axis=1).max())
+    if reach_m > MAX_REACH_M:
+        raise UnusableMesh(
+            f"reaches {reach_m:.1f} m from its centre when {height_m:g} m tall, into the viewpoints 3.5 m away; choose "
+            "another up axis or a smaller height"
+        )
+    sideways_m = float(np.abs(placed[:, :2]).max())
+    if sideways_m > 1.5:
+        notes.append(f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
     frame = Similarity(scale, _UP[axis], placed[0] - scale * turned[0])
     return replace(soup, values=np.hstack([placed, soup.values[:, 3:]])), frame
 
 
-def _clean(soup: Soup, path: Path, notes: list[str]) -> Soup:
+def _clean(soup: Soup, notes: list[str]) -> Soup:
     """Put duplicate vertices in one place, drop collapsed and repeated faces and all but the largest body, turn it outward."""
     import trimesh  # noqa: PLC0415  half a second to load
 
-    values, faces = meshes.drop_unused_vertices(soup.values, soup.faces)
+    values, faces = soup.values, soup.faces
     low, size = values[:, :3].min(axis=0), float(np.ptp(values[:, :3], axis=0).max())
     if size <= 0:
-        raise UserError(f"mesh file {str(path)!r} has no extent: all vertices coincide")
+        raise UnusableMesh("has no extent: all vertices coincide")
     keys = np.round((values[:, :3] - low) / (1e-6 * size)).astype(np.int64)
     _, first, merged = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     merged = merged.reshape(-1)
@@ -158,7 +174,7 @@ def _clean(soup: Soup, path: Path, notes: list[str]) -> Soup:
         notes.append(f"dropped {int((~good).sum())} collapsed or repeated faces")
     areas = meshes.face_areas(vertices, welded)
     if not good.any() or areas[good].sum() <= 1e-12 * size * size:
-        raise UserError(f"mesh file {str(path)!r} has no surface: all its faces have zero area")
+        raise UnusableMesh("has no surface: all its faces have zero area")
     labels = meshes.body_labels(welded[good])
     body_areas = np.bincount(labels, weights=areas[good])
     if len(body_areas) > 1:
@@ -181,18 +197,6 @@ def _clean(soup: Soup, path: Path, notes: list[str]) -> Soup:
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
     values, faces = meshes.drop_unused_vertices(values, faces)
     return Soup(values, faces, soup.images)
-
-
-def _check_reach(vertices: Floats, height_m: float, path: Path, notes: list[str]) -> None:
-    reach = float(np.linalg.norm(vertices - (0, 0, height_m / 2), axis=1).max())
-    if reach > MAX_REACH_M:
-        raise UserError(
-            f"mesh file {str(path)!r} reaches {reach:.1f} m from its centre when {height_m:g} m tall, into the "
-            "viewpoints 3.5 m away; choose another up axis or a smaller height"
-        )
-    half = float(np.abs(vertices[:, :2]).max())
-    if half > 1.5:
-        notes.append(f"reaches {half:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
 
 
 def _own_colors(soup: Soup, values: Floats, spacing_m: float) -> Floats | None:

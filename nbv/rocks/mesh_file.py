@@ -9,12 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nbv.errors import UserError
-from nbv.rocks.texture import (
-    Linear,
-    linear_from_srgb,
-    linear_image,
-)
+from nbv.rocks.mesh import drop_unused_vertices
+from nbv.rocks.texture import Linear, linear_from_srgb, linear_image
 from nbv.safe_files import read_bytes, require
 from nbv.types import Floats, Ints
 
@@ -25,6 +21,10 @@ MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
 MAX_UNPACKED_BYTES = 1024**3
 MAX_MEMBERS = 100_000
 _BLIND_ARCHIVES = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
+
+
+class UnusableMesh(Exception):
+    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
 
 
 @dataclass(frozen=True)
@@ -44,103 +44,86 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
 
     Raises
     ------
+    UnusableMesh
+        The file is unreadable, empty, without faces, not finite or far too large.
     UserError
-        The file is missing, unreadable, empty, without faces, not finite or far too large.
+        It is an archive, or has a texture, far too large.
     """
     import trimesh  # noqa: PLC0415  half a second to load
 
-    if not path.is_file():
-        raise UserError(f"there is no mesh file {str(path)!r}; check the path")
     size = path.stat().st_size
     if size == 0:
-        raise UserError(f"mesh file {str(path)!r} is empty")
+        raise UnusableMesh("is empty")
     if size > MAX_FILE_BYTES:
-        raise UserError(f"mesh file {str(path)!r} has {size / 1e9:.1f} GB; decimate it first")
+        raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
     _check_archive(path)
     try:
         scene = trimesh.load_scene(path, process=False, resolver=_side_files(path))
     except Exception as error:  # loaders raise whatever their parsers do
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise UserError(f"mesh file {str(path)!r} cannot be read: {reason}") from error
-    parts: list[tuple[Any, Floats]] = []
-    for node in scene.graph.nodes_geometry:
-        transform, geometry_name = scene.graph[node]
-        geometry = scene.geometry[geometry_name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            parts.append((geometry, np.asarray(transform, dtype=float)))
+        raise UnusableMesh(f"cannot be read: {reason}") from error
+    placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    parts = [
+        (scene.geometry[name], np.asarray(transform, dtype=float))
+        for transform, name in placed
+        if isinstance(scene.geometry[name], trimesh.Trimesh) and len(scene.geometry[name].faces)
+    ]
     if not parts:
-        raise UserError(
-            f"mesh file {str(path)!r} holds no faces; export a triangle mesh, not points or lines"
-        )
+        raise UnusableMesh("holds no faces; export a triangle mesh, not points or lines")
     count = sum(len(part.faces) for part, _ in parts)
     if count > MAX_FACES:
-        raise UserError(
-            f"mesh file {str(path)!r} has {count / 1e6:.1f} million faces; decimate it to "
-            f"{MAX_FACES / 1e6:g} million or fewer"
+        raise UnusableMesh(
+            f"has {count / 1e6:.1f} million faces; decimate it to {MAX_FACES / 1e6:g} million or fewer"
         )
     values, faces = [], []
     images: list[Linear] = []
     offset = 0
     linear_colors = path.suffix.lower() in (".glb", ".gltf")  # glTF stores vertex colours linearly
     for part, transform in parts:
-        local_faces = np.asarray(part.faces, dtype=np.int64)
-        local = np.asarray(part.vertices, dtype=float)
-        if local.ndim != 2 or local.shape[1] != 3:
-            raise UserError(
-                f"mesh file {str(path)!r} has vertices of other than 3 coordinates; export it again"
-            )
-        if local_faces.min() < 0 or local_faces.max() >= len(local):
-            raise UserError(f"mesh file {str(path)!r} has faces that name vertices it does not hold")
-        placed = local @ transform[:3, :3].T + transform[:3, 3]
+        corners, points = np.asarray(part.faces, dtype=np.int64), np.asarray(part.vertices, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3 or corners.min() < 0 or corners.max() >= len(points):
+            raise UnusableMesh("has faces that name vertices it does not hold; export it again")
+        points = points @ transform[:3, :3].T + transform[:3, 3]
         if part.visual.kind == "face":  # every corner by itself
-            placed, local_faces = (
-                placed[local_faces].reshape(-1, 3),
-                np.arange(local_faces.size).reshape(-1, 3),
-            )
+            points, corners = points[corners].reshape(-1, 3), np.arange(corners.size).reshape(-1, 3)
         if np.linalg.det(transform[:3, :3]) < 0:  # a mirroring node turns faces inside out
-            local_faces = local_faces[:, ::-1]
+            corners = corners[:, ::-1]
         carried, image = _skin(part, linear_colors, notes)
         kind = Soup.NOTHING if carried is None else Soup.COLOR
         if image is not None:
             kind = len(images)
             images.append(image)
-        carried = np.zeros((1, 3)) if carried is None else carried
-        values.append(
-            np.hstack([placed, np.broadcast_to(carried, placed.shape), np.full((len(placed), 1), kind)])
-        )
-        faces.append(local_faces + offset)
-        offset += len(placed)
+        carried = np.zeros_like(points) if carried is None else carried
+        values.append(np.column_stack([points, carried, np.full(len(points), kind)]))
+        faces.append(corners + offset)
+        offset += len(points)
     if len(parts) > 1:
         notes.append(f"joined {len(parts)} meshes of the file's scene")
-    soup = Soup(np.concatenate(values), np.concatenate(faces), images)
-    bad = np.any(~np.isfinite(soup.values[:, :3]), axis=1)
-    if np.any(np.take(bad, soup.faces)):
-        raise UserError(
-            f"mesh file {str(path)!r} has {int(bad.sum())} vertices that are not finite numbers; "
-            "repair or re-export it"
-        )
-    reach = float(np.abs(soup.values[np.unique(soup.faces), :3]).max())
+    soup = Soup(*drop_unused_vertices(np.concatenate(values), np.concatenate(faces)), images)
+    bad = ~np.isfinite(soup.values[:, :3]).all(axis=1)
+    if bad.any():
+        raise UnusableMesh(f"has {bad.sum()} vertices that are not finite numbers; repair or re-export it")
+    reach = float(np.abs(soup.values[:, :3]).max())
     if reach > MAX_COORDINATE:
-        raise UserError(
-            f"mesh file {str(path)!r} has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
+        raise UnusableMesh(
+            f"has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
         )
     return soup
 
 
 def _check_archive(path: Path) -> None:
-    """`UserError` for an archive that unpacks to more than a mesh, and for one whose size nobody knows before."""
+    """Raise for an archive that unpacks to more than a mesh, and for one whose size nobody knows before."""
     if path.suffix.lower() in _BLIND_ARCHIVES:
-        raise UserError(f"mesh file {str(path)!r} is packed; unpack it first")
+        raise UnusableMesh("is packed; unpack it first")
     if zipfile.is_zipfile(path):
         try:
             with zipfile.ZipFile(path) as archive:
                 members = archive.infolist()
         except (zipfile.BadZipFile, OSError, ValueError) as error:
-            raise UserError(f"mesh file {str(path)!r} cannot be read: {error}") from error
+            raise UnusableMesh(f"cannot be read: {error}") from error
         require(len(members), MAX_MEMBERS, f"the number of files in {path}")
-        require(
-            sum(m.file_size for m in members), MAX_UNPACKED_BYTES, f"the unpacked size of {path} in bytes"
-        )
+        unpacked = sum(member.file_size for member in members)
+        require(unpacked, MAX_UNPACKED_BYTES, f"the unpacked size of {path} in bytes")
 
 
 def _side_files(path: Path) -> Any:
