@@ -31,9 +31,8 @@ from nbv.flight import arrival_position
 from nbv.geometric.completeness import sample_probability
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.world import _seen as visible
-from nbv.geometric.world_cache import world_of
+from nbv.geometric.world import world_of
 from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.rocks import load_rock
 from nbv.rocks.families import HELD_OUT_FROM
@@ -88,7 +87,7 @@ def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> f
     seen = visible(caster, world.samples_m, world.sample_normals, views, config, OBSERVABLE_MAX_INCIDENCE_DEG)
     centers_m = np.array([arrival_position(view, config.flight, rock.sha256, 0) for view in views])
     orbit = replace(world, viewpoint_ids=tuple(view.id for view in views), sample_seen=seen)
-    chance = sample_probability(orbit, list(range(len(views))), centers_m, config, DenseModel())
+    chance = sample_probability(orbit, list(range(len(views))), centers_m, config)
     return float(predicted_metrics(orbit, chance, config)["observable"]["f_score_48mm"])
 
 

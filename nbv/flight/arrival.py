@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.special import ndtr, ndtri
 
@@ -31,11 +29,6 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, rock_sha256: st
     rock_sha256, replicate
         Key of the draw.
     """
-    return _arrival_position(viewpoint, limits, rock_sha256, replicate).copy()
-
-
-@lru_cache(maxsize=4096)  # every mission on a (rock, replicate) flies to the same places
-def _arrival_position(viewpoint: Viewpoint, limits: FlightConfig, rock_sha256: str, replicate: int) -> Floats:
     uniform = keyed_rng("arrival", rock_sha256, replicate, viewpoint.id).random(3)
     edge = ndtr(-SIGMAS_IN_TOLERANCE)
     sigmas = ndtri(edge + uniform * (1.0 - 2.0 * edge))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.geometric.world import GeometricWorld
-from nbv.geometry.stereo_chance import DenseModel, reconstruction_probability
+from nbv.geometry.stereo_chance import reconstruction_probability
 from nbv.types import Floats
 
 CHANCES_IN_REACH = 2.0
@@ -44,7 +44,6 @@ def sample_probability(
     rows: Sequence[int],
     camera_centers_m: Floats,
     config: MissionConfig,
-    model: DenseModel,
 ) -> Floats:
     """(S,) `reconstruction_probability` of a world's samples.
 
@@ -65,5 +64,5 @@ def sample_probability(
     incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
     seen = world.sample_seen[list(rows)]
     return reconstruction_probability(
-        seen, incidence, world.sample_contrast, directions, config.dense, model
+        seen, incidence, world.sample_contrast, directions, config.dense
     ).astype(np.float64)

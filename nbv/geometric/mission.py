@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -14,7 +13,7 @@ from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
 from nbv.gates import GroundTruthOracle, Oracle
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
-from nbv.geometric.world_cache import world_of
+from nbv.geometric.world import world_of
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
@@ -37,9 +36,8 @@ class PoseCamera:
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""
-        return Capture(
-            f"{viewpoint.id}.png", viewpoint, _aim(tuple(position_m.tolist()), self._target_m), None
-        )
+        pose = look_at(position_m, np.array(self._target_m))
+        return Capture(f"{viewpoint.id}.png", viewpoint, pose, None)
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
         """See `nbv.types.Camera`."""
@@ -98,8 +96,3 @@ def run_geometric_mission(
     return fly_mission(
         GeometricFidelity, config, rock, replicate, directory, load=load_coarse_rock, **options
     )
-
-
-@lru_cache(maxsize=4096)  # the same viewpoints come back in every mission
-def _aim(position_m: tuple[float, ...], target_m: tuple[float, float, float]) -> Floats:
-    return look_at(np.array(position_m), np.array(target_m))

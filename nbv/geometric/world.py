@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,11 +73,6 @@ class GeometricWorld:
         """Row of a viewpoint in the visibility tables."""
         return self._rows[viewpoint_id]
 
-    @cached_property
-    def memory(self) -> dict[Any, Any]:
-        """What `nbv.geometric.landmarks` has drawn for this world; goes when the world goes."""
-        return {}
-
     def reach_counts(self, t_m: float) -> NDArray[np.intp]:
         """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
         if t_m not in self._reach_counts:
@@ -97,6 +91,35 @@ class GeometricWorld:
     @cached_property
     def _rows(self) -> dict[str, int]:
         return {name: row for row, name in enumerate(self.viewpoint_ids)}
+
+
+_WORLDS: dict[tuple[object, ...], GeometricWorld] = {}
+_MAX_WORLDS = 16
+
+
+def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
+    """The rock's world; from memory, since a campaign in one process comes back to it, from the store, or made."""
+    # All that is read here of the configuration, and a little more.
+    key = (
+        rock.sha256,
+        config.camera,
+        config.scene,
+        config.ground,
+        config.seed,
+        config.pool,
+        config.target_m,
+        config.shared.box_half_extent_m,
+    )
+    world = _WORLDS.pop(key, None) or load_world(rock, config, store)
+    while len(_WORLDS) >= _MAX_WORLDS:
+        _WORLDS.pop(next(iter(_WORLDS)))
+    _WORLDS[key] = world  # most recently used last
+    return world
+
+
+def forget_worlds() -> None:
+    """Remove all worlds from this process's memory."""
+    _WORLDS.clear()
 
 
 def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:

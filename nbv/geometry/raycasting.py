@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from nbv.types import Bools, Floats, Floats32
 
-Floats32 = Floats32
-
 NO_FACE = 0xFFFFFFFF  # the face of a ray that hits nothing, as Open3D says it
 
 

@@ -12,8 +12,6 @@ believes in (`nbv.scorers.prediction`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,26 +19,17 @@ from nbv.config import DenseConfig
 from nbv.geometry.matchability import usable_angles
 from nbv.types import Bools, Floats, Floats32
 
-Floats32 = Floats32
-
-
-@dataclass(frozen=True)
-class DenseModel:
-    """Free constants of the simulated dense stage.
-
-    Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at
-    98aed9d; docs/results/low_fidelity.md).
-    """
-
-    incidence_deg: float = 76.4  # at this incidence a view is good for a match half the time
-    incidence_width_deg: float = 14.0
-    half_contrast: float = 0.0018  # at this local contrast half of the matches fail
-    angle_decay_per_deg: float = 0.0035  # of a pair's chance, with the angle between the two
-    slant_decay_per_deg: float = 0.0066  # with the difference of the two incidences
-    agreement: float = 0.893  # chance that a witness with a depth confirms
-    witness_incidence_deg: float = 91.1  # at which this is half of that
-    witness_incidence_width_deg: float = 25.6
-    agreement_sd: float = 1.81  # of the number of confirming views about its expectation
+# Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at 98aed9d;
+# docs/results/low_fidelity.md).
+INCIDENCE_DEG = 76.4  # at this incidence a view is good for a match half the time
+INCIDENCE_WIDTH_DEG = 14.0
+HALF_CONTRAST = 0.0018  # at this local contrast half of the matches fail
+ANGLE_DECAY_PER_DEG = 0.0035  # of a pair's chance, with the angle between the two
+SLANT_DECAY_PER_DEG = 0.0066  # with the difference of the two incidences
+AGREEMENT = 0.893  # chance that a witness with a depth confirms
+WITNESS_INCIDENCE_DEG = 91.1  # at which this is half of that
+WITNESS_INCIDENCE_WIDTH_DEG = 25.6
+AGREEMENT_SD = 1.81  # of the number of confirming views about its expectation
 
 
 def pairwise_angles_deg(directions: Floats) -> Floats:
@@ -77,7 +66,6 @@ def reconstruction_probability(
     contrast: Floats,
     directions: Floats,
     dense: DenseConfig,
-    model: DenseModel,
 ) -> Floats32:
     """(S,) chance that each sample is reconstructed; 0 where no view sees it.
 
@@ -94,17 +82,17 @@ def reconstruction_probability(
         return np.zeros(seen.shape[1], dtype=np.float32)
     incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
     angle_deg = pairwise_angles_deg(directions)
-    texture = (contrast / (contrast + model.half_contrast)).astype(np.float32)
-    good = good_view(seen, incidence, model)
+    texture = (contrast / (contrast + HALF_CONTRAST)).astype(np.float32)
+    good = good_view(seen, incidence)
 
     partner, usable = stereo_partners(angle_deg, dense)
     between = np.take_along_axis(angle_deg, partner, axis=1)
-    pair = np.where(usable, np.exp(-model.angle_decay_per_deg * between), 0.0).astype(np.float32)
+    pair = np.where(usable, np.exp(-ANGLE_DECAY_PER_DEG * between), 0.0).astype(np.float32)
     no_depth = np.ones_like(good)
     for k in range(partner.shape[1]):
         other = partner[:, k]
         slant = np.abs(incidence - incidence[other])
-        slant *= np.float32(-model.slant_decay_per_deg)
+        slant *= np.float32(-SLANT_DECAY_PER_DEG)
         match = np.exp(slant, out=slant)
         match *= good[other]
         match *= good
@@ -113,25 +101,25 @@ def reconstruction_probability(
         no_depth *= np.subtract(np.float32(1.0), match, out=match)
     depth = np.subtract(np.float32(1.0), no_depth, out=no_depth)
 
-    width = np.float32(model.witness_incidence_width_deg)
-    confirms = logistic((np.float32(model.witness_incidence_deg) - incidence) / width)
+    width = np.float32(WITNESS_INCIDENCE_WIDTH_DEG)
+    confirms = logistic((np.float32(WITNESS_INCIDENCE_DEG) - incidence) / width)
     confirms *= depth
     witnesses = witness_mask(angle_deg, dense.consistency_views).astype(np.float32)
-    witnesses *= np.float32(model.agreement)
+    witnesses *= np.float32(AGREEMENT)
     agreeing: Floats32 = witnesses @ confirms
     agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
     # The logistic curve nearest to the normal distribution's.
-    agreeing *= np.float32(1.702 / model.agreement_sd)
+    agreeing *= np.float32(1.702 / AGREEMENT_SD)
     kept = logistic(agreeing)
     kept *= depth
     lost = np.prod(np.subtract(np.float32(1.0), kept, out=kept), axis=0)
     return np.subtract(np.float32(1.0), lost)
 
 
-def good_view(seen: Bools, incidence_deg: Floats32, model: DenseModel) -> Floats32:
+def good_view(seen: Bools, incidence_deg: Floats32) -> Floats32:
     """(V, S) of a pair's chance to match, what each view brings."""
-    steepness: Floats32 = np.float32(model.incidence_deg) - incidence_deg
-    steepness /= np.float32(model.incidence_width_deg)
+    steepness: Floats32 = np.float32(INCIDENCE_DEG) - incidence_deg
+    steepness /= np.float32(INCIDENCE_WIDTH_DEG)
     good = logistic(steepness)
     good *= seen
     return good

@@ -7,7 +7,7 @@ import numpy as np
 from nbv.config import BAwareConfig, MissionConfig
 from nbv.geometry.neighbours import neighbour_distances
 from nbv.scorers.scorer import Scorer, SharedTerms
-from nbv.types import Bools, CandidatePool, Floats, Ints, SparseModel
+from nbv.types import Bools, CandidatePool, Floats, SparseModel
 
 BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
 
@@ -55,18 +55,19 @@ def geometry_gain(candidates_m: Floats, box: SparseModel, config: BAwareConfig) 
     one = np.ones((1, len(candidates_m)))
     minus_c = np.concatenate([-candidates_m.T, one])
     for_distance = np.concatenate([-2.0 * candidates_m.T, one, (candidates_m**2).sum(axis=1)[None]])
-    lengths = box.track_lengths
+    lengths, rays = box.track_lengths, _unit_rays(box)
     longest_first = np.argsort(-lengths, kind="stable")
     gain = np.empty((len(lengths), len(candidates_m)))
     for start in range(0, len(lengths), BLOCK):
         rows = longest_first[start : start + BLOCK]
-        points_m = box.points_m[rows]
+        points_m, longest = box.points_m[rows], lengths[rows[0]]
         # |p - c| cos(angle to the nearest ray): (p - c) . ray = ray . p - ray . c, the largest of each point's rays
         nearest = np.full((len(rows), len(candidates_m)), -np.inf)
-        for j in range(lengths[rows[0]]):
-            observed = rows[lengths[rows] > j]  # the first so many
-            along = _unit_rays(box, observed, j) @ minus_c
-            np.maximum(nearest[: len(observed)], along, out=nearest[: len(observed)])
+        for j, count in enumerate(np.count_nonzero(lengths[rows, None] > np.arange(longest), axis=0)):
+            along = (
+                rays[box.track_offsets[rows[:count]] + j] @ minus_c
+            )  # of the first so many, whose tracks are longer
+            np.maximum(nearest[:count], along, out=nearest[:count])
         squared = np.column_stack([points_m, np.einsum("ij,ij->i", points_m, points_m), np.ones(len(rows))])
         # A candidate may be on a point: no division by zero.
         nearest /= np.sqrt(np.maximum(squared @ for_distance, 1e-16))
@@ -75,10 +76,10 @@ def geometry_gain(candidates_m: Floats, box: SparseModel, config: BAwareConfig) 
     return np.clip(gain, 0.0, 1.0, out=gain)
 
 
-def _unit_rays(box: SparseModel, rows: Ints, j: int) -> Floats:
-    """(R, 4) the j-th observation ray of points ``rows``, a unit vector, and its dot product with the point."""
-    points_m = box.points_m[rows]
-    ray = points_m - box.camera_centers_m[box.track_cameras[box.track_offsets[rows] + j]]
+def _unit_rays(box: SparseModel) -> Floats:
+    """(T, 4) every observation's ray from camera to point, a unit vector, and its dot product with the point."""
+    points_m = box.points_m.repeat(box.track_lengths, axis=0)
+    ray = points_m - box.camera_centers_m[box.track_cameras]
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     return np.column_stack([ray, np.einsum("ij,ij->i", ray, points_m)])
 

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import usable_cosines
-from nbv.geometry.stereo_chance import DenseModel, good_view, reconstruction_probability
+from nbv.geometry.stereo_chance import good_view, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.scorers.matchable import FEWEST_POINTS, ball, points_on_rock, sample_hull
 from nbv.scorers.scorer import Scorer, SharedTerms
@@ -91,7 +91,7 @@ class Prediction:
         if total <= 0.0 or len(candidates_m) == 0:
             return np.zeros(len(candidates_m))
         seen, incidence = _looks(self.samples_m, self.normals, candidates_m, self.config)
-        new = good_view(seen, incidence, DenseModel())
+        new = good_view(seen, incidence)
         unmatched = np.log1p(
             -np.minimum(self.good, np.float32(0.999))
         )  # (V, S) of each view, were it a partner
@@ -118,14 +118,13 @@ def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Predi
         np.full(len(samples), CONTRAST),
         _directions(cameras_m, config),
         config.dense,
-        DenseModel(),
     )
     return Prediction(
         samples_m=samples,
         normals=normals,
         chance=chance,
         height_m=max(float(points[:, 2].max()), 0.1),
-        good=good_view(seen, incidence, DenseModel()),
+        good=good_view(seen, incidence),
         cameras_m=cameras_m,
         config=config,
     )

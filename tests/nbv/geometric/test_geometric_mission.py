@@ -12,7 +12,7 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.geometric.reconstructor import forget_seed_models
-from nbv.geometric.world_cache import forget_worlds
+from nbv.geometric.world import forget_worlds
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import forget_loaded
 from nbv.viewpoints import raw_candidates

@@ -13,7 +13,6 @@ from nbv.dense import PosedViews
 from nbv.geometric.tracks import Tracks
 from nbv.geometry.frames import look_at
 from nbv.geometry.stereo_chance import (
-    DenseModel,
     pairwise_angles_deg,
     reconstruction_probability,
     stereo_partners,
@@ -33,7 +32,7 @@ def probability(angles_deg, seen=None, incidence_deg=0.0, contrast=0.05, dense=D
     seen = np.ones((n, 1), dtype=bool) if seen is None else seen
     incidence = np.broadcast_to(np.asarray(incidence_deg, dtype=float), seen.shape)
     texture = np.full(seen.shape[1], contrast)
-    return reconstruction_probability(seen, incidence, texture, fan(angles_deg), dense, DenseModel())
+    return reconstruction_probability(seen, incidence, texture, fan(angles_deg), dense)
 
 
 def test_enough_close_views_reconstruct_and_too_few_do_not():
