@@ -53,7 +53,7 @@ def estimate_depth(views: PosedViews, name: str, neighbours: Sequence[str]) -> F
     if window is None or not neighbours:
         return depth
     x0, y0, x1, y1 = window
-    estimates = [pair_depth(views, name, other, window) for other in neighbours]
+    estimates = [_pair_depth(views, name, other, window) for other in neighbours]
     depth[y0:y1, x0:x1] = merge_estimates(np.stack(estimates))
     return depth
 
@@ -89,20 +89,11 @@ def target_window(views: PosedViews, name: str) -> tuple[int, int, int, int] | N
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
-def pair_depth(views: PosedViews, name: str, other: str, window: tuple[int, int, int, int]) -> Floats32:
+def _pair_depth(views: PosedViews, name: str, other: str, window: tuple[int, int, int, int]) -> Floats32:
     """Depth of a view's window from one rectified pair, NaN where unknown.
 
     With ``views.surface_m`` only the part of the rectified images and the disparities around these points are matched:
     `SEARCH_MARGIN_M` beyond them.
-
-    Parameters
-    ----------
-    views
-        All of them.
-    name, other
-        The reference and its neighbour.
-    window
-        ``x0, y0, x1, y1`` of the reference, ends excluded.
     """
     camera, target, config = views.camera, views.target, views.config
     camera_from_world = views.camera_from_world[name]

@@ -199,19 +199,7 @@ def _in_masks(model: SolvedModel, source: Source) -> Bools | None:
 
 
 def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, work: Path) -> None:
-    """Every photograph and mask as the pinhole would have taken it; those without a pose with the lens of the others.
-
-    Parameters
-    ----------
-    source
-        The photographs.
-    model
-        Their cameras.
-    pinhole
-        The set's camera.
-    work
-        The set's folder.
-    """
+    """Every photograph and mask as the pinhole would have taken it; those without a pose with the lens of the others."""
     (work / IMAGES).mkdir()
     if source.masks:
         (work / MASKS).mkdir()
@@ -227,7 +215,7 @@ def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, w
         picture = Image.fromarray(undistorted(source.pixels(name), camera, pinhole))
         picture.save(work / IMAGES / f"{name}.jpg", quality=JPEG_QUALITY)
         if (mask := source.mask(name)) is not None:
-            white = undistorted(mask.astype(np.uint8) * np.uint8(255), camera, pinhole, smooth=False)
+            white = undistorted(mask.astype(np.uint8) * np.uint8(255), camera, pinhole)
             Image.fromarray(white).save(work / MASKS / f"{name}.png")
 
 

@@ -31,14 +31,7 @@ _BLUR_PX = 2.0
 
 
 def solve(source: Source, model_path: Path | None) -> tuple[SolvedModel, Source, list[str]]:
-    """A sparse model in a frame of its own, its photographs as they are worked on, and notes.
-
-    Parameters
-    ----------
-    source
-        The photographs.
-    model_path
-        Another program's model, or None.
+    """A sparse model in a frame of its own, ours or another program's; its photographs as they are worked on; notes.
 
     Raises
     ------
@@ -182,17 +175,7 @@ def _cameras(source: Source) -> tuple[dict[int, pycolmap.Camera], list[int]]:
 def _largest_model(
     cameras: dict[int, pycolmap.Camera], camera_ids: list[int], found: Correspondences, progress: Progress
 ) -> Arrays:
-    """The largest model as COLMAP's files, and how many photographs each model has, most first.
-
-    Parameters
-    ----------
-    cameras, camera_ids
-        By id, and each photograph's id.
-    found
-        Features and matches.
-    progress
-        Told of every photograph that is placed.
-    """
+    """The largest model as COLMAP's files, and how many photographs each model has, most first."""
     pycolmap.set_random_seed(0)
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = WORKERS, 0

@@ -28,12 +28,7 @@ _LENS = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
 def read_model(path: Path, source: Source) -> tuple[SolvedModel, Source]:
     """A model of the photographs, with points where it has tracks, and the photographs as it sees them: upright or not.
 
-    Parameters
-    ----------
-    path
-        COLMAP's folder, or a file of ``transforms.json``, Metashape (XML) or OpenSfM (JSON).
-    source
-        The photographs.
+    ``path`` is COLMAP's folder, or a file of ``transforms.json``, Metashape (XML) or OpenSfM (JSON).
 
     Raises
     ------
@@ -109,19 +104,7 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
 def _add(
     model: pycolmap.Reconstruction, file: str, camera: pycolmap.Camera, camera_from_model: Floats
 ) -> None:
-    """Enter one photograph as another program places it.
-
-    Parameters
-    ----------
-    model
-        Gets the photograph.
-    file
-        Its path, as that program has it.
-    camera
-        Its camera.
-    camera_from_model
-        (4, 4) its pose.
-    """
+    """Enter one photograph, ``file``, as another program places it."""
     pose = camera_from_model[:3].copy()
     if not np.isfinite(pose).all() or np.abs(pose[:, :3] @ pose[:, :3].T - np.eye(3)).max() > 1e-3:
         raise ValueError(f"the pose of {file} is not a rigid transform")

@@ -31,28 +31,15 @@ def common_pinhole(cameras: Sequence[pycolmap.Camera]) -> CameraConfig:
 
 
 def undistorted(
-    pixels: NDArray[np.uint8], camera: pycolmap.Camera, pinhole: CameraConfig, *, smooth: bool = True
+    pixels: NDArray[np.uint8], camera: pycolmap.Camera, pinhole: CameraConfig
 ) -> NDArray[np.uint8]:
-    """(H, W, ...) the picture as the pinhole would have taken it; black where the photograph does not reach.
+    """(H, W, 3) or (H, W) the picture (H', W', ...) of a camera of its size, as the pinhole would have taken it.
 
-    Parameters
-    ----------
-    pixels
-        (H', W', ...) the photograph.
-    camera
-        Its camera, of its size.
-    pinhole
-        The set's camera.
-    smooth
-        Interpolate; not for masks.
+    Black where the photograph does not reach. A mask, (H', W'), is not interpolated.
     """
-    across, down = _look_up(
-        camera.params_to_string(), str(camera.model_name), camera.width, camera.height, pinhole
-    )
-    mode = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
-    return cv2.remap(pixels, across, down, mode, borderMode=cv2.BORDER_CONSTANT, borderValue=0).astype(
-        np.uint8
-    )
+    maps = _look_up(camera.model_name, camera.width, camera.height, camera.params_to_string(), pinhole)
+    mode = cv2.INTER_LINEAR if pixels.ndim == 3 else cv2.INTER_NEAREST
+    return cv2.remap(pixels, *maps, mode, borderMode=cv2.BORDER_CONSTANT, borderValue=0).astype(np.uint8)
 
 
 def _fills(camera: pycolmap.Camera, focal_px: float) -> bool:
@@ -71,10 +58,10 @@ def _fills(camera: pycolmap.Camera, focal_px: float) -> bool:
 
 @lru_cache(maxsize=8)
 def _look_up(
-    params: str, model: str, width: int, height: int, pinhole: CameraConfig
+    model: str, width: int, height: int, params: str, pinhole: CameraConfig
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(H, W) columns and rows of the photograph for every pixel of the pinhole, as OpenCV counts them."""
-    values = np.array([float(value) for value in params.split(",")])
+    values = [float(value) for value in params.split(",")]
     camera = pycolmap.Camera(model=model, width=width, height=height, params=values)
     x, y = np.meshgrid(np.arange(pinhole.width_px) + 0.5, np.arange(pinhole.height_px) + 0.5)
     rays = (np.stack([x, y], axis=-1) - [pinhole.width_px / 2, pinhole.height_px / 2]) / pinhole.focal_px

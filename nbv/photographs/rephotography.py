@@ -53,7 +53,7 @@ def judge_kept_out(
         if colors is None:
             continue
         pose = photograph.camera_from_world if located is None else located.camera_from_world
-        where = splat(object_m, None, photograph.camera_from_world, photographs.camera)[1]
+        where = _splat(object_m, None, photograph.camera_from_world, photographs.camera)[1]
         error, share = photometric_error(image, cloud.points_m, colors, pose, photographs.camera, where)
         errors.append(error)
         seen.append(share)
@@ -96,7 +96,7 @@ def photometric_error(
     """
     height, width = where.shape
     grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (width, height), interpolation=cv2.INTER_AREA)
-    drawn, covered = splat(points_m, colors.astype(float).mean(axis=1), camera_from_world, camera)
+    drawn, covered = _splat(points_m, colors.astype(float).mean(axis=1), camera_from_world, camera)
     both = where & covered
     truth = grey.astype(float)
     if not where.any():
@@ -112,23 +112,12 @@ def photometric_error(
     return 100.0 * float(error), 100.0 * float(both.sum() / where.sum())
 
 
-def splat(
+def _splat(
     points_m: Floats, values: Floats | None, camera_from_world: Floats, camera: CameraConfig
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """(h, w) values of the nearest points at 1 / `SHRINK` of the camera's size, and where there is any.
+    """(h, w) values (N,) of the nearest points (N, 3) at 1 / `SHRINK` of the camera's size, and where there is any.
 
-    Holes of a pixel are closed.
-
-    Parameters
-    ----------
-    points_m
-        (N, 3) world frame.
-    values
-        (N,) what is drawn of each point; nothing if None.
-    camera_from_world
-        (4, 4) where it is seen from.
-    camera
-        Its intrinsics.
+    Holes of a pixel are closed. Nothing is drawn where there are no values.
     """
     height, width = camera.height_px // SHRINK, camera.width_px // SHRINK
     at = points_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]

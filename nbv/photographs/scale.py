@@ -62,25 +62,39 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
         It cannot be read, or marks a place outside its photograph.
     """
     path = expanded(path)
+    lines = [line.split() for line in read_text(path, 16 * 2**20).splitlines() if line.strip()]
+    if not 2 <= len(lines) <= _MOST_LINES:
+        raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
+    geographic = re.search(r"longlat|4326|^WGS84$", " ".join(lines[0]), re.IGNORECASE) is not None
     of_file = {p.path.name.lower(): p for p in source.photographs}
-    kept: dict[Place, list[tuple[str, float, float]]] = {}
-    for place, seen in _read_marks(path).items():
-        for file, x_px, y_px in seen:
-            if (photograph := of_file.get(file.lower())) is None:
-                continue
-            sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
-            if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):
-                width, height = sizes[1]
-                raise UserError(
-                    f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
-                    "give marks in pixels of these photographs"
-                )
-            kept.setdefault(place, []).append((photograph.name, x_px, y_px))
-    if (several := sum(len(seen) >= 2 for seen in kept.values())) < FEWEST_POINTS:
+    marks: dict[Place, list[tuple[str, float, float]]] = {}
+    origin: Place | None = None
+    for number, words in enumerate(lines[1:], start=2):
+        try:
+            x, y, z, x_px, y_px = (float(word) for word in words[:5])
+            file = words[5]
+        except (ValueError, IndexError) as error:
+            raise UserError(f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; mend it") from error
+        if not np.isfinite([x, y, z, x_px, y_px]).all():
+            raise UserError(f"{path} line {number}: every number must be finite")
+        if (photograph := of_file.get(file.lower())) is None:
+            continue
+        sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
+        if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):
+            width, height = sizes[1]
+            raise UserError(
+                f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
+                "give marks in pixels of these photographs"
+            )
+        if geographic:
+            origin = origin or (y, x, 0.0)
+            x, y, z = local_metres((y, x, z), origin).tolist()
+        marks.setdefault((x, y, z), []).append((photograph.name, x_px, y_px))
+    if (several := sum(len(seen) >= 2 for seen in marks.values())) < FEWEST_POINTS:
         raise UserError(
             f"{path}: {several} control points are marked in two of these photographs or more; {FEWEST_POINTS} are needed"
         )
-    return ControlPoints(path, kept)
+    return ControlPoints(path, marks)
 
 
 def find_scale(
@@ -155,32 +169,7 @@ def _from_control_points(model: SolvedModel, source: Source, points: ControlPoin
     return Scale("control points", None, fit.scale, fit.rotation.T @ np.array([0.0, 0.0, 1.0]), (note,))
 
 
-def _read_marks(path: Path) -> dict[Place, list[tuple[str, float, float]]]:
-    """Marks (file, x, y) by place."""
-    lines = [line.split() for line in read_text(path, 16 * 2**20).splitlines() if line.strip()]
-    if not 2 <= len(lines) <= _MOST_LINES:
-        raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
-    header = " ".join(lines[0])
-    marks: dict[Place, list[tuple[str, float, float]]] = {}
-    for number, words in enumerate(lines[1:], start=2):
-        try:
-            x, y, z, x_px, y_px = (float(word) for word in words[:5])
-            file = words[5]
-        except (ValueError, IndexError) as error:
-            raise UserError(f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; mend it") from error
-        if not np.isfinite([x, y, z, x_px, y_px]).all():
-            raise UserError(f"{path} line {number}: every number must be finite")
-        marks.setdefault((x, y, z), []).append((file, x_px, y_px))
-    if re.search(r"longlat|4326|^WGS84$", header, re.IGNORECASE):
-        first = next(iter(marks))
-        return {
-            tuple(local_metres((y, x, z), (first[1], first[0], 0.0))): seen  # type: ignore[misc]
-            for (x, y, z), seen in marks.items()
-        }
-    return marks
-
-
-def local_metres(position: tuple[float, float, float], origin: tuple[float, float, float]) -> Floats:
+def local_metres(position: Place, origin: Place) -> Floats:
     """(3,) east, north and up of (latitude, longitude, altitude) from ``origin``, for distances of kilometres."""
     degrees = np.deg2rad(np.array(position[:2]) - np.array(origin[:2]))
     east = EARTH_M * degrees[1] * np.cos(np.deg2rad(origin[0]))

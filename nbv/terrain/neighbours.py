@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -78,31 +78,16 @@ def neighbour_cylinders(ground: GroundConfig, ground_seed: int, rock_sha256: str
     return tuple(found)
 
 
-def neighbour_bodies(
+def _bodies(
     cylinders: tuple[Cylinder, ...], ground_seed: int, rock_sha256: str, store: Store | None
 ) -> tuple[Body, ...]:
-    """The neighbours' meshes: training rocks turned and scaled into their cylinders, each with a texture of its own seed.
-
-    Parameters
-    ----------
-    cylinders
-        Where they stand (`neighbour_cylinders`).
-    ground_seed, rock_sha256
-        Key of the draws.
-    store
-        Where their shapes are kept; nowhere where left out.
-    """
+    """The neighbours' meshes: training rocks turned and scaled into their cylinders, each with a texture of its own seed."""
     rng = keyed_rng("neighbour shapes", ground_seed, rock_sha256)
     bodies = []
     for cylinder in cylinders:
         name, turn, seed = SHAPES[rng.integers(len(SHAPES))], rng.uniform(0, 2 * np.pi), rng.integers(2**31)
-        shape = remember(
-            store,
-            "neighbours",
-            lambda: _shape(name),  # noqa: B023
-            code=__name__,
-            inputs=[name, GRID_M],
-        )
+        make = partial(_shape, name)
+        shape = remember(store, "neighbours", make, code=__name__, inputs=[name, GRID_M])
         vertices, faces = shape["vertices_m"].copy(), shape["faces"]
         vertices[:, :2] @= np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         across = cylinder.radius_m / np.linalg.norm(vertices[:, :2], axis=1).max()
@@ -142,7 +127,7 @@ def make_surroundings(
     cylinders = neighbour_cylinders(ground, ground_seed, rock_sha256)
     return Surroundings(
         relief_of(ground, ground_seed),
-        neighbour_bodies(cylinders, ground_seed, rock_sha256, store),
+        _bodies(cylinders, ground_seed, rock_sha256, store),
         (canonical(ground), ground_seed, rock_sha256),
     )
 
