@@ -6,15 +6,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.evaluation.floaters import COARSE, FAR_RADII, scattered_mask, stray_mask
+from nbv.evaluation.voxels import occupied_voxels
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
-from nbv.types import Bools, Cloud, Floats, PointCloud
+from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
 _LOWEST_FRACTION = 0.2  # plane hypotheses come from the lowest points, as in the authors' code
+FLATNESS = 8.0  # a loose neighbourhood is a surface where it is thinner than the radius over this
+COARSE = 1.5  # of the median distance to the farthest neighbour: the radius is that at least
+FAR_RADII = 4.0  # small clusters go where they are farther than so many radii from all others
+CLUSTER_POINTS = 50  # voxels of 8 mm: 0.05 % of the surface of a rock of 1.6 m
 _SEED = 0  # of the plane hypotheses
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
 
@@ -43,8 +50,8 @@ def clean_cloud(
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
-    The paper's three steps in its order (section IV) and one of ours, which ``floater_radius_m`` 0 leaves out
-    (`nbv.evaluation.floaters`). Where this departs from the authors' code:
+    The paper's three steps in its order (section IV) and one of ours, which ``floater_radius_m`` 0 leaves out.
+    Where this departs from the authors' code:
 
     * the ground plane must lie within ``ground_max_tilt_deg`` of horizontal and within
       ``ground_max_offset_m`` of z = 0 below the target (theirs may be any plane, a facet of the rock too);
@@ -106,8 +113,8 @@ def clean_cloud(
         if config.floater_radius_m > 0:
             # A cloud that is coarse everywhere is no cloud of floaters.
             radius_m = max(config.floater_radius_m, COARSE * float(np.median(distance[:, -1])))
-            keep &= ~scattered_mask(points, distance, nearest, radius_m)
-            keep[keep] = ~stray_mask(points[keep], FAR_RADII * radius_m)
+            keep &= ~_scattered(points, distance, nearest, radius_m)
+            keep[keep] = ~_stray(points[keep], FAR_RADII * radius_m)
     cloud = select(cloud, keep)
     report.setdefault("outliers", len(points))
     report["floaters"] = len(cloud.points_m)
@@ -197,3 +204,36 @@ def _is_ground(plane: Plane, config: EvaluationConfig, target_m: Floats) -> bool
     if plane.normal[2] < np.cos(np.deg2rad(config.ground_max_tilt_deg)):
         return False
     return abs(plane.height_at_m(float(target_m[0]), float(target_m[1]))) <= config.ground_max_offset_m
+
+
+def _scattered(points_m: Floats, distances_m: Floats, nearest: Ints, radius_m: float) -> Bools:
+    """(N,) true where the neighbourhood is loose and no plane: wrong depths on which a few views agree by chance.
+
+    Loose: the farthest of the k neighbours lies beyond ``radius_m``. No plane: point and neighbours deviate from their
+    least-squares plane by more than ``radius_m / FLATNESS`` (root mean square). Density alone would cost completeness:
+    a part of the rock that few views see is loose, too, but flat. ``distances_m`` to, and indices of, the ``nearest``
+    others of each point are (N, k), nearest first.
+    """
+    loose = np.flatnonzero(distances_m[:, -1] > radius_m)
+    members = np.concatenate([points_m[loose, None], points_m[nearest[loose]]], axis=1)
+    members -= members.mean(axis=1, keepdims=True)
+    scatter = np.einsum("nki,nkj->nij", members, members) / members.shape[1]
+    thickness_m = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0))
+    scattered = np.zeros(len(points_m), dtype=bool)
+    scattered[loose[thickness_m > radius_m / FLATNESS]] = True
+    return scattered
+
+
+def _stray(points_m: Floats, radius_m: float) -> Bools:
+    """(N,) true in clusters of fewer than `CLUSTER_POINTS` points; what lies in touching cubes of ``radius_m`` is one.
+
+    So a cluster goes only if it is both small and more than ``radius_m`` away from all others.
+    """
+    voxels = occupied_voxels(points_m, radius_m)
+    pairs = cKDTree(voxels.cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    count = len(voxels.keys)
+    touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(count, count))
+    _, cluster_of_voxel = connected_components(touching, directed=False)
+    cluster = cluster_of_voxel[voxels.voxel_of]
+    stray: Bools = np.bincount(cluster)[cluster] < CLUSTER_POINTS
+    return stray

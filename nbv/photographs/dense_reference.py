@@ -185,28 +185,24 @@ def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
 
 
 def halves_agreement(
-    first: PointCloud, second: PointCloud, reference: PointCloud, height_m: float
-) -> HalvesAgreement:
-    """How completely each half's cloud covers the reference and how well it is confirmed by the other half's.
+    whole: PointCloud, halves: Sequence[PointCloud], height_m: float
+) -> tuple[HalvesAgreement, Floats]:
+    """How completely each half's cloud covers that of all photographs and how well it is confirmed by the other half's.
 
-    Parameters
-    ----------
-    first, second
-        The clouds of the two halves.
-    reference
-        That of all photographs.
-    height_m
-        Of the object; thresholds are shares of it.
+    Thresholds are shares of the object's height. Also (N,) the distance of each point of ``whole`` to the worse half's cloud.
     """
-    limits = [fraction * height_m for fraction in THRESHOLD_FRACTIONS]
-    missing = [distances_to(half, reference.points_m) for half in (first, second)]
+    first, second = halves
+    missing = [distances_to(half, whole.points_m) for half in halves]
     wrong = [distances_to(first, second.points_m), distances_to(second, first.points_m)]
     completeness, precision = (
-        tuple(float(np.mean([100 * np.mean(d < limit) for d in both])) for limit in limits)
+        tuple(
+            float(np.mean([100 * np.mean(d < fraction * height_m) for d in both]))
+            for fraction in THRESHOLD_FRACTIONS
+        )
         for both in (missing, wrong)
     )
     scores = tuple(2 * p * r / max(p + r, 1e-9) for p, r in zip(precision, completeness, strict=True))
-    return HalvesAgreement(completeness, precision, scores)
+    return HalvesAgreement(completeness, precision, scores), np.maximum(*missing)
 
 
 def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:

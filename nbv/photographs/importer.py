@@ -21,7 +21,6 @@ from nbv.errors import UserError
 from nbv.evaluation.registration import moved
 from nbv.photographs.dense_reference import (
     ReferenceMaker,
-    distances_to,
     halves_agreement,
     surface_of,
     weak_places,
@@ -127,10 +126,10 @@ def import_photographs(
     try:
         _write_pictures(source, model, pinhole, work)
         views = [p for p in _records(source, model) if p.registered]
-        out = drawn_out({view.name: view.sha256 for view in views})
+        out = drawn_out(views)
         views = [view for view in views if view.name not in out]
         maker = ReferenceMaker(source, work, pinhole, frame, model.xyz[frame.in_box(model.xyz)])
-        whole, first, second = (
+        whole, *halves = (
             maker.cloud(part, what)
             for part, what in (
                 (views, "dense reference of all photographs but those kept out"),
@@ -144,9 +143,9 @@ def import_photographs(
             low[2] = frame.low_m[2]
         placed = placement(low, high, model.centers)
         model = model.moved(placed)
-        whole, first, second = (moved(cloud, placed) for cloud in (whole, first, second))
+        whole, *halves = (moved(cloud, placed) for cloud in (whole, *halves))
         width, depth, height = (float(side) for side in placed.scale * (high - low))
-        error_m = np.maximum(distances_to(first, whole.points_m), distances_to(second, whole.points_m))
+        agreement, error_m = halves_agreement(whole, halves, height)
         assert whole.colors is not None and whole.normals is not None
         reference = Reference(whole.points_m, whole.normals, whole.colors, error_m)
         made = PhotographSet(
@@ -159,7 +158,7 @@ def import_photographs(
             metres_per_unit=scale.metres_per_unit(frame.set_from_model.scale * placed.scale, height),
             scale_source=scale.source,
             reference_error_m=float(np.median(error_m)),
-            halves=halves_agreement(first, second, whole, height),
+            halves=agreement,
             weak=weak_places(reference, height),
             notes=(
                 *notes,

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -29,10 +29,9 @@ from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
-from nbv.rocks import Rock
-from nbv.rocks.imported import check_name, read_rock
+from nbv.rocks.imported import check_name
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text
-from nbv.types import Bools, Floats, PointCloud
+from nbv.types import Bools, Floats
 
 FORMAT = 1
 SET_FILE, IMAGES, MASKS, SPARSE = "set.json", "images", "masks", "sparse"
@@ -99,11 +98,6 @@ class Reference:
 
     def __len__(self) -> int:
         return len(self.points_m)
-
-    @property
-    def cloud(self) -> PointCloud:
-        """Its points as any other cloud."""
-        return PointCloud(self.points_m, self.colors, self.normals)
 
     def write(self, path: Path) -> None:
         """Write a binary PLY, which viewers open."""
@@ -191,7 +185,7 @@ class PhotographSet:
     @cached_property
     def kept_out(self) -> frozenset[str]:
         """Names of the photographs that no mission may take and the reference is not made of; see `drawn_out`."""
-        return drawn_out({p.name: p.sha256 for p in self.registered})
+        return drawn_out(self.registered)
 
     @cached_property
     def takeable(self) -> tuple[Photograph, ...]:
@@ -227,10 +221,6 @@ class PhotographSet:
         """COLMAP's binary model in the set's frame; its images are called ``NAME.jpg``."""
         return self.folder / SPARSE
 
-    def image_path(self, name: str) -> Path:
-        """Where the undistorted photograph is."""
-        return self.folder / IMAGES / f"{name}.jpg"
-
     def image(self, name: str) -> NDArray[np.uint8]:
         """(H, W, 3) the undistorted photograph; `UserError` where the file is missing, damaged or of another size."""
         return read_image(self.folder, name, self.camera)
@@ -242,13 +232,6 @@ class PhotographSet:
     def reference(self) -> Reference:
         """The dense reference; `UserError` where its file is damaged."""
         return Reference.read(self.folder / REFERENCE_FILE)
-
-    def rock(self) -> Rock:
-        """The meshed reference as a rock, for surroundings, oracle and viewer; `UserError` where it is damaged."""
-        try:
-            return read_rock(self.folder / SURFACE_FILE)
-        except UserError as error:
-            raise UserError(f"{error}; import the photographs again with --force") from error
 
     @staticmethod
     def read(name: str) -> PhotographSet:
@@ -267,22 +250,15 @@ class PhotographSet:
 
     def write(self, folder: Path) -> None:
         """Write ``set.json`` into ``folder``; the other files are the import's to write."""
-        tree = asdict(self)
+        tree = msgspec.to_builtins(self, enc_hook=lambda v: str(v) if isinstance(v, Path) else v.tolist())
         del tree["folder"]
-        for record in tree["photographs"]:
-            pose = record["camera_from_world"]
-            record["camera_from_world"] = None if pose is None else np.asarray(pose).tolist()
         (folder / SET_FILE).write_text(json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
 
 
-def drawn_out(sha256: Mapping[str, str]) -> frozenset[str]:
-    """`KEPT_OUT_SHARE` of the names of photographs, drawn by their content (SHA-256 of the user's file).
-
-    What a mission's model is to predict, and may not have seen.
-    """
-    rank = {name: keyed_rng("photographs-kept-out", content).random() for name, content in sha256.items()}
-    count = round(KEPT_OUT_SHARE * len(rank))
-    return frozenset(sorted(rank, key=lambda name: (rank[name], name))[:count])
+def drawn_out(photographs: Sequence[Photograph]) -> frozenset[str]:
+    """Names of `KEPT_OUT_SHARE` of the photographs, drawn by their content: what a mission's model is to predict."""
+    rank = sorted((keyed_rng("photographs-kept-out", p.sha256).random(), p.name) for p in photographs)
+    return frozenset(name for _, name in rank[: round(KEPT_OUT_SHARE * len(rank))])
 
 
 def sets_folder() -> Path:

@@ -61,7 +61,7 @@ def test_a_damaged_description_is_one_line(small_set: PhotographSet, change: dic
 
 
 def test_pictures_are_checked(small_set: PhotographSet) -> None:
-    path = small_set.image_path("view_0")
+    path = small_set.folder / "images" / "view_0.jpg"
     pixels = np.full((48, 64, 3), 100, np.uint8)
     Image.fromarray(pixels).save(path)
     assert np.abs(small_set.image("view_0").astype(int) - pixels).max() <= 2
