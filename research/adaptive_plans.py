@@ -9,7 +9,7 @@ from typing import Any, cast
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.geometric.mission import GeometricFidelity
-from nbv.mission.aim import about
+from nbv.mission.belief import about
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.result import MissionResult

@@ -133,6 +133,14 @@ class MissionConfig:
     def _text(self) -> str:
         return json.dumps(dataclasses.asdict(self))
 
+    def changed(self, **values: Any) -> MissionConfig:
+        """A copy with fields of its own replaced, and those of sections: ``changed(target_m=..., dense={"neighbours": 4})``."""
+        new = {
+            name: dataclasses.replace(getattr(self, name), **value) if isinstance(value, dict) else value
+            for name, value in values.items()
+        }
+        return dataclasses.replace(self, **new)
+
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the canonical JSON form.
 

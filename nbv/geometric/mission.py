@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -10,19 +9,17 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
-from nbv.gates import GroundTruthOracle, Oracle
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import world_of
 from nbv.geometry.frames import look_at
-from nbv.mission.fidelity import MissionContext
+from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import load_coarse_rock
 from nbv.types import Capture, Cloud, Floats, Viewpoint
-from nbv.viewpoints import RINGS, ViewpointSource
 
 
 class PoseCamera:
@@ -47,25 +44,20 @@ class PoseCamera:
         """Nothing to give back."""
 
 
-class GeometricFidelity:
-    """Implements `nbv.mission.fidelity.Fidelity`: the mission's completeness is predicted."""
+class GeometricFidelity(Fidelity):
+    """The mission's completeness is predicted."""
 
     name = "geometric"
-    viewpoints: ViewpointSource = RINGS
+    reconstructor: GeometricReconstructor
 
     def __init__(self, context: MissionContext) -> None:
+        super().__init__(context)
         config, rock = context.config, context.rock
-        self.context = context
-        self.believed = replace(config, telemetry=TelemetryConfig(), target=TargetConfig())
+        self.believed = config.changed(telemetry=TelemetryConfig(), target=TargetConfig())
         self._world = world_of(rock, config, context.store)
         self.camera = PoseCamera(config.target_m)
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
         self.facts = {"geometric_code": code_digest(__package__)}
-
-    def oracle(self) -> Oracle:
-        """The true surface."""
-        rock = self.context.rock
-        return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Predicted scores; ``metrics["fidelity"]`` says that they are."""

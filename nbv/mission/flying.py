@@ -12,8 +12,7 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import gate_class, make_gate
-from nbv.mission.aim import aimed
-from nbv.mission.belief import believed
+from nbv.mission.belief import aimed, believed
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission

@@ -92,8 +92,7 @@ class AdaptiveMission:
         self.recorder.second_turn(failure, len(views))
         for view in views:
             self._fly_and_photograph(view)
-        stop = dataclasses.replace(self.config.stop, adaptive_budget=budget - len(views))
-        self._plan_by(dataclasses.replace(self.config, stop=stop))
+        self._plan_by(self.config.changed(stop={"adaptive_budget": budget - len(views)}))
         return True
 
     def _plan_by(self, config: MissionConfig) -> None:
@@ -112,7 +111,7 @@ class AdaptiveMission:
             found = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
             if found is not None:
                 target_m = found.center_m
-                self._turn_to_target(dataclasses.replace(self.config, target_m=target_m))
+                self._turn_to_target(self.config.changed(target_m=target_m))
         self.recorder.aimed_anew(target_m)
 
     def _to_be_found(self) -> bool:

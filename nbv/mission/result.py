@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
 
 from nbv.checksums import CHECKSUM, require_checksum, with_checksum
 from nbv.config import IDEAL
@@ -17,6 +17,10 @@ from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_text
 SCHEMA_VERSION = 1
 
 Status = Literal["ok", "degraded", "failed"]
+if TYPE_CHECKING:
+    Number = float
+else:
+    Number = float | None  # as read: null is what was not finite
 
 
 @dataclass(frozen=True)
@@ -26,25 +30,24 @@ class IterationRecord:
     iteration: int  # 0 is the first adaptive capture
     pool_size: int
     pool_counts: dict[str, int]  # survivors after each filter
-    d95_m: float  # before this capture
+    d95_m: Number  # before this capture
     n_points: int  # sparse points before this capture
     n_registered: int  # registered images before this capture
-    alignment_rms_m: float
+    alignment_rms_m: Number
     scorer: str  # whose ranking was flown
     reason: str  # the gate's
     gate_details: dict[str, Any]
-    oracle_rewards: dict[
-        str, float
-    ]  # of both scorers' best candidates; simulation only, no gate but the oracles sees it
-    features: dict[str, float]  # what a learned gate would read
-    top: dict[str, dict[str, float | str]]  # per scorer: its best candidate with score and terms
+    # Of both scorers' best candidates; simulation only, no gate but the oracles sees it.
+    oracle_rewards: dict[str, Number]
+    features: dict[str, Number]  # what a learned gate would read
+    top: dict[str, dict[str, Number | str]]  # per scorer: its best candidate with score and terms
     chosen: str  # candidate id
     registered: bool  # did the new image register
     message: str
-    leg_duration_s: float
-    leg_length_m: float
-    update_s: float  # wall time of the sparse update
-    planning_s: float  # wall time of pool, scorers and gate
+    leg_duration_s: Number
+    leg_length_m: Number
+    update_s: Number  # wall time of the sparse update
+    planning_s: Number  # wall time of pool, scorers and gate
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,8 @@ class MissionResult:
     replicate: int
     metrics: dict[str, Any]  # {"whole": {...}, "observable": {...}, ...}; empty when failed
     trace: list[IterationRecord]
-    timings_s: dict[str, float]
-    costs: dict[str, float]  # images, registered_images, flight_time_s, path_length_m, energy_wh, wall_s
+    timings_s: dict[str, Number]
+    costs: dict[str, Number]  # images, registered_images, flight_time_s, path_length_m, energy_wh, wall_s
     provenance: dict[str, Any] = field(default_factory=dict)
     condition: str = IDEAL
     schema_version: int = SCHEMA_VERSION
@@ -99,7 +102,7 @@ class MissionResult:
 
     def to_json(self) -> str:
         """JSON text with a checksum; non-finite numbers become null."""
-        return json.dumps(with_checksum(json_ready(asdict(self))), indent=1)
+        return json.dumps(with_checksum(json_ready(self)), indent=1)
 
     @staticmethod
     def from_json(text: str, source: str = "the mission result") -> MissionResult:
@@ -118,12 +121,7 @@ class MissionResult:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"
                 )
-            for record in tree["trace"]:
-                require_kinds(record, IterationRecord)
-            require_kinds(tree, MissionResult)
-            if tree["status"] not in get_args(Status):
-                raise ValueError(f"status is {str(tree['status'])[:40]!r}")
-            return MissionResult(**{**tree, "trace": [IterationRecord(**record) for record in tree["trace"]]})
+            return msgspec.convert(tree, MissionResult)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a mission result: {error}") from error
 
@@ -136,43 +134,14 @@ class MissionResult:
         return MissionResult.from_json(read_text(file, RESULT_BYTES), str(file))
 
 
-_KINDS: dict[str, tuple[type, ...]] = {
-    "bool": (bool,),
-    "dict": (dict,),
-    "float": (int, float, type(None)),  # null: not finite
-    "int": (int,),
-    "list": (list,),
-    "str": (str,),
-}
-
-
-def require_kinds(tree: Any, kind: type) -> None:
-    """``TypeError`` where a value is not of its field's kind, or a value of ``dict[str, float]`` is no number."""
-    if not isinstance(tree, dict):
-        raise TypeError(f"{str(tree)[:40]!r} is not an object")
-    for one in fields(kind):
-        outer, _, inner = str(one.type).partition("[")
-        value = tree.get(one.name)
-        of_values = _KINDS.get(inner.removeprefix("str, ").partition("[")[0].rstrip("]"), (object,))
-        values = value.values() if isinstance(value, dict) else ()
-        if one.name in tree and not (
-            isinstance(value, _KINDS.get(outer, (str,))) and all(isinstance(v, of_values) for v in values)
-        ):
-            raise TypeError(f"{one.name} is {str(value)[:40]!r}, not {one.type}")
-
-
 def json_ready(value: Any) -> Any:
     """``value`` with non-finite numbers as None, numpy scalars as plain ones, dataclasses as dicts, paths as text, at any depth."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: json_ready(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_ready(item) for item in value]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: json_ready(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
+
+
+def _plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
-    if hasattr(value, "item") and getattr(value, "ndim", None) == 0:  # numpy scalar
-        return json_ready(value.item())
-    return value
+    if getattr(value, "ndim", None) == 0:  # numpy scalar
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no form in JSON")

@@ -9,8 +9,7 @@ from nbv.cache import remember_json
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
-from nbv.gates import GroundTruthOracle, Oracle
-from nbv.mission.fidelity import MissionContext
+from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
@@ -21,30 +20,24 @@ from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
 from nbv.types import Cloud
-from nbv.viewpoints import RINGS, ViewpointSource
 
 
-class PhotogrammetricFidelity:
-    """Implements `nbv.mission.fidelity.Fidelity`."""
+class PhotogrammetricFidelity(Fidelity):
+    """Rendered photographs, structure from motion, dense stereo."""
 
     name = "photogrammetric"
-    viewpoints: ViewpointSource = RINGS
+    reconstructor: PhotogrammetricReconstructor
 
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
+        super().__init__(context)
         config, store = context.config, context.store
-        self.context, self.believed = context, context.believed
         self.camera = Studio(self._renderer, context.rock, context.replicate, self.believed, store)
         self.reconstructor = PhotogrammetricReconstructor(
             self.believed, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
         )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
-
-    def oracle(self) -> Oracle:
-        """The true surface."""
-        rock = self.context.rock
-        return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Clean the cloud and compare it with the true rock; metrics of a known cloud are kept, failures are not."""

@@ -11,7 +11,6 @@ sequence is therefore replayed from its seed model before it goes on, at the pri
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -116,8 +115,8 @@ class PhotogrammetricReconstructor:
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
         """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
-        few = dataclasses.replace(self._config.sparse, min_registered_seeds=FEWEST_SEEDS)
-        other = PhotogrammetricReconstructor(dataclasses.replace(self._config, sparse=few), self._store)
+        few = self._config.changed(sparse={"min_registered_seeds": FEWEST_SEEDS})
+        other = PhotogrammetricReconstructor(few, self._store)
         try:
             return other.bootstrap(captures).model
         except MissionFailure:
@@ -159,10 +158,9 @@ class PhotogrammetricReconstructor:
         Poses that are free of the exact rings bring views one behind the other, whose disparities span thousands of
         pixels: pairs below `LEAST_BASELINE_ANGLE_DEG` took up to 4/5 of what was searched, and added nothing to the cloud.
         """
-        dense = self._config.dense
-        least_deg = max(dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
-        dense = dataclasses.replace(dense, crop_half_width_m=half_width_m, min_baseline_angle_deg=least_deg)
-        self._config = dataclasses.replace(self._config, target_m=target_m, dense=dense)
+        least_deg = max(self._config.dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
+        dense = {"crop_half_width_m": half_width_m, "min_baseline_angle_deg": least_deg}
+        self._config = self._config.changed(target_m=target_m, dense=dense)
 
     def finish(self) -> Cloud:
         """Dense cloud from the registered photographs at the poses that SfM found.

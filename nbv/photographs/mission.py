@@ -19,7 +19,7 @@ from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.gates import Oracle
-from nbv.mission.fidelity import MissionContext
+from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
@@ -53,14 +53,16 @@ NOMINAL = "nominal: straight legs between places where a hand held the camera"
 TAKEN = "photographs.txt"
 
 
-class PhotographFidelity:
-    """Implements `nbv.mission.fidelity.Fidelity`."""
+class PhotographFidelity(Fidelity):
+    """Photographs of a set, each from where it was taken."""
 
     name = "photographs"
+    reconstructor: PhotogrammetricReconstructor
+    viewpoints: PhotographViewpoints
 
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
-        self.context = context
+        super().__init__(context)
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
         self.viewpoints = PhotographViewpoints(

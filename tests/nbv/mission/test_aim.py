@@ -4,7 +4,7 @@ import numpy as np
 
 from nbv.config import preset
 from nbv.geometric.mission import run_geometric_mission
-from nbv.mission.aim import MARGIN_M, aimed
+from nbv.mission.belief import KNOWN_MARGIN_M, aimed
 from nbv.rocks import load_coarse_rock
 
 CAMPAIGN = preset("campaign")
@@ -18,7 +18,7 @@ def test_the_middle_of_a_drawn_rock_is_aimed_at_and_its_ends_are_kept() -> None:
     np.testing.assert_allclose(config.target_m, [0.0, 0.0, top_m / 2], atol=1e-3)
     for half_m in (config.dense.crop_half_width_m, config.evaluation.crop_half_extent_m):
         assert config.target_m[2] + half_m >= top_m
-        assert half_m >= np.abs(rock.vertices_m[:, :2]).max() + MARGIN_M - 1e-3
+        assert half_m >= np.abs(rock.vertices_m[:, :2]).max() + KNOWN_MARGIN_M - 1e-3
     assert aimed(CAMPAIGN, load_coarse_rock("slab")) is CAMPAIGN
     chosen = CAMPAIGN.with_values({"target_m": [0.0, 0.0, 1.0]})
     assert aimed(chosen, rock) is chosen
