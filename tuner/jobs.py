@@ -5,13 +5,12 @@ They fly in processes of their own, so a script needs no ``if __name__ == "__mai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
-from nbv.mission.function import Keep
 from tuner.campaign.asked_settings import asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
@@ -34,38 +33,13 @@ if TYPE_CHECKING:
 __all__ = ["evaluate", "frame", "reproduce", "tune"]
 
 
-class AskedSettings(TypedDict, total=False):
-    """A campaign's settings as `tune` and a settings file take them; each is told in docs/reference/campaign_settings.md."""
-
-    name: str
-    space: str | Mapping[str, Any]
-    rocks: Sequence[str]
-    conditions: Sequence[str] | Mapping[str, Any]
-    mission: str | Path
-    objective: str | Mapping[str, str]
-    second: str | Mapping[str, str]
-    limit: float
-    preset: str
-    overrides: Mapping[str, Any]
-    fidelity: str
-    replicates: int
-    budget: int
-    sampler: str
-    initial: int
-    learn_from: Sequence[str]
-    seed: int
-    keep: Keep
-    storage: str
-    in_step: int
-
-
 def tune(
     directory: str | Path,
     *,
     workers: int | None = None,
     timeout_s: float = 3600.0,
     on_event: Callable[[CampaignEvent], None] | None = None,
-    **settings: Unpack[AskedSettings],
+    **settings: Any,
 ) -> Campaign:
     """Job 1: run a campaign in ``directory``, or go on with the one that is there.
 
@@ -78,8 +52,9 @@ def tune(
     on_event
         Called with everything that happens, in this process.
     settings
-        See `AskedSettings`. What is left out has the command's default, the name the directory's; of a campaign that is there
-        already it is its own, and what is given must be that.
+        A campaign's settings by name, as a settings file has them (docs/reference/campaign_settings.md). What is left out has
+        the command's default, the name the directory's; of a campaign that is there already it is its own, and what is given
+        must be that.
 
     Raises
     ------

@@ -13,8 +13,6 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
-from tuner.campaign.settings_file import SETTINGS
-from tuner.jobs import AskedSettings
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
 SMALL = {"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000}
@@ -84,10 +82,6 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
     assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
         tuner.tune(campaign.directory, rocks=["cavern"], space="gate_and_weights", budget=3)
-
-
-def test_every_setting_is_a_typed_argument() -> None:
-    assert set(AskedSettings.__annotations__) == set(SETTINGS)
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import types
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from nbv.config import IDEAL
 from tuner.problem.configurations import changes, short
@@ -163,18 +163,5 @@ class Recommendation:
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> Recommendation:
-        """Return the inverse of ``to_dict``, after JSON too; ``TypeError`` or ``KeyError`` where it is not."""
-        found: Recommendation = _read(Recommendation, tree)
-        return found
-
-
-def _read(kind: Any, raw: Any) -> Any:
-    """Return the value of a type, dataclasses in it included, from its JSON form."""
-    if isinstance(kind, types.UnionType):  # of a type and None
-        return None if raw is None else _read(typing.get_args(kind)[0], raw)
-    if dataclasses.is_dataclass(kind):
-        hints = typing.get_type_hints(kind)
-        return typing.cast(Any, kind)(**{name: _read(hints[name], value) for name, value in raw.items()})
-    if typing.get_origin(kind) is list:
-        return [_read(typing.get_args(kind)[0], item) for item in raw]
-    return tuple(raw) if typing.get_origin(kind) is tuple else raw
+        """Return the inverse of ``to_dict``, after JSON too; ``ValueError`` where it is not."""
+        return msgspec.convert(tree, Recommendation)
