@@ -59,7 +59,7 @@ def same_flight(trace: Sequence[IterationRecord], reference: Sequence[IterationR
 
 
 def by_rock(values: dict[Block, float]) -> dict[str, list[float]]:
-    """Values grouped for ``tuner.evaluation.statistics.mean_interval``."""
+    """Values grouped for ``tuner.evaluation.comparison.mean_interval``."""
     grouped: dict[str, list[float]] = {}
     for (rock, _), value in sorted(values.items()):
         grouped.setdefault(rock, []).append(value)

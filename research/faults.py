@@ -406,8 +406,8 @@ def prepared() -> Iterator[None]:
         import matplotlib.figure  # noqa: F401
         import torch  # noqa: F401
 
-        import tuner.campaign.asked_settings
         import tuner.campaign.begin
+        import tuner.campaign.settings_file
         import tuner.campaign.showcase
         import tuner.cli
         import tuner.report.campaign.page

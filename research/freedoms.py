@@ -21,9 +21,8 @@ from research.paired_cells import difference_text, markdown_table
 from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.comparison import strategy_difference, strategy_interval
+from tuner.evaluation.comparison import MetricRow, strategy_difference, strategy_interval
 from tuner.evaluation.flying import run_evaluation
-from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial

@@ -123,7 +123,7 @@ def _authors_file(path: Path) -> None:
 
 
 def _result(path: Path) -> None:
-    from tuner.missions.external.contract import read_result
+    from tuner.missions.external.program import read_result
 
     read_result(path)
 

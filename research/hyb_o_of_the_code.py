@@ -18,7 +18,7 @@ import numpy as np
 from nbv.config import PRESETS, preset
 from nbv.threads import single_thread_environment
 from tuner.evaluation.baselines import baseline_configs
-from tuner.evaluation.statistics import mean_interval
+from tuner.evaluation.comparison import mean_interval
 from tuner.missions.registry import mission_function
 
 VERSIONS = ("paper-code", "paper-code-2026-06")

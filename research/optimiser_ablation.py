@@ -26,9 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests/support")
 import synthetic
 
 from nbv.types import Floats
-from tuner.problem.blocks import next_block
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, next_block
 from tuner.recommendation.choose import recommend
 from tuner.samplers.gp import GPSampler
 from tuner.surrogate.settings import SurrogateSettings

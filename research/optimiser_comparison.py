@@ -37,11 +37,14 @@ import numpy as np  # noqa: E402
 
 from research.optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from research.optimiser_strategies import STRATEGIES, applicable  # noqa: E402
-from tuner.problem.blocks import next_block  # noqa: E402
-from tuner.problem.configurations import distinct_configurations  # noqa: E402
-from tuner.problem.observations import Observation, Proposal  # noqa: E402
+from tuner.problem.observations import (  # noqa: E402
+    Observation,
+    Proposal,
+    distinct_configurations,
+    next_block,
+)
 from tuner.problem.search_space import Values  # noqa: E402
-from tuner.recommendation.eligible import may_be_recommended  # noqa: E402
+from tuner.recommendation.choose import may_be_recommended  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 

@@ -289,7 +289,7 @@ class GeometricProblem:
 
     def __post_init__(self) -> None:
         from nbv.config import preset
-        from tuner.campaign.asked_settings import QUICK
+        from tuner.campaign.settings_file import QUICK
         from tuner.problem.space_files import load_search_space
 
         self.space = load_search_space(self.space_name)

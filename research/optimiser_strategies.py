@@ -25,24 +25,23 @@ from research.optimiser_problems import Problem
 from research.peers.sampler import PEER_NAMES, available_peers, make_peer_sampler
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import shipped_missions
-from tuner.problem.blocks import next_block
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, next_block
 from tuner.problem.search_space import Values
 from tuner.problem.standardise import RockStandardiser
-from tuner.samplers import registry
+from tuner.samplers import base
 from tuner.samplers.base import Sampler, SamplerSettings, derived_seed
 from tuner.samplers.design import initial_design_size
-from tuner.samplers.distributions import distributions
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import GPSampler
+from tuner.samplers.optuna import distributions
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     """A sampler of the product, or a peer."""
-    return make_peer_sampler(name, settings) if name in PEER_NAMES else registry.make_sampler(name, settings)
+    return make_peer_sampler(name, settings) if name in PEER_NAMES else base.make_sampler(name, settings)
 
 
 @dataclass(frozen=True)

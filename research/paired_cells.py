@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.statistics import Interval, PairedDifference
+from tuner.evaluation.comparison import Interval, MetricRow, PairedDifference
 from tuner.report.labels import MISSING, format_number, interval_methods
 
 EXACTLY_ZERO = "0 exactly"

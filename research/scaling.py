@@ -43,8 +43,11 @@ from distributed import Client, LocalCluster  # noqa: E402
 from nbv.mission.result import MissionResult  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.events import CampaignEvent  # noqa: E402
-from tuner.campaign.prefetch import MAX_BATCH, SHARE  # noqa: E402
-from tuner.campaign.session import fly_campaign  # noqa: E402
+from tuner.campaign.session import (  # noqa: E402
+    MAX_BATCH,
+    SHARE,
+    fly_campaign,
+)
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
@@ -53,8 +56,12 @@ from tuner.missions.job import RESULT_FILE, MissionJob, Trial  # noqa: E402
 from tuner.problem.observations import Observation, Pending  # noqa: E402
 from tuner.problem.search_space import ours  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
-from tuner.samplers.base import SamplerSettings, ask_many, in_flight  # noqa: E402
-from tuner.samplers.registry import make_sampler  # noqa: E402
+from tuner.samplers.base import (  # noqa: E402
+    SamplerSettings,
+    ask_many,
+    in_flight,
+    make_sampler,
+)
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 
 ROCKS = ("boulder", "slab", "waist", "vesicular", "cavern", "breccia")

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
-from tuner.campaign.asked_settings import asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings_file import SETTINGS_FILE, read_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
 from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
 from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
 from tuner.evaluation.of_campaign import held_out

@@ -31,7 +31,7 @@ from research.paired_cells import (
 )
 from research.study_directory import preamble
 from tuner.evaluation.baselines import label as strategy_label
-from tuner.evaluation.statistics import Interval, PairedDifference
+from tuner.evaluation.comparison import Interval, PairedDifference
 from tuner.report.labels import format_number
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure
 

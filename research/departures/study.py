@@ -31,10 +31,15 @@ from research.decisions import (
 from research.departures.table import DEPARTURES, Departure
 from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.comparison import values_of
-from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.comparison import (
+    Interval,
+    MetricRow,
+    PairedDifference,
+    mean_interval,
+    paired_difference,
+    values_of,
+)
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 

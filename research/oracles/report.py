@@ -17,7 +17,7 @@ from research.oracles.study import OracleFindings, StrategyResult
 from research.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
 from research.study_directory import preamble
 from tuner.evaluation.baselines import label as strategy_label
-from tuner.evaluation.statistics import PairedDifference
+from tuner.evaluation.comparison import PairedDifference
 from tuner.report.labels import MISSING, format_number
 
 _PREFERENCES = {

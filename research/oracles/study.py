@@ -31,10 +31,15 @@ from research.decisions import (
 from research.departures.study import FLIGHTS, METRICS, metric_key
 from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.comparison import strategy_difference, strategy_interval
-from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.comparison import (
+    Interval,
+    MetricRow,
+    PairedDifference,
+    mean_interval,
+    strategy_difference,
+    strategy_interval,
+)
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import ours

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from tuner.evaluation.comparison import mean_interval
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.statistics import mean_interval
 from tuner.missions.job import Trial
 
 F_SCORE, STRICT = "observable.f_score_48mm", "observable.f_score_16mm"

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from nbv.evaluation.registry import find_metric
 from research.transfer.study import TransferFindings
 from tuner.evaluation.baselines import TUNED
-from tuner.evaluation.statistics import PairedDifference
+from tuner.evaluation.comparison import PairedDifference
 from tuner.report.labels import format_number, metric_label
 from tuner.report.style import BLUE, GREY, ORANGE, SEQUENTIAL, look, new_figure
 

@@ -33,9 +33,14 @@ from tuner.evaluation.baselines import (
     baseline_configs,
     tuned_configs,
 )
-from tuner.evaluation.comparison import values_of
+from tuner.evaluation.comparison import (
+    Interval,
+    PairedDifference,
+    mean_interval,
+    paired_difference,
+    values_of,
+)
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours, value_at

@@ -12,8 +12,8 @@ from __future__ import annotations
 import torch
 from botorch.acquisition import AcquisitionFunction
 
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.posterior import KnownOutcome
 
 RECENT = 8
 _LEAST = 1e-12

@@ -19,17 +19,15 @@ from scipy import special
 
 from nbv.types import Bools, Floats
 from tuner.acquisition.believed_saving import LogBelievedSaving
-from tuner.acquisition.noisy_improvement import LogNoisyImprovement
-from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
+from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, LogNoisyImprovement, maximise
 from tuner.problem.exact_costs import Exact, modelled
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import SURE, ShareBelief
 from tuner.problem.worlds import Place
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import FREEDOM, probability_positive
+from tuner.surrogate.posterior import FREEDOM, KnownOutcome, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64

@@ -16,9 +16,9 @@ from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics, tensor
+from tuner.surrogate.posterior import KnownOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _FAILS = 1e6  # standard deviations: worse than all that works

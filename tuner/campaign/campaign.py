@@ -45,10 +45,9 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
+from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, make_sampler
 from tuner.samplers.beside_default import BesideDefault
 from tuner.samplers.earlier_missions import EarlierMissions
-from tuner.samplers.registry import make_sampler
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint

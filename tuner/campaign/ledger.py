@@ -23,12 +23,11 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
-from tuner.campaign.coordinator_lock import CoordinatorLock
-from tuner.campaign.storage import JOURNAL_FILE, Journal, open_storage, patiently
+from tuner.campaign.storage import JOURNAL_FILE, CoordinatorLock, Journal, open_storage, patiently
 from tuner.missions.job import Trial
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.worlds import World
-from tuner.samplers.distributions import distributions
+from tuner.samplers.optuna import distributions
 
 if TYPE_CHECKING:
     from tuner.campaign.settings import CampaignSettings

@@ -12,7 +12,7 @@ from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.missions.registry import code_of
-from tuner.problem.drawn_rocks import family_of
+from tuner.problem.worlds import family_of
 
 ACCEPT = "--accept-changes"
 

@@ -10,7 +10,7 @@ from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import list_rocks, load_coarse_rock
 from nbv.safe_files import is_file
-from tuner.problem.drawn_rocks import family_of
+from tuner.problem.worlds import family_of
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 

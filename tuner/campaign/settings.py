@@ -31,18 +31,16 @@ from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external import MissionFile, external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
-from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
-from tuner.problem.drawn_rocks import are_drawn, training_rock, with_families
 from tuner.problem.exact_costs import Exact, exact_cost
-from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
-from tuner.problem.quality_at_cost import COUNTS, require_share
+from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of, require_share
+from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.secrets import require_no_password
 from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.problem.worlds import World, worlds_over
+from tuner.problem.worlds import World, are_drawn, training_rock, with_families, worlds_over
+from tuner.samplers.base import SAMPLER_NAMES
 from tuner.samplers.design import initial_design_size
-from tuner.samplers.registry import SAMPLER_NAMES
 
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"

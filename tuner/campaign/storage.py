@@ -1,21 +1,25 @@
-"""Where a campaign's study lies: a journal file in its run directory, or a PostgreSQL database."""
+"""Where a campaign's study lies, a journal file in its run directory or a PostgreSQL database, and its one coordinator."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import hashlib
 import json
 import logging
 import os
+import socket
 import time
 import urllib.parse
+import uuid
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import optuna
 import sqlalchemy
-from optuna.storages import JournalStorage
+import sqlalchemy as sa
+from optuna.storages import JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -28,6 +32,9 @@ PATIENCE_S = 600.0  # with a database that is away while missions fly
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+OWNER = "coordinator"  # attribute of the study
+# Seconds until the database notices that a machine is gone.
+_KEEPALIVES = ("tcp_keepalives_idle = 20", "tcp_keepalives_interval = 10", "tcp_keepalives_count = 3")
 
 
 class DatabaseAwayError(UserError):
@@ -216,3 +223,64 @@ def _drop_torn_line(path: Path) -> None:
         with contextlib.suppress(OSError):
             path.with_name(path.name + ".torn").write_bytes(content[whole:])
         os.truncate(path, whole)
+
+
+class CoordinatorLock:
+    """One coordinator per campaign, on whatever machine: an advisory lock of the PostgreSQL database that holds the ledger.
+
+    The database frees it when the coordinator's connection ends, with its process or, some 50 s later, with its machine. A
+    coordinator whose connection was cut takes the lock again, unless another one has had it meanwhile: that one has left its
+    name in the study.
+    """
+
+    def __init__(self, storage: RDBStorage, study_id: int, name: str) -> None:
+        self._storage, self._study_id, self._name = storage, study_id, name
+        self._key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big", signed=True)
+        self._owner = f"{socket.gethostname()} {uuid.uuid4().hex}"
+        self._connection: sa.Connection | None = None
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold it; ``UserError`` where another coordinator does."""
+        self._take()
+        self._storage.set_study_user_attr(self._study_id, OWNER, self._owner)
+        try:
+            yield
+        finally:
+            self._let_go()
+
+    def require(self) -> None:
+        """Raise ``UserError`` where another coordinator has taken over; called before every write."""
+        if self._connection is None:
+            return
+        try:
+            self._connection.execute(sa.text("select 1"))
+        except sa.exc.SQLAlchemyError:
+            self._let_go()
+            self._take()
+        if self._last_owner() != self._owner:
+            raise UserError(
+                "this coordinator was cut off, and another one has taken over the campaign; leave it to that"
+            )
+
+    def _take(self) -> None:
+        connection = self._storage.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+        for setting in _KEEPALIVES:
+            connection.execute(sa.text(f"set {setting}"))
+        if not connection.scalar(sa.text("select pg_try_advisory_lock(:key)"), {"key": self._key}):
+            connection.close()
+            raise UserError(
+                f"campaign {self._name!r} is being flown on {self._last_owner().split()[0]}; stop it there, or wait a minute "
+                "where its machine is gone"
+            )
+        self._connection = connection
+
+    def _last_owner(self) -> str:
+        return str(self._storage.get_study_user_attrs(self._study_id).get(OWNER, "another machine"))
+
+    def _let_go(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                connection.invalidate()  # its end, not its return to the pool, frees the lock
+                connection.close()

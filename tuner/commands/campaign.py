@@ -90,8 +90,7 @@ def run(
 
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
-    from tuner.campaign.asked_settings import asked_fields, asked_settings
-    from tuner.campaign.settings_file import SETTINGS_FILE
+    from tuner.campaign.settings_file import SETTINGS_FILE, asked_fields, asked_settings
     from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
 
     if "overrides" in given:

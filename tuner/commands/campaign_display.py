@@ -10,7 +10,7 @@ from rich.table import Table
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
 from tuner.commands.console import FlightProgress, output, seconds
-from tuner.problem.configurations import short
+from tuner.problem.observations import short
 
 if TYPE_CHECKING:
     from tuner.campaign.events import CampaignEvent, CampaignStatus

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from nbv.errors import UserError
 from tuner.commands.console import AsJson, answer_json, load, output
-from tuner.problem.configurations import short
-from tuner.problem.quality_at_cost import objective_text
+from tuner.problem.objective import objective_text
+from tuner.problem.observations import short
 
 if TYPE_CHECKING:
     from tuner.campaign.settings import CampaignSettings

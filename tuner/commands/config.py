@@ -51,7 +51,7 @@ def metrics(as_json: AsJson = False) -> None:
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """
     from nbv.evaluation.registry import METRICS
-    from tuner.problem.quality_at_cost import COSTS, SHORT
+    from tuner.problem.objective import COSTS, SHORT
 
     table = Table(title="--metric SURFACE.NAME, SURFACE observable or whole")
     for column in ("name", "what it is", "unit", "better"):

@@ -11,7 +11,7 @@ from typing import Any
 from nbv.config import GATES, Condition, MissionConfig, SparseConfig, under
 from nbv.errors import UserError
 from nbv.mission.belief import must_look
-from tuner.problem.configurations import mission_key
+from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
 
 

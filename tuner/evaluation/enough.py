@@ -17,9 +17,9 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from tuner.evaluation.comparison import Interval, mean_interval
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.statistics import Interval, mean_interval
 from tuner.missions.registry import PHOTOGRAPHS
 
 NUMBERS = (16, 20, 24, 32, 48)

@@ -31,10 +31,9 @@ from tuner.evaluation.orbits_over_photographs import where_photographed
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.external import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
-from tuner.problem.drawn_rocks import are_drawn, held_out_rocks_of, with_families
-from tuner.problem.objective import Objective
-from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.search_space import Configuration, ours
+from tuner.problem.worlds import are_drawn, held_out_rocks_of, with_families
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score

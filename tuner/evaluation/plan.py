@@ -28,8 +28,7 @@ from nbv.safe_files import read_yaml, require
 from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
-from tuner.problem.blocks import MAX_REPLICATES
-from tuner.problem.configurations import mission_key
+from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 

@@ -17,7 +17,7 @@ from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
-from tuner.missions.external.configuration import ExternalConfig, configuration_from_dict
+from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration

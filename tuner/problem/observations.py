@@ -1,14 +1,27 @@
-"""What is known at one moment of a campaign: finished and running missions, as plain values."""
+"""Missions as plain values: finished ones, those in flight, what is proposed; which configurations flew on which blocks."""
 
 from __future__ import annotations
 
+import collections
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from nbv.config import IDEAL
-from tuner.problem.worlds import World
+from nbv.config import IDEAL, MissionConfig, parameters
+from tuner.problem.search_space import Configuration, SearchSpace, Values
+from tuner.problem.worlds import Place, World, worlds_of
+
+MAX_MISSIONS = 100_000  # of a campaign
+MAX_REPLICATES = 10_000  # of a rock
+Key = tuple[float, ...]
+Block = tuple[World, int]  # with the replicate
+# What only the planner of a mission reads: without effect where no view is planned.
+PLANNERS = (
+    *("gate.", "covis.", "b_aware.", "matchable."),
+    *("pool.min_altitude_m", "pool.max_altitude_m", "pool.max_travel_m", "pool.min_spacing_m"),
+    *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
+)
 
 
 @dataclass(frozen=True)
@@ -67,3 +80,95 @@ class Proposal:
     def world(self) -> World | None:
         """The world in which to fly it."""
         return None if self.rock is None else World(self.rock, self.condition)
+
+
+class Mission(Protocol):
+    """What a block is chosen by: a ledger's trial, an observation or a pending mission."""
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Tuned parameters."""
+        ...
+
+    @property
+    def world(self) -> World:
+        """Rock and condition."""
+        ...
+
+    @property
+    def replicate(self) -> int:
+        """Number of the draw."""
+        ...
+
+
+def next_block(
+    worlds: Sequence[Place], replicates: int, missions: Sequence[Mission], proposal: Proposal
+) -> tuple[World, int]:
+    """Return the world and the replicate of the next mission where the sampler left them open.
+
+    The world visited least (ties: list order), so worlds are taken in turn; in it the replicate used least among
+    those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
+
+    Parameters
+    ----------
+    worlds
+        The training worlds.
+    replicates
+        Replicates per world.
+    missions
+        All missions so far, those in flight included.
+    proposal
+        The mission to place.
+    """
+    if proposal.world is not None and proposal.replicate is not None:
+        return proposal.world, proposal.replicate
+    visits = collections.Counter(t.world for t in missions)
+    world = proposal.world or min(worlds_of(worlds), key=lambda place: visits[place])
+    if proposal.replicate is not None:
+        return world, proposal.replicate
+    here = [t for t in missions if t.world == world]
+    used = collections.Counter(t.replicate for t in here)
+    own = {t.replicate for t in here if t.values == proposal.values}
+    fresh = [k for k in range(replicates) if k not in own]
+    if fresh:
+        return world, min(fresh, key=lambda k: (used[k], k))
+    return world, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
+
+
+def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
+    """Return what is the same for equal configurations, and for no others."""
+    return tuple(round(float(u), 12) for u in space.to_unit(values))
+
+
+def distinct_configurations(space: SearchSpace, missions: Sequence[Observation]) -> list[Values]:
+    """Return each configuration that has flown, once, in the order of the first missions."""
+    return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
+
+
+def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Block]]:
+    """Return the (world, replicate) blocks that each configuration has flown, or is flying."""
+    flown: dict[Key, set[Block]] = collections.defaultdict(set)
+    for mission in missions:
+        flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
+    return flown
+
+
+def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str, ...]:
+    """Paths whose values differ from the default's, less those that are without effect."""
+    idle = PLANNERS if values.get("stop.adaptive_budget") == 0 else ()
+    return tuple(
+        path for path, value in values.items() if value != default[path] and not path.startswith(idle)
+    )
+
+
+def mission_key(config: Configuration) -> str:
+    """Return the same for configurations that fly the same mission: what is without effect in it does not count."""
+    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+        idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
+        config = config.with_values(idle)
+    return config.digest()
+
+
+def short(value: Any) -> str:
+    """Return a parameter's value as a person writes it: four significant digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

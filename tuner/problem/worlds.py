@@ -1,4 +1,9 @@
-"""Where a mission is flown: a rock under a condition."""
+"""Where a mission is flown: a rock under a condition.
+
+A place may be a family of rocks: ``any-cleft`` is another cleft with every replicate. A replicate of such a place is a rock, so
+what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has flown is the mean
+over the family.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nbv.config import IDEAL
+from nbv.errors import UserError
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
+
+ANY = "any"
 
 
 class World(NamedTuple):
@@ -52,3 +61,51 @@ def conditions_of(worlds: Iterable[World]) -> tuple[str, ...]:
 def rocks_of(worlds: Iterable[World]) -> tuple[str, ...]:
     """Return each rock once, in order."""
     return tuple(dict.fromkeys(world.rock for world in worlds))
+
+
+def family_of(rock: str) -> str | None:
+    """Return the family of a place such as ``any-cleft``; None for a rock."""
+    prefix, _, family = rock.partition("-")
+    return family if prefix == ANY and family in FAMILIES else None
+
+
+def with_families(rocks: Iterable[str]) -> list[str]:
+    """Return ``rocks`` with ``any`` as one place of every family.
+
+    Raises
+    ------
+    UserError
+        There is no such family, or some are rocks and some are families.
+    """
+    found = [
+        place for rock in rocks for place in ([f"{ANY}-{f}" for f in FAMILIES] if rock == ANY else [rock])
+    ]
+    for rock in found:
+        if rock.startswith(f"{ANY}-") and not family_of(rock):
+            raise UserError(
+                f"there is no family {rock[len(ANY) + 1 :]!r} of rocks; choose from {', '.join(FAMILIES)}"
+            )
+    drawn = [rock for rock in found if family_of(rock)]
+    if drawn and len(drawn) < len(found):
+        other = next(rock for rock in found if rock not in drawn)
+        raise UserError(
+            f"{drawn[0]} is a family of rocks and {other!r} is a rock; name families alone, or rocks alone"
+        )
+    return found
+
+
+def are_drawn(rocks: Sequence[str]) -> bool:
+    """Return whether the places are families."""
+    return any(family_of(rock) for rock in rocks)
+
+
+def training_rock(rock: str, replicate: int, seed: int) -> str:
+    """Return the rock of a place's replicate in a campaign of that seed, such as ``cleft-4711``; a rock is itself."""
+    family = family_of(rock)
+    return rock if family is None else f"{family}-{(seed * 1009 + replicate) % VALIDATION_FROM}"
+
+
+def held_out_rocks_of(rocks: Iterable[str], count: int) -> list[str]:
+    """Return the first ``count`` held-out rocks of every family, families in turn."""
+    families = [family_of(rock) for rock in rocks]
+    return [f"{family}-{HELD_OUT_FROM + k}" for k in range(count) for family in families]

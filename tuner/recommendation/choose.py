@@ -3,29 +3,30 @@
 Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
 that are better than the default, with a 95 % interval, the one with the fewest changes is taken that is not worse
 than the best of them. Where none is better, the default is recommended: its gain is inside the noise.
+
+The best of many posterior means is too good more often than not: most of what the surrogate knows of a configuration that
+flew once is what it concludes from neighbours, and a planner's outcome jumps wherever another view is chosen. So a
+configuration has to have flown on two rocks and with two replicates, and where there are several conditions under two (`enough`).
+The default was chosen by hand, not by an outcome: nothing flatters it.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.configurations import changes, configuration_key
-from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Block, Observation, blocks_flown, changes, configuration_key
 from tuner.problem.search_space import SearchSpace
-from tuner.problem.worlds import Place, World, rocks_of
-from tuner.recommendation.eligible import may_be_recommended
+from tuner.problem.worlds import Place, World, are_drawn, conditions_of, rocks_of, worlds_of
 from tuner.recommendation.limit import limit_of, on_next_rocks
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import Recommendation, RockRow, RunnerUp
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import Posterior, interval_95, probability_positive
+from tuner.surrogate.posterior import KnownOutcome, Posterior, interval_95, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
@@ -33,6 +34,7 @@ MAY_KEEP = 0.5  # probability from which on the default is not given up for some
 JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
+ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 
 
 def recommend(
@@ -70,7 +72,7 @@ def recommend(
     replicates
         The campaign's, per world.
     only_verified
-        Whether a configuration has to have flown often enough (`tuner.recommendation.eligible`). Samplers that fly nothing again leave
+        Whether a configuration has to have flown often enough (`tuner.recommendation.choose`). Samplers that fly nothing again leave
         no such configuration: theirs is any that has flown.
     settings
         Of the surrogate.
@@ -233,3 +235,46 @@ def _rock_row(
     observed = sign * sum(outcomes) / len(outcomes) if outcomes else None
     predicted = sign * model.predict_mission(values, world)[0]
     return RockRow(world.rock, len(outcomes), observed, predicted, world.condition)
+
+
+def enough(flown: Collection[Block], places: Collection[Place], replicates: int) -> bool:
+    """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
+    worlds = worlds_of(places)
+    own = [(world, replicate) for world, replicate in flown if world in worlds]
+    seen = [world for world, _ in own]
+    return (
+        len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(worlds)))
+        and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(worlds)))
+        and len({k for _, k in own}) >= min(REPLICATES, replicates)
+    )
+
+
+def may_be_recommended(
+    space: SearchSpace,
+    history: Sequence[Observation],
+    configurations: Sequence[Mapping[str, Any]],
+    places: Collection[Place],
+    replicates: int,
+    default: Mapping[str, Any],
+) -> list[bool]:
+    """Return for each configuration whether it has flown often enough; the default always has.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    history
+        Finished missions; only feasible ones count.
+    configurations
+        The configurations in question.
+    places
+        The training worlds.
+    replicates
+        The campaign's replicates per world.
+    default
+        The default values.
+    """
+    flown = blocks_flown(space, [o for o in history if o.feasible])
+    trusted = configuration_key(space, default)
+    keys = [configuration_key(space, values) for values in configurations]
+    return [key == trusted or enough(flown.get(key, ()), places, replicates) for key in keys]

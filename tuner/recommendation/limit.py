@@ -10,15 +10,13 @@ import numpy as np
 from scipy import special
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.objective import Objective
 from tuner.problem.share import ShareBelief
-from tuner.problem.worlds import rocks_of
+from tuner.problem.worlds import are_drawn, rocks_of
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import interval_95
+from tuner.surrogate.posterior import KnownOutcome, interval_95
 
 
 def limit_of(

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 
 from nbv.config import IDEAL
-from tuner.problem.configurations import changes, short
 from tuner.problem.objective import Direction
+from tuner.problem.observations import changes, short
 from tuner.problem.worlds import World
 
 
@@ -102,7 +102,7 @@ class NextRock:
 class Recommendation:
     """The answer of a campaign: ``values``, a configuration that has been flown, or the default.
 
-    Of the configurations flown often enough (``tuner.recommendation.eligible``) that are not worse than the best posterior
+    Of the configurations flown often enough (``tuner.recommendation.choose``) that are not worse than the best posterior
     mean, the one with the fewest changes; the default itself where the gain is inside the noise (``keep_default``).
 
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training worlds, without the noise of

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
 from tuner.missions.registry import is_geometric
-from tuner.problem.configurations import short
 from tuner.problem.objective import reached
+from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration
 from tuner.report.labels import (
     MetricLabel,

@@ -19,8 +19,12 @@ from nbv.rocks.imported import are_photographed, is_photographed
 from tuner.evaluation.baselines import TUNED, controls_at_equal_number, description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import (
+    PAPER_TABLE_I,
     ComparisonRow,
     ComparisonTable,
+    Interval,
+    MetricRow,
+    PairedDifference,
     comparison_table,
     strategy_difference,
     strategy_interval,
@@ -28,8 +32,6 @@ from tuner.evaluation.comparison import (
 )
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
-from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
-from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL
 from tuner.problem.exact_costs import PHOTOGRAPHS

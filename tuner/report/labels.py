@@ -151,7 +151,7 @@ _INTERVAL_METHODS = {
 
 
 def interval_methods(methods: Collection[str]) -> str:
-    """A sentence on how intervals were made, from the ``method`` of each (``tuner.evaluation.statistics.Interval``)."""
+    """A sentence on how intervals were made, from the ``method`` of each (``tuner.evaluation.comparison.Interval``)."""
     said = [text for name, text in _INTERVAL_METHODS.items() if name in methods]
     return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
 

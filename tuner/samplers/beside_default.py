@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tuner.problem.configurations import Block, configuration_key
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Block, Observation, Pending, Proposal, configuration_key
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     Sampler,

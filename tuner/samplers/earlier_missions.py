@@ -17,8 +17,7 @@ import numpy as np
 from nbv.config import IDEAL
 from nbv.safe_files import RESULT_NODES, parse_json
 from nbv.types import Floats
-from tuner.problem.configurations import distinct_configurations
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, distinct_configurations
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import conditions_of, worlds_over
 

@@ -31,8 +31,8 @@ from tuner.samplers.base import (
 )
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import verification
-from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.posterior import KnownOutcome
 from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2

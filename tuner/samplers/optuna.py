@@ -1,4 +1,4 @@
-"""Samplers of Optuna."""
+"""Samplers of Optuna, and search spaces as Optuna knows them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import optuna
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+)
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
-from tuner.samplers.distributions import distributions
 
 
 @dataclass(frozen=True)
@@ -66,3 +72,17 @@ class OptunaSampler:
 
         missions: list[Observation | Pending] = [*history, *pending]
         return [replayed(mission) for mission in sorted(missions, key=lambda m: m.number)]
+
+
+def distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
+    """Return Optuna distributions by path, of the same sets as the parameters."""
+    return {parameter.path: _distribution(parameter) for parameter in space.parameters}
+
+
+def _distribution(parameter: Parameter) -> BaseDistribution:
+    if parameter.kind == "categorical":
+        return CategoricalDistribution(parameter.choices)
+    log = parameter.scale == "log"
+    if parameter.kind == "int":
+        return IntDistribution(int(parameter.low), int(parameter.high), log=log)
+    return FloatDistribution(parameter.low, parameter.high, log=log)

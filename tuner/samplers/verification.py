@@ -1,7 +1,7 @@
 """Flying the favourite once more before anybody recommends it.
 
 The search flies a new configuration with every mission, and one that flew once may not be recommended
-(``tuner.recommendation.eligible``). Near the end of a budget, when exploring promises less than a mission's noise, the
+(``tuner.recommendation.choose``). Near the end of a budget, when exploring promises less than a mission's noise, the
 favourite is therefore flown on the (world, replicate) blocks it has not seen; the last missions, as many as rocks
 have replicates, are the favourite's whatever exploring promises.
 """
@@ -15,15 +15,21 @@ import torch
 
 from tuner.acquisition.believed_saving import LogBelievedSaving
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.blocks import next_block
-from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import (
+    Block,
+    Observation,
+    Pending,
+    Proposal,
+    blocks_flown,
+    configuration_key,
+    distinct_configurations,
+    next_block,
+)
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
-from tuner.recommendation.choose import JOINT, TOP
-from tuner.recommendation.eligible import enough
-from tuner.surrogate.known import KnownOutcome
+from tuner.recommendation.choose import JOINT, TOP, enough
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.posterior import KnownOutcome
 
 
 def verification(

@@ -20,7 +20,7 @@ from fake_campaigns import FIDELITY
 from in_process import InProcessExecutor
 
 from nbv.errors import UserError
-from tuner.campaign import prefetch
+from tuner.campaign import session
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
@@ -390,4 +390,4 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     assert {"model", "verification"} & {t.why["phase"] for t in trials}
     keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
     assert len(set(keys)) == len(keys)
-    assert Wide.capacity >= prefetch.FROM_WORKERS
+    assert Wide.capacity >= session.FROM_WORKERS

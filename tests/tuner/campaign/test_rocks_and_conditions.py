@@ -14,12 +14,11 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions
 from nbv.errors import UserError
-from tuner.campaign.asked_settings import asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import settings_from_dict
+from tuner.campaign.settings_file import asked_settings, settings_from_dict
 from tuner.evaluation.of_campaign import held_out
 from tuner.problem.worlds import World, worlds_over
 

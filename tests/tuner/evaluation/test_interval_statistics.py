@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tuner.evaluation.statistics import mean_interval, paired_difference
+from tuner.evaluation.comparison import mean_interval, paired_difference
 
 
 def coverage(rocks: int, replicates: int, rock_sd: float, trials: int = 1500) -> float:

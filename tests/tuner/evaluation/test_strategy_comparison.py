@@ -18,9 +18,15 @@ from tuner.evaluation.baselines import (
     baseline_configs,
     label,
 )
-from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
+from tuner.evaluation.comparison import (
+    PAPER_TABLE_I,
+    TABLE_I_ROWS,
+    MetricRow,
+    comparison_table,
+    strategy_difference,
+    values_of,
+)
 from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
-from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.problem.worlds import World

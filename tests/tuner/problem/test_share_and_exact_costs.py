@@ -14,11 +14,10 @@ from scipy import stats
 from nbv.config import preset
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint
-from tuner.campaign.asked_settings import asked_settings
+from tuner.campaign.settings_file import asked_settings
 from tuner.problem.exact_costs import Exact, ExactCost, exact_cost
-from tuner.problem.objective import Objective
+from tuner.problem.objective import Objective, asked_objective, objective_text
 from tuner.problem.observations import Observation
-from tuner.problem.quality_at_cost import asked_objective, objective_text
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.share import ShareBelief
 from tuner.problem.space_files import load_search_space, space_from_dict

@@ -10,8 +10,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import Place, World
-from tuner.recommendation.choose import recommend
-from tuner.recommendation.eligible import may_be_recommended
+from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
 from tuner.surrogate.model import RockMeanGP

@@ -11,7 +11,7 @@ from botorch.sampling import SobolQMCNormalSampler
 
 from tuner.acquisition.constrained import Constraint, two_models
 from tuner.acquisition.draws import draw
-from tuner.acquisition.noisy_improvement import LogNoisyImprovement
+from tuner.acquisition.propose import LogNoisyImprovement
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.samplers import gp

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.samplers.base import make_sampler
 from tuner.samplers.design import (
     initial_design_size,
     near_default,
     sobol_point,
 )
-from tuner.samplers.registry import make_sampler
 
 MIXED = SearchSpace(
     "mixed",

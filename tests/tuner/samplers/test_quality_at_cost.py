@@ -11,9 +11,8 @@ import pytest
 
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint, propose_constrained, two_models
-from tuner.problem.objective import Objective
+from tuner.problem.objective import Objective, asked_objective
 from tuner.problem.observations import Observation
-from tuner.problem.quality_at_cost import asked_objective
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend

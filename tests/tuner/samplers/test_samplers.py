@@ -13,7 +13,7 @@ from tuner.acquisition.draws import draw
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.recommendation.choose import recommend
-from tuner.samplers.registry import SAMPLER_NAMES, make_sampler
+from tuner.samplers.base import SAMPLER_NAMES, make_sampler
 from tuner.surrogate.model import RockMeanGP
 
 

@@ -14,10 +14,17 @@ import msgspec
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-from tuner.missions.external.configuration import ExternalConfig
-from tuner.missions.external.contract import REQUEST_FILE, RESULT_FILE, Request, Result, read_result, seed_of
-from tuner.missions.external.mission_file import MissionFile
-from tuner.missions.external.program import LOG_FILE, run_program
+from tuner.missions.external.mission_file import ExternalConfig, MissionFile
+from tuner.missions.external.program import (
+    LOG_FILE,
+    REQUEST_FILE,
+    RESULT_FILE,
+    Request,
+    Result,
+    read_result,
+    run_program,
+    seed_of,
+)
 from tuner.missions.external.scoring import score_cloud
 
 OUTPUT = "output"  # the mission's own folder, in its directory

@@ -19,8 +19,8 @@ from nbv.geometry.frames import align_umeyama
 from nbv.rocks import Rock, frame_of_file, load_rock
 from nbv.safe_files import read_bytes
 from nbv.types import Floats, PointCloud
-from tuner.missions.external.contract import Camera, Cloud, Request
 from tuner.missions.external.mission_file import MissionFile, Score
+from tuner.missions.external.program import Camera, Cloud, Request
 
 MAX_CLOUD_BYTES = 2 * 1024**3
 _OVERLAP_SAMPLES = 20_000

@@ -15,9 +15,8 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
-from tuner.problem.configurations import configuration_key
-from tuner.problem.objective import reached
-from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.objective import COUNTS, reached
+from tuner.problem.observations import configuration_key
 from tuner.problem.search_space import Parameter
 from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from tuner.missions.job import Trial
-from tuner.problem.configurations import short
+from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Value
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.walks import PAGE

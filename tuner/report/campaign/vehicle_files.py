@@ -19,7 +19,7 @@ from tuner.bridges.photogrammetry_nbv import (
     write_text,
 )
 from tuner.campaign.campaign import Campaign
-from tuner.problem.configurations import short
+from tuner.problem.observations import short
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation
 
