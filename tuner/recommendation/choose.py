@@ -232,7 +232,7 @@ def _rock_row(
     model: RockMeanGP, world: World, own: Sequence[Observation], values: Mapping[str, Any], sign: float
 ) -> RockRow:
     outcomes = [o.outcome for o in own if o.world == world and o.outcome is not None]
-    observed = sign * sum(outcomes) / len(outcomes) if outcomes else None
+    observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
     predicted = sign * model.predict_mission(values, world)[0]
     return RockRow(world.rock, len(outcomes), observed, predicted, world.condition)
 

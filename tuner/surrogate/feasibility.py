@@ -10,9 +10,9 @@ import torch
 
 from nbv.types import Floats
 from tuner.problem.search_space import SearchSpace
-from tuner.surrogate.condensed import fitted_subset
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import landscape_kernel
+from tuner.surrogate.many_missions import fitted_subset
 from tuner.surrogate.numerics import numerics, tensor
 
 _LEAST_SD = 0.1  # a label apart is 2: nothing is certain

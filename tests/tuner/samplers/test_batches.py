@@ -15,7 +15,6 @@ from tuner.acquisition.propose import LogNoisyImprovement
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
-from tuner.surrogate import condensed
 from tuner.surrogate.model import RockMeanGP
 
 DRAWS = 4096
@@ -30,12 +29,7 @@ def model_of(count: int) -> RockMeanGP:
     return RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 0), synthetic.ROCKS)
 
 
-@pytest.mark.parametrize("small", [False, True])
-def test_values_are_those_of_botorch(small: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    if small:
-        monkeypatch.setattr(condensed, "EXACT_MISSIONS", 30)
-        monkeypatch.setattr(condensed, "FITTED_MISSIONS", 24)
-        monkeypatch.setattr(condensed, "PROMISING", 6)
+def test_values_are_those_of_botorch() -> None:
     model = model_of(40)
     baseline = model.inputs(model.promising(12))
     flying = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in positions(6, 1)]))

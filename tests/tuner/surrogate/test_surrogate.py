@@ -12,7 +12,7 @@ from gpytorch.kernels import Kernel, MaternKernel, ScaleKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.surrogate import condensed
+from tuner.surrogate import many_missions
 from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95
@@ -168,9 +168,9 @@ def models() -> tuple[RockMeanGP, RockMeanGP]:
     exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
-        small.setattr(condensed, "EXACT_MISSIONS", 100)
-        small.setattr(condensed, "FITTED_MISSIONS", 80)
-        small.setattr(condensed, "PROMISING", 30)
+        small.setattr(many_missions, "EXACT_MISSIONS", 100)
+        small.setattr(many_missions, "FITTED_MISSIONS", 80)
+        small.setattr(many_missions, "PROMISING", 30)
         return exact, RockMeanGP(synthetic.SPACE, missions, ROCKS)
 
 
@@ -185,11 +185,11 @@ def test_many_missions_are_believed_as_by_the_exact_model(models: tuple[RockMean
     assert small.noise_sd == pytest.approx(0.3, rel=0.4)
 
 
-def test_with_all_missions_inducing_it_is_the_exact_model() -> None:
+def test_with_all_missions_promising_it_is_the_exact_model() -> None:
     missions = _missions(60)
     exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
     x, y = exact.model.train_inputs[0], exact.model.train_targets
-    small = condensed.condensed(exact.model, x, y[:, None])
+    small = many_missions.with_promising(exact.model, x, y[:, None])
     probe = exact.inputs(np.random.default_rng(1).uniform(size=(20, 2)))
     assert np.allclose(small.posterior(probe).mean, exact.model.posterior(probe).mean, atol=1e-3)
     assert np.allclose(small.posterior(probe).variance, exact.model.posterior(probe).variance, atol=1e-3)
