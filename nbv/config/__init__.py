@@ -20,7 +20,6 @@ from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_fr
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
-from nbv.config.sections_ground import GroundConfig, WindConfig
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
@@ -33,8 +32,17 @@ from nbv.config.sections_planning import (
     Weights,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
-from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
-from nbv.config.telemetry import TELEMETRY_LEVELS, TargetConfig, TelemetryConfig
+from nbv.config.sections_world import (
+    TELEMETRY_LEVELS,
+    CameraConfig,
+    FlightConfig,
+    GroundConfig,
+    SceneConfig,
+    SensorConfig,
+    TargetConfig,
+    TelemetryConfig,
+    WindConfig,
+)
 
 __all__ = [
     "DENSE_BACKENDS",

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config.mission_config import IDEAL, MissionConfig, config_from_dict
-from nbv.config.telemetry import telemetry_level
+from nbv.config.sections_world import telemetry_level
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml
 

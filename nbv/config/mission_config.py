@@ -6,15 +6,15 @@ The defaults are preset ``paper``; every field says where its default comes from
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import hashlib
 import json
 import typing
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
-from nbv.config.parsing import build, leaf_paths, merge, set_values
-from nbv.config.sections_ground import GroundConfig, WindConfig
+from nbv.config.parsing import build, leaf_paths
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
@@ -26,29 +26,38 @@ from nbv.config.sections_planning import (
     StopConfig,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
-from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
+from nbv.config.sections_world import (
+    CameraConfig,
+    FlightConfig,
+    GroundConfig,
+    SceneConfig,
+    SensorConfig,
+    TargetConfig,
+    TelemetryConfig,
+    WindConfig,
+    telemetry_level,
+)
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
-from nbv.config.telemetry import TargetConfig, TelemetryConfig, telemetry_level
 from nbv.errors import UserError
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
+# Of earlier versions. What has another name now: a file that still uses the old one is told.
+RENAMED = {
+    "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
+    "b_aware.matchable_views": "matchable.views",
+}
+GONE = (
+    "scene.mitsuba_samples",
+    "scene.mitsuba_depth",
+)  # a recorded mission's file that has them is read without
+# Sections that are read where they have this value, and part of every digest, so that old missions keep theirs.
+RETIRED = {"visibility": {"mode": "frustum"}}
 
 
 @dataclass(frozen=True)
 class MissionConfig:
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
-
-    # What has another name now; a file that still uses the old one is told.
-    RENAMED: ClassVar[dict[str, str]] = {
-        "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
-        "b_aware.matchable_views": "matchable.views",
-    }
-    # Of earlier versions; a recorded mission's file that has them is read without.
-    GONE: ClassVar[tuple[str, ...]] = ("scene.mitsuba_samples", "scene.mitsuba_depth")
-
-    # Of earlier versions: read where they have this value, and part of every digest, so that old missions keep theirs.
-    RETIRED: ClassVar[dict[str, str]] = {"visibility.mode": "frustum"}
 
     preset: str = ours("paper", "name of the preset that it began as")
     condition: str = ours(IDEAL, "name of the condition that it is under", added=True)
@@ -147,10 +156,7 @@ class MissionConfig:
         A field that was added since version 1 and has its default is left out: a mission flown before the
         field existed is the same mission.
         """
-        tree = _without_unused_additions(self, self.to_dict())
-        for path, value in self.RETIRED.items():
-            section, name = path.split(".")
-            tree.setdefault(section, {})[name] = value
+        tree = {**_without_unused_additions(self, self.to_dict()), **RETIRED}
         text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -166,12 +172,14 @@ class MissionConfig:
         """
         if not values:
             return self
-        tree, values = self.to_dict(), dict(values)
-        if isinstance(level := values.get("telemetry"), str):
-            del values["telemetry"]
-            tree["telemetry"] = dataclasses.asdict(telemetry_level(level))
-        set_values(tree, values, MissionConfig)
-        config = typing.cast(MissionConfig, build(MissionConfig, tree))
+        tree = self.to_dict()
+        for path, value in values.items():
+            *parents, name = path.split(".")
+            nested = {name: value}
+            for part in reversed(parents):
+                nested = {part: nested}
+            _merge(tree, nested)
+        config = build(MissionConfig, tree)
         config.require_seeds_above_ground()
         return config
 
@@ -208,10 +216,52 @@ def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) ->
     if not isinstance(tree, dict):
         raise UserError(f"a configuration maps sections to their fields; this is {str(tree)[:60]!r}")
     merged = (base or MissionConfig()).to_dict()
-    if isinstance(level := tree.get("telemetry"), str):
-        tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
-    merge(merged, tree, MissionConfig)
-    return typing.cast(MissionConfig, build(MissionConfig, merged))
+    _merge(merged, tree)
+    return build(MissionConfig, merged)
+
+
+def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
+    """Write the keys of ``new`` over those of ``into``, the nested dictionary of a configuration.
+
+    Raises
+    ------
+    UserError
+        A key that there is not, a value where a mapping is needed, or what an earlier version had and this one cannot do.
+    """
+    if not isinstance(new, dict):
+        raise UserError(f"{prefix.rstrip('.')} must be a mapping, not {type(new).__name__}")
+    for key, value in new.items():
+        path = f"{prefix}{key}"
+        if path == "telemetry" and isinstance(value, str):
+            value = dataclasses.asdict(telemetry_level(value))
+        if key in into:
+            if isinstance(into[key], dict):
+                _merge(into[key], value, f"{path}.")
+            else:
+                into[key] = value
+        elif path in RETIRED and isinstance(value, dict):
+            for name, given in value.items():
+                _require_retired(path, name, given)
+        elif path not in GONE:
+            raise UserError(_unknown(path))
+
+
+def _require_retired(section: str, name: str, given: Any) -> None:
+    path, stayed = f"{section}.{name}", RETIRED[section].get(name)
+    if stayed is None:
+        raise UserError(_unknown(path))
+    if given != stayed:
+        raise UserError(
+            f"{path} is gone: the program only does what {stayed!r} did, not {given!r} (research/README.md, Gone)"
+        )
+
+
+def _unknown(path: str) -> str:
+    if path in RENAMED:
+        return f"{path} of an earlier version is now {RENAMED[path]}"
+    close = difflib.get_close_matches(path, parameter_paths(), n=3, cutoff=0.4)
+    hint = f"; did you mean {', '.join(close)}?" if close else "; `gatetune config show` lists all paths"
+    return f"unknown mission parameter {path!r}{hint}"
 
 
 def parameter_paths() -> list[str]:

@@ -7,7 +7,6 @@ search spaces and command-line overrides use these paths. Nothing here knows whi
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import math
 import types
@@ -37,73 +36,6 @@ def leaf_paths(cls: type, prefix: str = "") -> list[str]:
         else:
             paths.append(f"{prefix}{f.name}")
     return paths
-
-
-def set_values(tree: dict[str, Any], values: dict[str, Any], cls: type) -> None:
-    """Set parameter paths in ``tree``, the nested dictionary of a ``cls``; ``UserError`` for an unknown path."""
-    for path, value in values.items():
-        if _is_retired(path, value, cls):
-            continue
-        *parents, name = path.split(".")
-        node: Any = tree
-        for part in parents:
-            node = node.get(part) if isinstance(node, dict) else None
-        if not isinstance(node, dict) or name not in node or isinstance(node[name], dict):
-            raise UserError(_unknown_path(path, cls))
-        node[name] = value
-
-
-def merge(into: dict[str, Any], new: dict[str, Any], cls: type, prefix: str = "") -> None:
-    """Write the keys of ``new`` over those of ``into``, the nested dictionary of a ``cls``.
-
-    Raises
-    ------
-    UserError
-        A key that ``into`` lacks, or a value where a mapping is needed.
-    """
-    if not isinstance(new, dict):
-        raise UserError(
-            f"{prefix.rstrip('.') or 'configuration'} must be a mapping, not {type(new).__name__}"
-        )
-    for key, value in new.items():
-        if f"{prefix}{key}" in getattr(cls, "GONE", ()):
-            continue
-        if isinstance(value, dict) and any(p.startswith(f"{prefix}{key}.") for p in _retired(cls)):
-            merge(into.get(key, {}), value, cls, f"{prefix}{key}.")
-        elif _is_retired(f"{prefix}{key}", value, cls):
-            continue
-        elif key not in into:
-            raise UserError(_unknown_path(f"{prefix}{key}", cls))
-        elif isinstance(into[key], dict):
-            merge(into[key], value, cls, f"{prefix}{key}.")
-        else:
-            into[key] = value
-
-
-def _retired(cls: type) -> dict[str, Any]:
-    """Settings of earlier versions that had a value which the program has always taken since, and that value."""
-    return getattr(cls, "RETIRED", {})
-
-
-def _is_retired(path: str, value: Any, cls: type) -> bool:
-    """Whether ``path`` is of an earlier version and ``value`` is what the program does now; `UserError` at another."""
-    if path not in _retired(cls):
-        return False
-    if value != _retired(cls)[path]:
-        raise UserError(
-            f"{path} is gone: the program only does what {_retired(cls)[path]!r} did, not {value!r} "
-            "(research/README.md, Gone)"
-        )
-    return True
-
-
-def _unknown_path(path: str, cls: type) -> str:
-    renamed: dict[str, str] = getattr(cls, "RENAMED", {})
-    if path in renamed:
-        return f"{path} of an earlier version is now {renamed[path]}"
-    close = difflib.get_close_matches(path, leaf_paths(cls), n=3, cutoff=0.4)
-    hint = f"; did you mean {', '.join(close)}?" if close else "; `gatetune config show` lists all paths"
-    return f"unknown mission parameter {path!r}{hint}"
 
 
 def build(cls: type, tree: dict[str, Any], prefix: str = "") -> Any:

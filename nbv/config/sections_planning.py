@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from nbv.config.registry import SCORERS, gate_kinds
-from nbv.config.section import Section
-from nbv.config.sources import code, ours, text
+from nbv.config.sources import Section, code, ours, text
 
 
 @dataclass(frozen=True)

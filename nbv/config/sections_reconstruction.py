@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from nbv.config.registry import DENSE_BACKENDS
-from nbv.config.section import Section
-from nbv.config.sources import code, ours, text
+from nbv.config.sources import Section, code, ours, text
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The sections for what is simulated: camera, scene, sensor and flight."""
+"""The sections for what is simulated: camera, scene, ground, wind, sensor, flight, and how well the vehicle knows its place."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass
 
 from nbv.config.registry import RENDERERS
-from nbv.config.section import Section
-from nbv.config.sources import code, ours
+from nbv.config.sources import Section, code, ours
+from nbv.errors import UserError
 
 LOWEST_SUN_DEG = 3.0  # lower, and shadows outgrow the ground that is drawn
+HIGHEST_RELIEF_M = 0.2
+MOST_NEIGHBOURS = 12
+HIGHEST_NEIGHBOUR_M = 1.5
+WIDEST_GAP_M = 3.0
 
 
 @dataclass(frozen=True)
@@ -182,3 +186,150 @@ class FlightConfig(Section):
         self._need_positive("mass_kg", "rotor_diameter_m", "propulsion_efficiency")
         self._need(self.propulsion_efficiency <= 1, "propulsion_efficiency", "at most 1")
         self._need_at_least(0, "keep_out_radius_m", "keep_out_height_m", "min_camera_altitude_m")
+
+
+@dataclass(frozen=True)
+class GroundConfig(Section):
+    """What the ground has besides its texture (`nbv.terrain`); by default it is flat and empty."""
+
+    relief_m: float = ours(
+        0.0,
+        "rms height of the ground, 0 to 0.2",
+        why="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
+    )
+    relief_length_m: float = ours(
+        1.0, "its correlation length; rms slope is 1.4 relief / length", why="about the rock's size"
+    )
+    neighbours: int = ours(0, "other rocks about the target, beyond the evaluation's crop", why="0 to 12")
+    neighbour_height_m: tuple[float, float] = ours(
+        (0.4, 1.0), "their least and greatest height", why="at most 1.5: smaller than the target"
+    )
+    neighbour_gap_m: tuple[float, float] = ours(
+        (0.1, 2.0), "how far beyond the crop they begin", why="at most 3: within the views' reach"
+    )
+    burial_m: float = ours(0.0, "how deep the target lies in the ground", why="less than its height")
+
+    def __post_init__(self) -> None:
+        self._need(0 <= self.relief_m <= HIGHEST_RELIEF_M, "relief_m", f"between 0 and {HIGHEST_RELIEF_M:g}")
+        self._need(0.3 <= self.relief_length_m <= 5, "relief_length_m", "between 0.3 and 5")
+        self._need(0 <= self.neighbours <= MOST_NEIGHBOURS, "neighbours", f"between 0 and {MOST_NEIGHBOURS}")
+        low, high = self.neighbour_height_m
+        rule = f"0.1 or more, in order, and at most {HIGHEST_NEIGHBOUR_M:g}"
+        self._need(0.1 <= low <= high <= HIGHEST_NEIGHBOUR_M, "neighbour_height_m", rule)
+        low, high = self.neighbour_gap_m
+        rule = f"0.05 or more, in order, and at most {WIDEST_GAP_M:g}"
+        self._need(0.05 <= low <= high <= WIDEST_GAP_M, "neighbour_gap_m", rule)
+        self._need_at_least(0, "burial_m")
+
+
+@dataclass(frozen=True)
+class WindConfig(Section):
+    """Wind on the flight (`nbv.flight.wind`); its direction is drawn per replicate."""
+
+    mean_speed_m_s: float = ours(0.0, "mean speed, horizontal", why="with 3 gusts below flight.max_speed_m_s")
+    gust_m_s: float = ours(
+        0.0, "standard deviation of gusts", why="MIL-F-8785C near the ground: a fifth of the mean"
+    )
+    sway_s: float = ours(
+        0.18,
+        "hover error in m per m/s of gust",
+        why="rotor drag 0.3 1/s against PX4's default loop of 1.7 1/s²",
+    )
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "mean_speed_m_s", "gust_m_s", "sway_s")
+
+    @property
+    def strongest_m_s(self) -> float:
+        """Mean and three standard deviations of gusts."""
+        return self.mean_speed_m_s + 3 * self.gust_m_s
+
+
+@dataclass(frozen=True)
+class TelemetryConfig(Section):
+    """Errors of the reported camera pose (`nbv.flight.telemetry`); all zero by default: telemetry is exact."""
+
+    horizontal_noise_m: float = ours(
+        0.0, "standard deviation of each horizontal axis, anew in every photograph"
+    )
+    vertical_noise_m: float = ours(0.0, "the same of the vertical axis")
+    drift_m: float = ours(0.0, "standard deviation of the slow error of each axis")
+    drift_time_s: float = ours(120.0, "time in which the slow error forgets itself (correlation 1 / e)")
+    lever_arm_m: tuple[float, float, float] = ours(
+        (0.0, 0.0, 0.0), "camera from the reported point that nobody corrects: forward, left, up"
+    )
+    attitude_noise_deg: float = ours(0.0, "standard deviation of the camera's attitude about each axis")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "horizontal_noise_m", "vertical_noise_m", "drift_m", "attitude_noise_deg")
+        self._need_positive("drift_time_s")
+        if not self.is_exact:
+            rule = "positive, or drift_m: telemetry that errs needs a covariance along every axis"
+            for name in ("horizontal_noise_m", "vertical_noise_m"):
+                self._need(getattr(self, name) > 0 or self.drift_m > 0, name, rule)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether what is reported is the truth."""
+        return self.position_sd_m == 0 and self.attitude_noise_deg == 0
+
+    @property
+    def covariance_m2(self) -> tuple[float, float, float]:
+        """Variance of the reported position along east, north and up: noise and drift.
+
+        The lever arm is no part of it: nobody knows of one that nobody corrects.
+        """
+        horizontal, vertical = self.horizontal_noise_m**2, self.vertical_noise_m**2
+        return (horizontal + self.drift_m**2, horizontal + self.drift_m**2, vertical + self.drift_m**2)
+
+    @property
+    def position_sd_m(self) -> float:
+        """Root mean square distance between the reported and the true camera position."""
+        noise = 2 * self.horizontal_noise_m**2 + self.vertical_noise_m**2 + 3 * self.drift_m**2
+        return math.sqrt(noise + sum(axis**2 for axis in self.lever_arm_m))
+
+
+@dataclass(frozen=True)
+class TargetConfig(Section):
+    """Error of the place where the target is believed before it is seen; zero by default: it is known."""
+
+    horizontal_sd_m: float = ours(
+        0.0,
+        "standard deviation of each horizontal axis of the target's believed centre",
+        why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
+    )
+    vertical_sd_m: float = ours(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "horizontal_sd_m", "vertical_sd_m")
+
+    @property
+    def is_known(self) -> bool:
+        """Whether what is believed is the truth."""
+        return self.horizontal_sd_m == 0 and self.vertical_sd_m == 0
+
+
+# Fixed RTK is specified to 1 cm plus 1 ppm horizontally and about 1.5 times that vertically (u-blox ZED-F9P data sheet);
+# twice that is taken for a vehicle in motion. Single-frequency GNSS with a flight controller's filter: about 0.5 m over
+# minutes. Visual-inertial odometry: sub-percent drift of the way flown (150 to 300 m here) between loop closures.
+TELEMETRY_LEVELS = {
+    "exact": TelemetryConfig(),
+    "rtk": TelemetryConfig(horizontal_noise_m=0.02, vertical_noise_m=0.03, attitude_noise_deg=0.5),
+    "gnss": TelemetryConfig(
+        horizontal_noise_m=0.3, vertical_noise_m=0.4, drift_m=0.4, drift_time_s=300.0, attitude_noise_deg=1.0
+    ),
+    "vio": TelemetryConfig(
+        horizontal_noise_m=0.02,
+        vertical_noise_m=0.02,
+        drift_m=0.2,
+        drift_time_s=120.0,
+        attitude_noise_deg=0.5,
+    ),
+}
+
+
+def telemetry_level(name: str) -> TelemetryConfig:
+    """The level called ``name``; ``UserError`` if there is none."""
+    if name not in TELEMETRY_LEVELS:
+        raise UserError(f"unknown telemetry level {name!r}; there are {', '.join(TELEMETRY_LEVELS)}")
+    return TELEMETRY_LEVELS[name]

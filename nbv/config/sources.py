@@ -1,4 +1,6 @@
-"""Where a default comes from: every leaf of the configuration is declared with one of these three.
+"""How a section's fields are declared, with where their defaults come from, and checked.
+
+Every leaf of the configuration is declared with one of three functions.
 
 ``text`` is the paper as printed, ``code`` the authors' public code and simulator where the text is silent,
 ``ours`` everything else. ``added`` marks a field that came after missions had been recorded without it, since
@@ -11,6 +13,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection
 from typing import Any, Literal, TypeVar, cast
+
+from nbv.errors import UserError
 
 Source = Literal["text", "code", "ours"]
 T = TypeVar("T")
@@ -106,3 +110,36 @@ def split_unit(name: str) -> tuple[str, str]:
         if unit := _UNITS.get("_".join(words[start:])):
             return " ".join(words[:start]), unit
     return " ".join(words), ""
+
+
+class Section:
+    """What the sections share: checks that name the field, its value and the rule."""
+
+    def _need(self, ok: bool, name: str, rule: str) -> None:
+        if not ok:
+            raise UserError(f"{name} is {getattr(self, name)!r}; it must be {rule}")
+
+    def _need_positive(self, *names: str) -> None:
+        for name in names:
+            self._need(getattr(self, name) > 0, name, "positive")
+
+    def _need_at_least(self, low: float, *names: str) -> None:
+        rule = "0 or more" if low == 0 else f"at least {low:g}"
+        for name in names:
+            self._need(getattr(self, name) >= low, name, rule)
+
+    def __post_init__(self) -> None:
+        """Check what fields declare: a range, or that a name is one of a part of the program."""
+        for f in dataclasses.fields(self):  # type: ignore[arg-type]
+            value, least, most = getattr(self, f.name), f.metadata.get("least"), f.metadata.get("most")
+            if least is not None and most is not None:
+                self._need(least <= value <= most, f.name, f"between {least:g} and {most:g}")
+            elif least is not None:
+                self._need_at_least(least, f.name)
+            if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
+                raise UserError(f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
+
+    def _need_elevations(self, *names: str) -> None:
+        for name in names:
+            inside = all(-90.0 < elevation < 90.0 for elevation in getattr(self, name))
+            self._need(inside, name, "elevations between -90 and 90 degrees")
