@@ -192,7 +192,7 @@ class Flight:
 
             looked_at.recommend = lambda *_, **__: None  # the model takes longer than all the rest
             if not self.report:
-                import tuner.report.campaign.page as page
+                import tuner.report.campaign_page as page
 
                 page.write_campaign_report = lambda campaign: (campaign.directory / "report.html").touch()
             if asks:
@@ -410,7 +410,7 @@ def prepared() -> Iterator[None]:
         import tuner.campaign.settings_file
         import tuner.campaign.showcase
         import tuner.cli
-        import tuner.report.campaign.page
+        import tuner.report.campaign_page
         import tuner.surrogate.fit  # noqa: F401
 
         yield

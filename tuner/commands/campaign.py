@@ -252,8 +252,7 @@ def fly(
 def write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
     """Draw the answer. ``pair``: where the default and the recommendation fly once more, whole."""
     from tuner.campaign.showcase import fly_showcase, showcase_jobs
-    from tuner.report.campaign.page import write_campaign_report
-    from tuner.report.campaign.walks import write_showcase_page
+    from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)
     try:

@@ -20,7 +20,7 @@ from tuner.commands.console import AsJson, answer_json, load, output
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.recommendation.recommendation import Recommendation
-    from tuner.report.campaign.vehicle_files import VehicleFile
+    from tuner.report.vehicle_files import VehicleFile
 
 OURS = "gatetune.yaml"
 
@@ -125,7 +125,7 @@ def _recommended(run: Path) -> tuple[Campaign, Recommendation]:
 
 def _list_files(run: Path) -> None:
     """Which file carries how much, and the command that writes the first."""
-    from tuner.report.campaign.vehicle_files import change_text
+    from tuner.report.vehicle_files import change_text
 
     campaign, best = _recommended(run)
     files = _files(campaign, best)
@@ -153,7 +153,7 @@ def _files(
     campaign: Campaign, best: Recommendation, onto: dict[str, Path] | None = None
 ) -> list[VehicleFile]:
     """The recommendation as every file there is: those that carry nothing last, ours after the authors'."""
-    from tuner.report.campaign.vehicle_files import vehicle_files
+    from tuner.report.vehicle_files import vehicle_files
 
     theirs = vehicle_files(campaign, best, onto) if campaign.settings.mission is None else []
     useful = [file for file in theirs if file.useful]
@@ -164,7 +164,7 @@ def _our_file(campaign: Campaign, best: Recommendation) -> VehicleFile:
     from tuner.commands.config import commented_yaml
     from tuner.missions.external import ExternalConfig
     from tuner.problem.search_space import ours
-    from tuner.report.campaign.vehicle_files import VehicleFile, header
+    from tuner.report.vehicle_files import VehicleFile, header
 
     config = campaign.settings.config(best.values)
     if isinstance(config, ExternalConfig):

@@ -126,25 +126,42 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
 def explain(
     mission: Annotated[Path, typer.Argument(help="A mission's directory.")], as_json: AsJson = False
 ) -> None:
-    """What the gate decided at each step, why, and what would have switched it.
+    """What the gate decided at each step and why: what it saw beside its thresholds.
 
     Example: gatetune mission explain runs/mine/shown/recommended
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.mission.decisions import decisions_of, gate_words
-    from tuner.report.mission.run_files import planned_config
+    from tuner.report.answer import gate_words
+    from tuner.report.mission_files import planned_config
 
     if (mission / SETTINGS_FILE).is_file():
         raise UserError(
             f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
         )
-    found, gate = decisions_of(mission), planned_config(mission).gate
-    for line in (line for decision in found for line in decision.lines()):
-        output.print(line, highlight=False, soft_wrap=True)
-    trace = MissionResult.load(mission).trace
+    gate, trace = planned_config(mission).gate, MissionResult.load(mission).trace
+    if gate.kind == "hyb-h":
+        output.print(
+            f"gate.budget_fraction {gate.budget_fraction:g}, gate.d95_m {gate.d95_m:g} m", highlight=False
+        )
+    for entry in trace:
+        best = ", ".join(
+            f"{name} {found['candidate']} {found['score']:.3f}" for name, found in entry.top.items()
+        )
+        said = f"step {entry.iteration + 1}: {entry.scorer} chose {entry.chosen}, since {entry.reason}"
+        output.print(f"{said} (best scores: {best})", highlight=False, soft_wrap=True)
     said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
     output.print(said, highlight=False, soft_wrap=True)
-    steps = [vars(decision) for decision in found]
+    steps = [
+        {
+            "step": entry.iteration + 1,
+            "scorer": entry.scorer,
+            "why": entry.reason,
+            "gate": entry.gate_details,
+            "chosen": entry.chosen,
+            "best": entry.top,
+        }
+        for entry in trace
+    ]
     answer_json({"mission": mission, "gate": dataclasses.asdict(gate), "steps": steps})
 
 
@@ -160,7 +177,7 @@ def figures(
 
     Example: gatetune mission figures runs/mission-slab-hyb-h-0
     """
-    from tuner.report.mission.figures import labels_of, write_mission_figures
+    from tuner.report.mission_figures import labels_of, write_mission_figures
 
     for path in write_mission_figures(labels_of(runs), out, rock):
         output.print(path)
@@ -185,7 +202,7 @@ def view(
     Example: gatetune mission view runs/mission-slab-hyb-h-0
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.mission.walk import write_mission_view
+    from tuner.report.mission_view import write_mission_view
 
     if (run / SETTINGS_FILE).is_file():
         return _view_campaign(run)

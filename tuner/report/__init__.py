@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from tuner.report.campaign.page import write_campaign_report
-    from tuner.report.mission.walk import write_mission_view
+    from tuner.report.campaign_page import write_campaign_report
+    from tuner.report.mission_view import write_mission_view
 
 __all__ = ["write_campaign_report", "write_mission_view"]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "campaign.page": ["write_campaign_report"],
-        "mission.walk": ["write_mission_view"],
+        "campaign_page": ["write_campaign_report"],
+        "mission_view": ["write_mission_view"],
     },
 )

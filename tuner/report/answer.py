@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import collections
+import itertools
 import re
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.registry import is_geometric
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
@@ -13,22 +16,22 @@ from tuner.problem.search_space import Configuration
 from tuner.report.labels import (
     MetricLabel,
     decimals_for,
-    format_number,
+    interval_text,
     metric_label,
     parameter_label,
     with_unit,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping, Sequence
     from typing import Any
 
+    from nbv.mission.result import IterationRecord
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import Limit, Recommendation
 
 FEW = 3  # changes that a sentence can name
 PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
-LEANS = "The intervals are of the best of those flown, where it was tuned: they lean towards optimism."
 GEOMETRIC = "Predicted by geometric missions: no photograph was taken."
 
 
@@ -87,88 +90,52 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 
 
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
-    """What the recommendation is worth on the training rocks, then on the next one."""
-    said = _exact_worth(best, s) if best.exact else _modelled_worth(best, s)
-    if best.next_rock is not None:
-        said += best.next_rock.warnings(place_word(s))
-    if is_geometric(s.fidelity):
-        said.append(GEOMETRIC)
-    return said
-
-
-def _exact_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
-    cost, limit = metric_label(best.metric), best.limit
-    name = cost.name[:1].lower() + cost.name[1:]
-    said = exact_text(best.mean, cost, name)
+    """What the recommendation is worth on the training rocks, in what was asked for, then on the next rock."""
+    place, label = place_word(s), metric_label(best.metric)
+    said = f"{short_name(label)}: {_mean(label, best.mean, best.sd)}"
     if not best.keep_default:
-        said += f" in place of {exact_text(best.default_mean, cost)}"
-        if limit is not None and best.improvement < 0:  # why anybody should pay more
-            said += f", because the default keeps {_bound_words(limit)} with probability {limit.default_probability:.2f}"
-    if limit is None:
-        return [f"{said}; what that does to {_short(metric_label(best.modelled_metric))} is below."]
-    share, label = reached(limit.metric), metric_label(limit.metric)
-    digits = 0 if share else _decimals(limit.sd)
-    interval = _interval(map(label.possible, limit.interval_95), digits)
-    quality = (
-        f"{_short(label)} {label.value(limit.mean, digits)} on the training {place_word(s)}s ({interval}"
-    )
-    if share:
-        quality = (
-            f"{_reach_words(share)} on {label.value(limit.mean, digits)} of {place_word(s)}s ({interval}"
-        )
+        said += f" in place of {_mean(label, best.default_mean, best.sd)}"
+    if not best.exact:
+        gain = interval_text(map(label.possible, best.interval_95), _decimals(best.sd))
+        if not best.keep_default:
+            gain = _gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)
+            gain += ", positive where less" if best.direction == "minimise" else ""
+        said += f" on the training {place}s, {gain}"
+    lines = [f"{said}."]
+    if best.limit is not None:
+        lines += _limit_sentences(best, best.limit, place)
+    if (next_rock := best.next_rock) is not None:
+        if not best.exact:
+            low, high = next_rock.interval_95
+            gain = _gain(next_rock.gain, (low, high), (high - low) / 4, label)
+            lines.append(
+                f"On the next {place}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
+            )
+        lines += next_rock.warnings(place)
+    return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
+
+
+def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str]:
+    """What has a limit: its mean, whether the limit is kept, and on how many of the next rocks."""
+    label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
+    said = f"{short_name(label)}: {_mean(label, limit.mean, limit.sd)}"
+    default = _mean(label, limit.default_mean, limit.sd)
+    if not limit.exact:
+        said += f" ({interval_text(map(label.possible, limit.interval_95), _decimals(limit.sd))})"
+        default += f", with probability {limit.default_probability:.2f}"
+    said += f", {asked} asked for"
+    if not limit.exact:
+        said += f" and kept with probability {limit.probability:.2f}"
     if limit.flown is not None:
-        quality += "; on {} of the {} that were flown".format(*limit.flown)
-    if not best.keep_default:
-        quality += f"; {label.value(limit.default_mean, digits)} with the default"
-    lines = [f"{said}. {quality})."]
+        said += "; reached on {} of the {} that were flown".format(*limit.flown)
+    lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None:
         low, high = limit.next_hundred
-        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {place_word(s)}s (95 % interval {low} to {high})"
-        if not share and limit.next_rock_no_worse is not None:
-            with_default = exact_text(best.default_mean, cost)
-            line += f"; on any one it is no worse than with {with_default} with probability {limit.next_rock_no_worse:.2f}"
+        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {place}s (95 % interval {low} to {high})"
+        if not reached(limit.metric) and limit.next_rock_no_worse is not None:
+            line += f"; on any one it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
     return lines
-
-
-def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
-    label, digits = metric_label(best.metric), _decimals(best.sd)
-    said = f"{_short(label)} {label.value(best.mean, digits)}"
-    if best.keep_default:
-        lines = [
-            f"{said} on the training {place_word(s)}s ({_interval(map(label.possible, best.interval_95), digits)})."
-        ]
-    else:
-        of_gain = _decimals(best.improvement_sd)
-        gain = with_unit(best.improvement, label.difference_unit, of_gain, signed=True)
-        interval = _interval(best.improvement_interval_95, of_gain, signed=True)
-        lines = [
-            f"{said} in place of {label.value(best.default_mean, digits)} on the training {place_word(s)}s: {gain} ({interval})"
-            f"{', positive where less' if best.direction == 'minimise' else ''}."
-        ]
-    if best.limit is not None:
-        lines.append(_cost_sentence(best, best.limit))
-    if (next_rock := best.next_rock) is not None:
-        digits = _decimals((next_rock.interval_95[1] - next_rock.interval_95[0]) / 4)
-        gain = with_unit(next_rock.gain, label.difference_unit, digits, signed=True)
-        interval = _interval(next_rock.interval_95, digits, signed=True)
-        lines.append(
-            f"On the next {place_word(s)} {gain} ({interval}); no worse than the default with probability {next_rock.no_worse:.2f}."
-        )
-    return lines
-
-
-def _cost_sentence(best: Recommendation, limit: Limit) -> str:
-    label = metric_label(limit.metric)
-    if limit.exact:
-        has, default = (exact_text(mean, label) for mean in (limit.mean, limit.default_mean))
-        said = f"{label.name} {has}"
-    else:
-        digits = _decimals(limit.sd)
-        has, default = label.value(limit.mean, digits), label.value(limit.default_mean, digits)
-        said = f"{label.name} {has} (kept with probability {limit.probability:.2f})"
-    rest = "" if best.keep_default else f"; the default has {default}"
-    return f"{said}, asked for {limit_words(limit).removeprefix(f'{_short(label)} ')}{rest}."
 
 
 def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
@@ -178,36 +145,50 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
         return ""
     flown = f"flown {rival.missions} {'time' if rival.missions == 1 else 'times'}"
     label = metric_label(best.metric)
-    if best.exact:
-        worth = exact_text(rival.mean, label, label.name[:1].lower() + label.name[1:])
-    else:
-        digits = _decimals((rival.difference_interval_95[1] - rival.difference_interval_95[0]) / 4)
-        gain = with_unit(rival.difference, label.difference_unit, digits, signed=True)
-        interval = _interval(rival.difference_interval_95, digits, signed=True)
-        worth = f"{gain} ({interval}) against the above"
+    worth = f"{short_name(label)}: {_mean(label, rival.mean, 0.0)}"
+    if not best.exact:
+        low, high = rival.difference_interval_95
+        worth = f"{_gain(rival.difference, (low, high), (high - low) / 4, label)} against the above"
     keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
-    return f"Runner-up ({flown}): {configuration_words(rival.values, best, s)}. {worth[:1].upper()}{worth[1:]}{keeps}."
+    return f"Runner-up ({flown}): {configuration_words(rival.values, best, s)}. {worth}{keeps}."
+
+
+# -- what the gate did ---------------------------------------------------------------------------------------
+
+
+def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
+    """Share of each scorer, of equal choices and of switches; or that it never switched."""
+    n = len(records)
+    counts = collections.Counter(record.scorer for record in records)
+    views = [[best.get("candidate") for best in record.top.values()] for record in records]
+    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
+    where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
+    same = f" In {_percent(equal, n)} both scorers had the same best view." if equal else ""
+    if len(counts) == 1:
+        (scorer,) = counts
+        return f"The gate ({gate}) never switched: {strategy_label(scorer)} chose all {where}.{same}"
+    shares = ", ".join(f"{strategy_label(s)} {_percent(c, n)}" for s, c in counts.most_common())
+    following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
+    switches = sum(a.scorer != b.scorer for a, b in following)
+    return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
 
 
 # -- small things --------------------------------------------------------------------------------------------
 
 
-def exact_text(value: float, label: MetricLabel, name: str = "") -> str:
-    """``26 photographs``, ``12.5 s``: what a configuration decides, without an uncertainty."""
-    text = f"{value:.0f}" if value == int(value) else f"{value:.4g}"
-    return " ".join(filter(None, (text, label.unit or name)))
-
-
 def limit_words(limit: Limit) -> str:
-    """``F-score at least 98 %``; of a share, ``F-score 98 % on at least 95 % of rocks``."""
-    if share := reached(limit.metric):
-        return f"{_reach_words(share)} on {_bound_words(limit)} of rocks"
-    return f"{_short(metric_label(limit.metric))} {_bound_words(limit)}"
+    """``F-score at least 98 %``; of a share, ``F-score of at least 98 % on at least 95 % of rocks``."""
+    return " ".join(bound(limit.metric, limit.direction, limit.limit))
 
 
-def _bound_words(limit: Limit) -> str:
-    bound = "at least" if limit.direction == "maximise" else "at most"
-    return f"{bound} {metric_label(limit.metric).value(limit.limit, _digits(limit.limit))}"
+def bound(metric: str, direction: str, limit: float) -> tuple[str, str]:
+    """What is bounded, and how: ``F-score`` and ``at least 98 %``."""
+    label = metric_label(metric)
+    how = f"{'at least' if direction == 'maximise' else 'at most'} {limit:g} {label.unit}".strip()
+    if share := reached(metric):
+        of = metric_label(share[0])
+        return f"{short_name(of)} of at least {share[1]:g} {of.unit} on", f"{how} of rocks"
+    return short_name(label), how
 
 
 def place_word(s: CampaignSettings) -> str:
@@ -215,20 +196,20 @@ def place_word(s: CampaignSettings) -> str:
     return "rock" if s.mission is None else "instance"
 
 
-def _short(label: MetricLabel) -> str:
+def short_name(label: MetricLabel) -> str:
     """``F-score`` of ``F-score @ 48 mm``."""
     return re.sub(r" @ [\d.]+ mm", "", label.name)
 
 
-def _reach_words(share: tuple[str, float]) -> str:
-    """``F-score 98 %``."""
-    label = metric_label(share[0])
-    return f"{_short(label)} {label.value(share[1], _digits(share[1]))}"
+def _mean(label: MetricLabel, mean: float, sd: float) -> str:
+    """``98.3 %``; what a configuration decides (``sd`` 0) as it is."""
+    return label.value(mean, _decimals(sd)) if sd > 0 else f"{mean:.4g} {label.unit}".strip()
 
 
-def _interval(interval: Iterable[float | None], digits: int, *, signed: bool = False) -> str:
-    low, high = (format_number(value, digits, signed=signed) for value in interval)
-    return f"95 % interval {low} to {high}"
+def _gain(mean: float, interval_95: tuple[float, float], sd: float, label: MetricLabel) -> str:
+    """``+0.6 points (95 % interval +0.2 to +1.0)``."""
+    gain = with_unit(mean, label.difference_unit, _decimals(sd), signed=True)
+    return f"{gain} ({interval_text(interval_95, _decimals(sd), signed=True)})"
 
 
 def _decimals(sd: float) -> int:
@@ -236,5 +217,6 @@ def _decimals(sd: float) -> int:
     return max(1, decimals_for(sd) - 1)
 
 
-def _digits(value: float) -> int:
-    return next((digits for digits in (0, 1) if round(value, digits) == value), 2)
+def _percent(part: int, whole: int) -> str:
+    """``40 %``."""
+    return f"{100 * part / whole:.0f} %" if whole else "0 %"

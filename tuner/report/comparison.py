@@ -41,6 +41,7 @@ from tuner.report.labels import (
     decimals_for,
     format_number,
     interval_methods,
+    interval_text,
     measure_text,
     metric_label,
     with_unit,
@@ -261,7 +262,7 @@ def _quality(
     if low is None or high is None:
         begin, kind, bounds = f"{who} against {whom}", "no", "too few missions for an interval"
     else:
-        bounds = f"95 % interval {format_number(low, signed=True)} to {format_number(high, signed=True)}"
+        bounds = interval_text((low, high), signed=True)
         if low > 0:
             begin, kind = f"{who} is better than {whom}", "better"
         elif high < -margin:

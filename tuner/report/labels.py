@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from nbv.config import parameter
@@ -70,6 +70,12 @@ def format_number(number: float | None, digits: int = 1, *, signed: bool = False
     if float(text) == 0:  # no "-0.0"
         text = f"{0:.{digits}f}"
     return text.replace("-", "−")
+
+
+def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bool = False) -> str:
+    """``95 % interval +0.2 to +1.0``."""
+    low, high = (format_number(value, digits, signed=signed) for value in bounds)
+    return f"95 % interval {low} to {high}"
 
 
 def decimals_for(spread: float) -> int:
@@ -159,13 +165,3 @@ def interval_methods(methods: Collection[str]) -> str:
 def _words(key: str) -> str:
     text = key.replace("_", " ").strip()
     return text[:1].upper() + text[1:]
-
-
-def verdict(interval_95: tuple[float, float]) -> str:
-    """``better``, ``worse`` or ``no difference detected``, from a 95 % interval of an improvement."""
-    low, high = interval_95
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return "no difference detected"
-    if low > 0:
-        return "better"
-    return "worse" if high < 0 else "no difference detected"

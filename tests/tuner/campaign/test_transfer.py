@@ -19,7 +19,7 @@ from tuner.campaign.transfer import learn_from
 from tuner.cli import app
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
-from tuner.report.campaign.page import write_campaign_report
+from tuner.report.campaign_page import write_campaign_report
 
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))

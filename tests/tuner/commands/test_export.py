@@ -15,8 +15,8 @@ from tuner.bridges.photogrammetry_nbv import read_file
 from tuner.campaign.campaign import Campaign
 from tuner.problem.space_files import load_search_space
 from tuner.report.answer import use_sentence, value_text
-from tuner.report.campaign.page import write_campaign_report
-from tuner.report.campaign.vehicle_files import change_text
+from tuner.report.campaign_page import write_campaign_report
+from tuner.report.vehicle_files import change_text
 
 
 @pytest.fixture(scope="module")

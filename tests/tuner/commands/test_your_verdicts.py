@@ -13,7 +13,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.report.campaign.page import write_campaign_report
+from tuner.report.campaign_page import write_campaign_report
 
 FILE = {
     "name": "own",

@@ -11,14 +11,14 @@ import pytest
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
-from tuner.report.campaign.answers import (
+from tuner.report.campaign_page import (
+    CampaignFacts,
     bounds_text,
     next_answer,
     pairs,
     sure_answer,
     use_answer,
 )
-from tuner.report.campaign.facts import CampaignFacts
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report
 from tuner.report.answer import use_sentence, worth_sentences
-from tuner.report.campaign.provenance import reproduce_command
+from tuner.report.campaign_page import reproduce_command
 
 flown = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"

@@ -18,9 +18,12 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import write_ply
 from nbv.rocks import load_rock
 from nbv.types import PointCloud
-from tuner.report.mission.figures import labels_of, write_mission_figures
-from tuner.report.mission.overlay import overlay_figure
-from tuner.report.mission.trajectory import trajectory_figure
+from tuner.report.mission_figures import (
+    labels_of,
+    overlay_figure,
+    trajectory_figure,
+    write_mission_figures,
+)
 
 CAPTURES = 3
 OFFSET_M = 0.01

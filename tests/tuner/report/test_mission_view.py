@@ -21,7 +21,7 @@ from nbv.mission.run_directory import write_ply
 from nbv.rocks import load_rock
 from nbv.types import PointCloud
 from tuner.report import write_mission_view
-from tuner.report.mission.walk_world import STEP_M
+from tuner.report.mission_view import STEP_M
 
 BUDGET = 2
 

@@ -12,9 +12,9 @@ from made_evaluations import made_run
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from tuner.problem.space_files import load_search_space
-from tuner.report.campaign.page import write_campaign_report
+from tuner.report.campaign_page import write_campaign_report
 from tuner.report.comparison import comparison_facts, write_comparison_report
-from tuner.report.mission.walk import write_mission_view
+from tuner.report.mission_view import write_mission_view
 
 WIDTHS = (420, 1200)
 

@@ -9,8 +9,8 @@ import pytest
 
 from nbv.config import parameter_paths, preset
 from tuner.report.answer import plan_words
-from tuner.report.campaign.plan_picture import plan_picture
 from tuner.report.labels import parameter_label
+from tuner.report.plan_picture import plan_picture
 
 ORBIT = {
     "seed.count": 25,

@@ -1,4 +1,4 @@
-"""``report.html`` of an imported set: what the import found, and what can be asked of the set."""
+"""Pages and pictures about sets of real photographs: what an import found, and how few would have done."""
 
 from __future__ import annotations
 
@@ -6,12 +6,23 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 
 from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
+from tuner.evaluation.enough import ORACLE, WAYS, Enough
 from tuner.report.pages import write_page
-from tuner.report.style import SEQUENTIAL, Illustration, embed, look, new_figure
+from tuner.report.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    MARKERS,
+    SEQUENTIAL,
+    Illustration,
+    colour,
+    embed,
+    look,
+    new_figure,
+)
 
 REPORT_FILE = "report.html"
 MIDDLE = 2  # of THRESHOLD_FRACTIONS, which the page speaks of
@@ -30,18 +41,14 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
     views = photographs.coverage
     reference = photographs.reference()
     registered, total = len(photographs.registered), len(photographs.photographs)
-    height = (
-        f"{photographs.true_height_m:.3g} m"
-        if photographs.true_height_m is not None
-        else "unknown: no scale was given"
-    )
+    height_m = photographs.true_height_m
     return write_page(
         (directory or photographs.folder) / REPORT_FILE,
         "photographs.html.j2",
         title=f"{photographs.name} · photographs · gatetune",
         photographs=photographs,
         verdict=f"{registered} of {total} photographs make one model of the object.",
-        height=height,
+        height="unknown: no scale was given" if height_m is None else f"{height_m:.3g} m",
         ceiling=photographs.halves.f_score[MIDDLE],
         middle=100 * THRESHOLD_FRACTIONS[MIDDLE],
         error_percent=100 * photographs.reference_error_m / photographs.height_m,
@@ -112,7 +119,7 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
     with look():
         width, depth, height = photographs.extents_m
         ratio = height / max(width, depth)
-        figure: Figure = new_figure(9.6, min(4.2, 8.0 / len(_SIDES) * ratio + 1.0))
+        figure = new_figure(9.6, min(4.2, 8.0 / len(_SIDES) * ratio + 1.0))
         panels = figure.subplots(1, len(_SIDES))
         for axes, (title, azimuth_deg) in zip(panels, _SIDES, strict=True):
             azimuth = np.deg2rad(azimuth_deg)
@@ -140,3 +147,41 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
         title="Where the reference is weak",
         form="png",
     )
+
+
+def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:
+    """Write the picture as PNG; returns its path."""
+    with look():
+        figure = new_figure(7.2, 7.4)
+        above, below = figure.subplots(2, 1, height_ratios=(3, 2))
+        for k, (way, points) in enumerate(found.curves.items()):
+            number = np.array([p.photographs for p in points])
+            mean = np.array([p.quality.mean for p in points])
+            style = "--" if way == ORACLE else "-"
+            above.plot(number, mean, style, marker=MARKERS[k], color=colour(k), markersize=4, label=WAYS[way])
+            bounds = np.array([(p.quality.low, p.quality.high) for p in points], dtype=float)  # None: NaN
+            low, high = np.clip(bounds, 0, 100).T
+            above.fill_between(number, low, high, color=colour(k), alpha=0.12, lw=0)
+        small = {"color": GREY, "fontsize": 8}
+        left = above.get_xlim()[0]
+        above.axhline(found.all_quality, color=GREY, lw=1)
+        above.axhline(found.asked_quality, color=GREY, lw=1, ls=":")
+        above.text(left, found.all_quality, f" all {found.all_photographs:.0f}", va="bottom", **small)
+        above.text(left, found.asked_quality, f" {keep_percent:g} % of that", va="top", **small)
+        above.set_xlabel("photographs")
+        above.set_ylabel("F-score at 3 % of the height, %")
+        above.legend(loc="lower right")
+        views = photographs.coverage
+        azimuth, elevation = views.azimuths_deg, views.elevations_deg
+        below.scatter(azimuth, elevation, s=14, color=LIGHT, edgecolor=GREY, lw=0.5, label="not needed")
+        if found.smallest is not None:
+            chosen = np.isin(views.names, found.smallest.taken)
+            label = f"these {chosen.sum()} would have done"
+            below.scatter(azimuth[chosen], elevation[chosen], s=22, color=BLUE, label=label)
+        below.set_xlim(0, 360)
+        below.set_xticks(range(0, 361, 45))
+        below.set_xlabel("azimuth about the object, degrees")
+        below.set_ylabel("elevation, degrees")
+        below.legend(loc="upper right", ncols=2)
+        figure.savefig(path, dpi=130)
+    return path

@@ -1,1 +1,0 @@
-"""The page of a campaign: facts, answers, rows, provenance."""

@@ -1,0 +1,598 @@
+"""``report.html`` of a campaign: one self-contained page for the person who has to believe it."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import json
+import os
+import shlex
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from markupsafe import Markup
+
+from nbv.config import IDEAL, MissionConfig
+from nbv.errors import UserError
+from nbv.mission.result import MissionResult
+from nbv.provenance import git_revision
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import SETTINGS_FILE
+from tuner.campaign.shipped import SHIPPED
+from tuner.campaign.showcase import SHOWN, showcase_jobs, was_flown
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.missions.job import Trial
+from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
+from tuner.problem.objective import COUNTS
+from tuner.problem.observations import configuration_key, short
+from tuner.problem.search_space import Parameter, ours
+from tuner.problem.worlds import World
+from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import (
+    bound,
+    gate_words,
+    limit_words,
+    place_word,
+    runner_up_sentence,
+    use_sentence,
+    value_text,
+    worth_sentences,
+)
+from tuner.report.labels import (
+    decimals_for,
+    format_number,
+    measure_text,
+    metric_label,
+    parameter_label,
+    with_unit,
+)
+from tuner.report.mission_view import write_mission_view
+from tuner.report.pages import duration, recorded, recorded_rows, write_page
+from tuner.report.plan_picture import plan_picture
+from tuner.report.style import short_names
+from tuner.surrogate.model import RockMeanGP
+
+REPORT_FILE, VIEW_FILE = "report.html", "view.html"
+POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
+MIN_MISSIONS_FOR_COVERAGE = 12
+MOST_MISSIONS = 2000  # a browser draws more only slowly
+SLICE_POINTS = 61
+LEANS = "The intervals are of the best of those flown, where it was tuned: they lean towards optimism."
+
+
+class CampaignFacts:
+    """Lazily computed facts of one campaign; nothing is written.
+
+    ``recommendation`` and ``model`` are None while no mission has succeeded.
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.settings: CampaignSettings = campaign.settings
+        self.trials: list[Trial] = campaign.trials()
+        self.status = campaign.status()
+        self.modelled = campaign.modelled_objective  # of the model and its checks
+        self.label = metric_label(self.modelled.metric)
+        self.default: dict[str, Any] = self.settings.default_values()
+        self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
+        self.several_conditions = len(self.settings.conditions) > 1
+
+    @cached_property
+    def recommendation(self) -> Recommendation | None:
+        """After all finished missions; the very one that status, export and evaluation have."""
+        return self.campaign.recommendation(save=False)
+
+    @cached_property
+    def model(self) -> RockMeanGP | None:
+        """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
+        feasible = [o for o in self.campaign.history(self.trials) if o.feasible]
+        if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
+            return None
+        return self.campaign.surrogate_from(feasible)
+
+    @property
+    def digits(self) -> int:
+        """Decimals with which the modelled metric is written: what its uncertainty deserves."""
+        best = self.recommendation
+        if best is None:
+            return 2
+        return decimals_for(
+            best.limit.sd if best.exact and best.limit is not None else best.sd or best.noise_sd
+        )
+
+    def outcome(self, trial: Trial) -> float | None:
+        """What a mission had of the modelled metric."""
+        return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
+
+    def flown(self, values: Mapping[str, Any]) -> list[Trial]:
+        """The successful missions of exactly these values."""
+        space = self.settings.space
+        key = configuration_key(space, values)
+        return [t for t in self.trials if t.state == "complete" and configuration_key(space, t.values) == key]
+
+    def world_name(self, world: World) -> str:
+        """``slab``, or ``slab, field`` where there is more than one condition."""
+        rock = self.rock_names.get(world.rock, world.rock)
+        return f"{rock}, {world.condition}" if self.several_conditions else rock
+
+
+def write_campaign_report(campaign: Campaign) -> Path:
+    """Write ``report.html`` into the campaign's run directory; the path of the page.
+
+    The campaign may be finished, interrupted or still running.
+
+    Raises
+    ------
+    UserError
+        The campaign has no finished mission, or the directory cannot be written.
+    """
+    facts = CampaignFacts(campaign)
+    if facts.status.finished == 0:
+        raise UserError(f"{campaign.directory} has no finished mission; run or resume the campaign first")
+    s, best, directory = facts.settings, facts.recommendation, campaign.directory
+    measured = sorted(
+        page.parent.name
+        for what in ("evaluation*", "confirmation*")
+        for page in directory.glob(f"{what}/{REPORT_FILE}")
+    )
+    why, command = next_answer(facts, evaluated=any(name.startswith("evaluation") for name in measured))
+    kind = ""
+    if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
+        low, high = best.improvement_interval_95
+        kind = "better" if low > 0 else "worse" if high < 0 else "no"
+    return write_page(
+        directory / REPORT_FILE,
+        "campaign.html.j2",
+        title=f"{s.name} · gatetune campaign",
+        name=f"Campaign {s.name}",
+        subtitle=_subtitle(facts),
+        measure=measure_text(facts.label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
+        verdict_kind=kind,
+        use=use_answer(facts),
+        plan=plan_picture(ours(s.config(best.values))) if best is not None and s.mission is None else "",
+        sure=sure_answer(facts),
+        gate=_gate_answer(facts) if s.mission is None else "",
+        measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
+        next_why=why,
+        next_command=command,
+        walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
+        warnings=_warnings(facts),
+        progress=_progress_text(facts),
+        place=place_word(s),
+        recommended=best is not None,
+        several_conditions=facts.several_conditions,
+        metric=facts.label.full,
+        unit=facts.label.unit,
+        not_drawn=max(0, len(facts.trials) - MOST_MISSIONS),
+        explorer=_explorer_data(facts),
+        model="" if best is None or facts.model is None else _model_text(facts, best),
+        per_rock=[] if best is None else _rock_rows(facts, best),
+        failures=_failure_rows(facts),
+        run=shlex.quote(str(directory)),
+        command=reproduce_command(campaign),
+        command_note=_command_note(s),
+        provenance=_provenance(facts),
+        settings_file=SETTINGS_FILE,
+        settings_yaml=yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
+        revision=git_revision(),
+    )
+
+
+def write_showcase_page(campaign: Campaign) -> Path | None:
+    """Write the page of the missions that `showcase_jobs` has flown, unless it is there; None where there is none to show."""
+    shown = [job for job in showcase_jobs(campaign) if was_flown(job)]
+    if not shown:
+        return None
+    page = campaign.directory / SHOWN / VIEW_FILE
+    made_from = [job.directory / "mission.json" for job in shown]
+    if not page.is_file() or any(page.stat().st_mtime < file.stat().st_mtime for file in made_from):
+        try:
+            write_mission_view([job.directory for job in shown], page, shown[0].rock)
+        except UserError:  # a mission that ended before its first photograph has no page
+            return None
+    return page
+
+
+# -- the first screen: questions, each with an answer that the state of the campaign decides -------------------
+
+
+def _subtitle(facts: CampaignFacts) -> str:
+    """What the campaign was asked for, on what, in which search space."""
+    s, label = facts.settings, metric_label(facts.settings.objective.metric)
+    said = f"Highest {label.full}"
+    if s.objective.direction == "minimise":
+        said = f"{'Fewest' if s.objective.metric in COUNTS else 'Lowest'} {label.full.lower()}"
+    if s.second is not None and s.limit is not None:
+        what, how = bound(s.second.metric, s.second.direction, s.limit)
+        said += f" with {what if s.second.is_share else metric_label(s.second.metric).full} {how}"
+    conditions = [condition.name for condition in s.conditions]
+    under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
+    return (
+        f"{said}, on {', '.join(facts.rock_names.values())}{under}; "
+        f"{s.space.dimension} parameters tuned (search space {s.space.name})"
+    )
+
+
+def use_answer(facts: CampaignFacts) -> dict[str, Any]:
+    """One sentence, the parameters that differ from the default, and what may be better."""
+    best, s = facts.recommendation, facts.settings
+    if best is None:
+        sentence = f"Nothing yet: none of the {facts.status.finished} finished missions succeeded."
+        return {"sentence": sentence, "kept": [], "runner_up": ""}
+    return {
+        "sentence": use_sentence(best, s),
+        "kept": [
+            (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
+            for p in best.changed
+        ],
+        "runner_up": runner_up_sentence(best, s),
+    }
+
+
+def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[World, int], float]:
+    """By world and replicate that both flew: the recommendation minus the default, positive where it is better."""
+    found: dict[tuple[World, int], list[list[float]]] = {}
+    for side, values in enumerate((best.default_values, best.values)):
+        for t in facts.flown(values):
+            if (outcome := facts.outcome(t)) is not None:
+                place = found.setdefault((t.world, t.replicate), [[], []])
+                place[side].append(facts.modelled.sign * outcome)
+    return {
+        place: sum(ours) / len(ours) - sum(theirs) / len(theirs)
+        for place, (theirs, ours) in found.items()
+        if ours and theirs
+    }
+
+
+def sure_answer(facts: CampaignFacts) -> list[str]:
+    """What it is worth, then on how many rocks that was measured at all."""
+    best = facts.recommendation
+    if best is None:
+        return ["There is nothing to compare."]
+    said, place = worth_sentences(best, facts.settings), place_word(facts.settings)
+    if best.keep_default:
+        rocks = len({t.rock for t in facts.flown(best.values)})
+        return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} {place}s."]
+    both = pairs(facts, best)
+    if not both:
+        said.append(
+            f"Never flown side by side: no {place} and replicate has both the recommendation and the default."
+        )
+        return [*said, LEANS]
+    mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
+    said.append(
+        f"Flown side by side on {len({world for world, _ in both})} of {len(facts.settings.worlds)} {place}s"
+        f"{' and conditions' if facts.several_conditions else ''} ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): "
+        f"{mean} of {facts.label.name} on average, better in {sum(d > 0 for d in both.values())} of {len(both)}."
+    )
+    return [*said, LEANS]
+
+
+def _gate_answer(facts: CampaignFacts) -> str:
+    """What the recommended configuration's gate chose, from its missions' traces."""
+    best = facts.recommendation
+    if best is None:
+        return "No mission succeeded."
+    config = facts.settings.config(best.values)
+    if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
+        return "Nothing: the recommended plan has no planned view."
+    traces = []
+    for t in facts.flown(best.values):
+        with contextlib.suppress(UserError, OSError):
+            traces.append(MissionResult.load(facts.campaign.directory / t.directory).trace)
+    traces = [trace for trace in traces if trace]
+    if not traces:
+        return "The missions' documents hold no choices."
+    records = [record for trace in traces for record in trace]
+    return gate_words(records, strategy_label(config.gate.kind), len(traces))
+
+
+def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
+    """``(why, command)``: the one thing to do now; an empty command means to stop."""
+    best, status, s, place = facts.recommendation, facts.status, facts.settings, place_word(facts.settings)
+    run = shlex.quote(str(facts.campaign.directory))
+    resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
+    if s.draws_rocks:  # as many of every family as are worth an interval
+        evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
+    more = f"{resume} --missions {2 * status.budget}"
+    if best is None:
+        reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")
+        return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
+    if status.remaining:
+        return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
+    if evaluated:
+        return f"Stop: it has been measured on held-out {place}s.", ""
+    if best.limit is not None and not best.limit.kept:
+        return f"Fly more, or ask for less: nothing flown is likely to keep {limit_words(best.limit)}.", more
+    if best.keep_default:
+        rival = best.runner_up
+        if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
+            return "Stop: keep the default. Nothing else is believed to be better.", ""
+        return "Fly more: the runner-up is not yet told from the default.", more
+    if is_geometric(s.fidelity):
+        return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
+    if s.mission is not None and not s.mission.held_out:
+        return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
+    if s.mission is None and len(pairs(facts, best)) < 2:
+        one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
+        return "Confirm it where it was tuned: too few pairs were flown.", one_rock
+    return f"Measure it on {place}s it has not seen.", evaluate
+
+
+# -- what limits the answer ------------------------------------------------------------------------------------
+
+
+def _warnings(facts: CampaignFacts) -> list[str]:
+    best, s, status = facts.recommendation, facts.settings, facts.status
+    out = []
+    if is_geometric(s.fidelity):
+        ignored = ignored_by(s.fidelity, s.conditions)
+        out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them. {ignored}")
+    if status.remaining:
+        out.append(_stop_reason(facts))
+    if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:
+        out.append(
+            f"Only {best.observations} successful missions: the model rests mostly on its priors, and its intervals "
+            "cannot be checked yet."
+        )
+    elif best is not None and (coverage := best.leave_one_out["coverage_95"]) < POOR_COVERAGE:
+        out.append(
+            f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
+            "intervals on this page as too narrow."
+        )
+    if at_bounds := bounds_text(facts):
+        out.append(at_bounds)
+    degraded = sum(t.status == "degraded" for t in facts.trials)
+    for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
+        if count > 0.2 * status.finished:
+            out.append(f"{count} of {status.finished} finished missions {what}; see below.")
+    return out
+
+
+def _stop_reason(facts: CampaignFacts) -> str:
+    """Why missions of the budget are left, as the ledger tells."""
+    status, begin = facts.status, "Not finished"
+    last = [t for t in facts.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
+    if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
+        begin = (
+            f"Stopped after {MAX_CONSECUTIVE_FAILURES} failures in a row, the last with {last[-1].reason!r}"
+        )
+    flying = f", {status.running} in flight or interrupted" if status.running else ""
+    return f"{begin}: {status.finished} of {status.budget} missions are finished{flying}."
+
+
+def bounds_text(facts: CampaignFacts) -> str:
+    """Which recommended values lie at a bound of what was searched, although a mission can fly beyond; empty where none does."""
+    best, s = facts.recommendation, facts.settings
+    if best is None:
+        return ""
+    names = [
+        parameter_label(p.path).name
+        for p in s.space.parameters
+        if p.path in best.changed and p.kind != "categorical" and _ends_too_early(s, p, best.values)
+    ]
+    if not names:
+        return ""
+    return (
+        f"At a bound of what was searched: {', '.join(names)}. A wider search space may have better values."
+    )
+
+
+def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> bool:
+    if values[p.path] not in p.ends:
+        return False
+    step = 0.1 * (p.high - p.low) * (1 if values[p.path] == p.high else -1)
+    beyond = values[p.path] + step if p.kind == "float" else round(values[p.path] + step)
+    try:
+        s.config({**values, p.path: beyond})
+    except UserError:
+        return s.mission is not None  # which allows what it lists alone
+    return True
+
+
+# -- missions and model ----------------------------------------------------------------------------------------
+
+
+def _progress_text(facts: CampaignFacts) -> str:
+    """``12 of 12 missions finished, 1 failed, 0 degraded; 7 min of computing.``"""
+    st = facts.status
+    degraded = sum(t.state == "complete" and t.status == "degraded" for t in facts.trials)
+    return (
+        f"{st.finished} of {st.budget} missions finished, {st.failed} failed, {degraded} degraded; "
+        f"{duration(st.mission_wall_s)} of computing."
+    )
+
+
+def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
+    """What the surrogate is of, its noise, and whether its intervals hold."""
+    place, earlier = place_word(facts.settings), facts.campaign.learned
+    noise = with_unit(best.noise_sd, facts.label.difference_unit, facts.digits)
+    said = (
+        f"A Gaussian process on {best.observations} missions. One mission scatters about its configuration’s mean over "
+        f"{place}s with a standard deviation of {noise}."
+    )
+    if best.observations > 1:
+        said += (
+            f" Predicted from all the others, {100 * best.leave_one_out['coverage_95']:.0f} % of the missions lie "
+            "inside their 95 % interval."
+        )
+    if earlier is not None:
+        sources = ["shipped with this program" if s == SHIPPED else s for s in facts.settings.sources]
+        said += (
+            f" It began with what {len(earlier.observations)} missions of earlier campaigns taught "
+            f"({', '.join(sources)}; on {', '.join(Path(r).stem for r in earlier.rocks)})."
+        )
+    return said
+
+
+def _rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
+    """World by world: missions, failures, what the recommendation and the default had there, with their missions."""
+
+    def measured(mean: float | None, missions: int) -> str:
+        return f"{format_number(mean, facts.digits)} ({missions})" if missions else format_number(None)
+
+    rows = []
+    for row in best.per_rock:
+        own = [t for t in facts.trials if t.state != "running" and t.world == row.world]
+        outcomes = [facts.outcome(t) for t in own if t.values == best.default_values]
+        default = [value for value in outcomes if value is not None]
+        rows.append(
+            [
+                facts.world_name(row.world),
+                str(len(own)),
+                str(sum(t.raw is None for t in own)),
+                format_number(facts.label.possible(row.predicted), facts.digits),
+                measured(row.observed, row.missions),
+                measured(float(np.mean(default)) if default else None, len(default)),
+            ]
+        )
+    return rows
+
+
+def _failure_rows(facts: CampaignFacts) -> list[list[str]]:
+    """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
+    groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
+    for t in facts.trials:
+        if t.state == "failed" or t.status == "degraded":
+            groups[t.reason or "unknown", "failed" if t.state == "failed" else "degraded"].append(t)
+    return [
+        [
+            reason,
+            outcome,
+            str(len(group)),
+            "; ".join(sorted({facts.world_name(t.world) for t in group})),
+            group[-1].message,
+        ]
+        for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    ]
+
+
+def _explorer_data(facts: CampaignFacts) -> Markup:
+    """JSON for the page's script; without a "<" nothing in it can end the element, or hide its end."""
+    best, model, parameters = facts.recommendation, facts.model, facts.settings.space.parameters
+    sign, adjusted = facts.modelled.sign, {}
+    if model is not None:  # outcomes with the worlds' differences taken out
+        offset, factor = model.standardiser.mean_over([world.rock for world in model.worlds])
+        values = sign * (offset + factor * model.targets)
+        adjusted = {o.number: round(float(v), 6) for o, v in zip(model.observations, values, strict=True)}
+    trials = [
+        {
+            "n": t.number + 1,
+            "where": facts.world_name(t.world),
+            "rep": t.replicate,
+            "raw": facts.outcome(t),
+            "adj": adjusted.get(t.number),
+            "state": t.status if t.state == "complete" else f"failed: {t.reason}",
+            "why": str(t.why.get("phase", "")),
+            "best": best is not None and t.values == best.values,
+            "default": t.values == facts.default,
+            "href": _mission_link(facts.campaign.directory, t),
+            "u": [_position(p, t.values[p.path]) for p in parameters],
+            "v": [short(t.values[p.path]) for p in parameters],
+        }
+        for t in facts.trials[-MOST_MISSIONS:]
+        if t.state != "running"
+    ]
+    slices = []
+    if best is not None and model is not None:
+        slices = [_slice(p, model, best, sign) for p in parameters]
+    tree = {
+        "axis": facts.label.axis,
+        "digits": facts.digits,
+        "parameters": [_parameter(p) for p in parameters],
+        "best": [_position(p, best.values[p.path]) for p in parameters] if best else [],
+        "trials": trials,
+        "slices": slices,
+    }
+    return Markup(json.dumps(tree, allow_nan=False).replace("<", "\\u003c"))
+
+
+def _slice(p: Parameter, model: RockMeanGP, best: Recommendation, sign: float) -> dict[str, Any]:
+    """The posterior of the mean over the training rocks along one parameter, the others as recommended; metric's unit."""
+    positions: list[Any] = list(p.choices)
+    if p.kind != "categorical":
+        positions = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
+    belief = model.posterior([{**best.values, p.path: v} for v in positions])
+    return {
+        "u": [_position(p, v) for v in positions],
+        "v": [short(v) for v in positions],
+        "mean": [round(sign * float(m), 6) for m in belief.mean],
+        "sd": [round(float(v), 6) for v in belief.sd],
+    }
+
+
+def _parameter(p: Parameter) -> dict[str, Any]:
+    label = parameter_label(p.path)
+    ends: tuple[Any, ...] = p.choices if p.kind == "categorical" else (p.low, p.high)
+    return {
+        "name": label.name,
+        "short": label.short,
+        "unit": label.unit,
+        "ticks": [[_position(p, v), short(v)] for v in ends],
+        "choices": p.kind == "categorical",
+    }
+
+
+def _position(p: Parameter, value: Any) -> float:
+    """From 0 to 1 along the parameter's axis."""
+    if p.kind == "categorical":
+        return p.choices.index(value) / max(1, len(p.choices) - 1)
+    return round(p.to_unit(value), 5)
+
+
+def _mission_link(directory: Path, trial: Trial) -> str:
+    """Address of a mission's own page, or of its documents, relative to the campaign's page; empty where there are none."""
+    for file in (directory / trial.directory / VIEW_FILE, directory / trial.directory / "mission.json"):
+        if file.is_file():
+            return os.path.relpath(file, directory).replace(os.sep, "/")
+    return ""
+
+
+# -- where it is from ------------------------------------------------------------------------------------------
+
+
+def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
+    """When, by what, with which settings, on which rocks."""
+    s, directory = facts.settings, facts.campaign.directory
+    hashes = {facts.rock_names.get(t.rock, t.rock): t.rock_sha256[:12] for t in facts.trials if t.rock_sha256}
+    times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
+    between = f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"
+    flies = ("mission preset", s.preset)
+    if s.mission is not None:
+        flies = ("mission file", f"{s.mission.path} (SHA-256 {s.mission.sha256[:12]}…)")
+    named = ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items()))
+    return [
+        ("flown between", between),
+        *recorded_rows(recorded([directory / t.directory for t in facts.trials])),
+        flies,
+        ("conditions", ", ".join(condition.name for condition in s.conditions)),
+        ("base configuration", s.base_config().digest()),
+        ("sampler and seed", f"{s.sampler}, {s.seed}"),
+        (f"{place_word(s)}s (SHA-256)", named or "not recorded"),
+    ]
+
+
+def reproduce_command(campaign: Campaign) -> str:
+    """The command line that runs the same campaign again, in a directory beside it."""
+    beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
+    words = ["gatetune", "campaign", "run", str(campaign.directory / SETTINGS_FILE), "--out", str(beside)]
+    if campaign.settings.mission is not None:
+        words += ["--mission", str(campaign.settings.mission.path)]
+    return shlex.join(words)
+
+
+def _command_note(s: CampaignSettings) -> str:
+    """What the reader of `reproduce_command` must know besides."""
+    note = f"Without this run directory: save the settings below as {SETTINGS_FILE} and name that file."
+    if s.in_step is None:
+        note += (
+            " With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends "
+            "first, unless the settings have `in_step`."
+        )
+    return note

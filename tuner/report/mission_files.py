@@ -1,0 +1,113 @@
+"""What pages and figures read of a mission's run directory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nbv.cache import Store
+from nbv.config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.mission.planning_state import load_state
+from nbv.mission.result import IterationRecord, MissionResult
+from nbv.mission.run_directory import LOCATED
+from nbv.rocks import Rock, load_coarse_rock, load_rock
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
+from nbv.types import CandidatePool, Floats, PlanningState
+from tuner.missions.registry import is_geometric
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a mission flew."""
+
+    samples: Floats  # (N, 4): time in s; east, north and up in m
+    begins_s: dict[
+        str, float
+    ]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in the order flown
+    ends_s: dict[str, float]
+    duration_s: float
+
+    def photographed_m(self) -> dict[str, Floats]:
+        """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order flown."""
+        last = len(self.samples) - 1
+        return {
+            name: self.samples[min(int(np.searchsorted(self.samples[:, 0], end_s)), last), 1:]
+            for name, end_s in self.ends_s.items()
+            if name.startswith(("seed_", "cand_"))
+        }
+
+
+def mission_config(run: Path) -> MissionConfig:
+    """The configuration of a mission's directory; ``UserError`` if it is not there."""
+    file = run / "config.yaml"
+    if not file.is_file():
+        raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
+    return config_from_dict(read_yaml(file))
+
+
+def planned_config(run: Path) -> MissionConfig:
+    """The configuration that the mission planned with: with the target where the mission found it."""
+    located = run / LOCATED
+    return config_from_dict(read_yaml(located)) if located.is_file() else mission_config(run)
+
+
+def read_flight(run: Path) -> Flight:
+    """What a mission flew; ``UserError`` if the mission kept nothing of it."""
+    file = run / "flight.json"
+    if not file.is_file():
+        raise UserError(
+            f"{run} is no mission with its flight; name one that was kept whole (gatetune mission run, or --keep all)"
+        )
+    tree = read_json(file, RESULT_BYTES, RESULT_NODES)
+    try:
+        samples = np.array([row[:4] for row in tree["samples"]], dtype=float).reshape(-1, 4)
+        events = [(str(e["name"]), float(e["start_s"]), float(e["duration_s"])) for e in tree["events"]]
+        begins = {name: start_s for name, start_s, _ in events}
+        ends = {name: start_s + duration_s for name, start_s, duration_s in events}
+        return Flight(samples, begins, ends, float(tree["flight_time_s"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise UserError(f"{file} is not a mission's flight; restore it") from error
+
+
+def decided(run: Path, result: MissionResult) -> list[tuple[PlanningState, CandidatePool, IterationRecord]]:
+    """What the planner knew, among what it chose, and what came of it, capture by capture."""
+    states = sorted((run / "states").glob("iter_*.npz"))
+    return [(*load_state(path), record) for path, record in zip(states, result.trace)]
+
+
+def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
+    """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another.
+
+    Parameters
+    ----------
+    run, result
+        The mission's directory, and its result.
+    rock
+        Catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
+    store
+        Where rocks are kept.
+    """
+    name, remedy = rock or result.rock, "name its mesh file with --rock"
+    # As the mission loaded it.
+    load = load_coarse_rock if is_geometric(result.provenance.get("fidelity", "")) else load_rock
+    try:
+        found = load(name, store)
+    except UserError as error:
+        if rock is not None:
+            raise
+        raise UserError(
+            f"{run} was flown on {name!r}, which the catalogue does not have; {remedy}"
+        ) from error
+    if found.sha256 != result.provenance.get("rock_sha256", found.sha256):
+        raise UserError(f"{run} was flown on another {name!r} than the one found now; {remedy}")
+    return found
+
+
+def thin_indices(total: int, count: int) -> np.ndarray:
+    """At most ``count`` indices of ``range(total)``: a fixed random choice, in order."""
+    if total <= count:
+        return np.arange(total)
+    return np.sort(np.random.default_rng(0).permutation(total)[:count])
