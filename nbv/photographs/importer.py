@@ -49,7 +49,7 @@ from nbv.photographs.solved import SolvedModel, write_colmap
 from nbv.photographs.source import Source
 from nbv.rocks.imported import check_name, imported_path, write_rock
 from nbv.rocks.recipes import RECIPES
-from nbv.types import Bools, Floats
+from nbv.types import Floats
 
 MAX_SIZE_PX = 1280
 JPEG_QUALITY = 95
@@ -114,8 +114,7 @@ def import_photographs(
     marked = None if options.control_points is None else read_control_points(options.control_points, source)
     model, source, solved_notes = solve(source, options.model)
     scale = find_scale(model, source, options.height_m, marked)
-    ups = np.array([source.up(name) for name in model.names])
-    frame = find_object(model, ups, _in_masks(model, source), scale.up)
+    frame = find_object(model, source, scale.up)
     model = model.moved(frame.set_from_model)
     pinhole = common_pinhole(model.cameras)
     sets_folder().mkdir(parents=True, exist_ok=True)
@@ -183,18 +182,6 @@ def import_photographs(
         raise
     shutil.rmtree(old, ignore_errors=True)
     return read_set(set_folder(name))
-
-
-def _in_masks(model: SolvedModel, source: Source) -> Bools | None:
-    """(T,) whether each observation lies on the object; where a photograph has no mask it does not."""
-    if not source.masks:
-        return None
-    inside = np.zeros(len(model.views), dtype=bool)
-    for view, name in enumerate(model.names):
-        if (mask := source.mask(name)) is not None:
-            members, pixels = model.of_view(view)
-            inside[members] = mask[pixels]
-    return inside
 
 
 def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, work: Path) -> None:

@@ -13,6 +13,7 @@ from nbv.geometry.frames import Similarity
 from nbv.geometry.target import GROUND_BAND_M, find_target
 from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
 from nbv.photographs.solved import SolvedModel
+from nbv.photographs.source import Source
 from nbv.types import Bools, Floats
 
 LEVEL_DEG = 15.0  # a photograph is held level to within this, or is left out of what is up
@@ -51,21 +52,10 @@ class ObjectFrame:
         return inside
 
 
-def find_object(
-    model: SolvedModel, up_in_picture: Floats, in_mask: Bools | None, up: Floats | None = None
-) -> ObjectFrame:
+def find_object(model: SolvedModel, source: Source, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
-    Parameters
-    ----------
-    model
-        In its own frame.
-    up_in_picture
-        (M, 2) direction (right, down) that is up in each photograph, as it was held.
-    in_mask
-        (T,) whether each observation lies on the object, where masks were given.
-    up
-        (3,) up in the model's frame, where control points say it.
+    ``model`` is in its own frame; so is ``up`` (3,), where control points say it. Masks say what is the object.
 
     Raises
     ------
@@ -84,14 +74,14 @@ def find_object(
         )
     notes = []
     if up is None:
-        up, word = _up(model, up_in_picture)
+        up, word = _up(model, np.array([source.up(name) for name in model.names]))
         notes.append(f"up: {word}")
     else:
         notes.append("up: from the control points")
     rotation = _upright(up, model.centers[0] - center)
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
     rough = Similarity(scale, rotation, -scale * rotation @ center)
-    low, high, word = _box(model.moved(rough), in_mask)
+    low, high, word = _box(model.moved(rough), _in_masks(model, source))
     notes.append(f"object: {word}")
     placed = placement(low, high, rough.apply(model.centers))
     return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes))
@@ -180,6 +170,18 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, str
         )
     low, high = np.percentile(members, [2.0, 98.0], axis=0)
     return low, high, "nothing rises from the ground where the cameras look: all that is near there"
+
+
+def _in_masks(model: SolvedModel, source: Source) -> Bools | None:
+    """(T,) whether each observation lies on the object; where a photograph has no mask it does not."""
+    if not source.masks:
+        return None
+    inside = np.zeros(len(model.views), dtype=bool)
+    for view, name in enumerate(model.names):
+        if (mask := source.mask(name)) is not None:
+            members, pixels = model.of_view(view)
+            inside[members] = mask[pixels]
+    return inside
 
 
 def _companions(points: NDArray[np.float64]) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.photogrammetric import PhotogrammetricReconstructor
-from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.photographs.photograph_set import PhotographSet
 from nbv.sparse.locating import Located
 from nbv.types import Capture, Cloud, Floats, Viewpoint
 
@@ -43,18 +43,20 @@ def judge_kept_out(
     asked = [p for p in photographs.registered if p.name in photographs.kept_out]
     found: list[Located] = []
     errors, seen = [], []
-    colors = cloud.colors
     for photograph in asked:
         assert photograph.camera_from_world is not None
         image = photographs.image(photograph.name)
-        located = reconstructor.locate(_as_capture(photograph, image), PARTNERS)
+        x, y, z = photograph.camera_center_m.tolist()
+        place = Viewpoint("kept-out", (x, y, z), 0.0, 0.0, "lateral")
+        capture = Capture(f"{photograph.name}.jpg", place, photograph.camera_from_world, image)
+        located = reconstructor.locate(capture, PARTNERS)
         if located is not None:
             found.append(located)
-        if colors is None:
+        if cloud.colors is None:
             continue
         pose = photograph.camera_from_world if located is None else located.camera_from_world
         where = _splat(object_m, None, photograph.camera_from_world, photographs.camera)[1]
-        error, share = photometric_error(image, cloud.points_m, colors, pose, photographs.camera, where)
+        error, share = photometric_error(image, cloud, pose, photographs.camera, where)
         errors.append(error)
         seen.append(share)
 
@@ -72,8 +74,7 @@ def judge_kept_out(
 
 def photometric_error(
     image: NDArray[np.uint8],
-    points_m: Floats,
-    colors: NDArray[np.uint8],
+    cloud: Cloud,
     camera_from_world: Floats,
     camera: CameraConfig,
     where: NDArray[np.bool_],
@@ -87,8 +88,8 @@ def photometric_error(
     ----------
     image
         (H, W, 3) RGB.
-    points_m, colors
-        (N, 3) each.
+    cloud
+        Points with colours.
     camera_from_world, camera
         Of the photograph.
     where
@@ -96,7 +97,9 @@ def photometric_error(
     """
     height, width = where.shape
     grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (width, height), interpolation=cv2.INTER_AREA)
-    drawn, covered = _splat(points_m, colors.astype(float).mean(axis=1), camera_from_world, camera)
+    assert cloud.colors is not None
+    values = cloud.colors.astype(float).mean(axis=1)
+    drawn, covered = _splat(cloud.points_m, values, camera_from_world, camera)
     both = where & covered
     truth = grey.astype(float)
     if not where.any():
@@ -139,10 +142,3 @@ def _splat(
     closed = cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     around = cv2.blur(picture, (3, 3)) / np.maximum(cv2.blur(seen.astype(float), (3, 3)), 1e-9)
     return np.where(seen, picture, around), closed
-
-
-def _as_capture(photograph: Photograph, image: NDArray[np.uint8]) -> Capture:
-    assert photograph.camera_from_world is not None
-    x, y, z = photograph.camera_center_m.tolist()
-    viewpoint = Viewpoint("kept-out", (x, y, z), 0.0, 0.0, "lateral")
-    return Capture(f"{photograph.name}.jpg", viewpoint, photograph.camera_from_world, image)

@@ -113,10 +113,12 @@ class PhotographViewpoints(ViewpointSource):
                 f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
-        return [
-            self._viewpoint(int(column), f"seed_{number:02d}", "seed")
-            for number, column in enumerate(columns[near], first)
-        ]
+        found = []
+        for number, column in enumerate(columns[near].tolist(), first):
+            x, y, z = self.positions_m[column].tolist()
+            azimuth_deg, elevation_deg = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
+            found.append(Viewpoint(f"seed_{number:02d}", (x, y, z), azimuth_deg, elevation_deg, "seed"))
+        return found
 
     def _require_candidates(self, config: MissionConfig) -> None:
         allowed = int(self.within_altitudes.sum())
@@ -139,10 +141,7 @@ class PhotographViewpoints(ViewpointSource):
     ) -> CandidatePool:
         """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool.
 
-        Parameters
-        ----------
-        config, vehicle_position_m, visited_m, n_seeds
-            As in `nbv.viewpoints.ViewpointSource.candidates`.
+        Arguments as in `nbv.viewpoints.ViewpointSource.candidates`.
         """
         left = np.ones(len(self.positions_m), dtype=bool)
         counts = {"raw": len(left)}
@@ -153,12 +152,12 @@ class PhotographViewpoints(ViewpointSource):
         counts["altitude_travel"] = len(keep)
         positions = self.positions_m[keep]
         return CandidatePool(
-            ids=tuple(_candidate_id(i) for i in keep.tolist()),
+            ids=tuple(f"cand_{i:03d}" for i in keep.tolist()),
             positions_m=positions,
             headings_rad=heading_to(positions, np.array(config.target_m)),
             azimuths_deg=self.azimuths_deg[keep],
             elevations_deg=self.elevations_deg[keep],
-            bands=tuple(self._band(i) for i in keep.tolist()),
+            bands=tuple(np.where(self.elevations_deg[keep] > UPPER_BAND_DEG, "upper", "lateral").tolist()),
             counts=counts,
         )
 
@@ -166,16 +165,3 @@ class PhotographViewpoints(ViewpointSource):
     def within_altitudes(self) -> NDArray[np.bool_]:
         """(N,) which photographs the altitude limits of the pool allow."""
         return (self.elevations_deg >= self.lowest_deg) & (self.elevations_deg <= self.highest_deg)
-
-    def _band(self, index: int) -> str:
-        return "upper" if self.elevations_deg[index] > UPPER_BAND_DEG else "lateral"
-
-    def _viewpoint(self, index: int, name: str, band: str) -> Viewpoint:
-        x, y, z = self.positions_m[index].tolist()
-        return Viewpoint(
-            name, (x, y, z), float(self.azimuths_deg[index]), float(self.elevations_deg[index]), band
-        )
-
-
-def _candidate_id(index: int) -> str:
-    return f"cand_{index:03d}"

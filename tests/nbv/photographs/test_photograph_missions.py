@@ -100,11 +100,11 @@ def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None
     )
     where = np.zeros((90, 120), bool)
     where[30:60, 40:80] = True
-    error, covered = photometric_error(image, wall, grey, np.eye(4), CAMERA, where)
+    error, covered = photometric_error(image, PointCloud(wall, grey), np.eye(4), CAMERA, where)
     assert error < 0.3
     assert covered == 100.0
     left = wall[:, 0] < 0
-    half, share = photometric_error(image, wall[left], grey[left], np.eye(4), CAMERA, where)
+    half, share = photometric_error(image, PointCloud(wall[left], grey[left]), np.eye(4), CAMERA, where)
     assert half > 5 * error
     assert share == pytest.approx(50.0, abs=4.0)
 
