@@ -13,7 +13,7 @@ from nbv.errors import UserError
 from nbv.rocks.families import FAMILIES, generated_name
 from nbv.rocks.imported import imported_path, list_kept, read_rock, surface_path
 from nbv.rocks.importer import import_mesh
-from nbv.rocks.procedural import COARSE_GRID_M, procedural_rock
+from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import Rock, RockInfo
 from nbv.safe_files import expanded, is_file
@@ -43,7 +43,7 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
         There is no such rock (the message lists the known ones), or the mesh cannot be used.
     """
     if name in RECIPES or generated_name(name) is not None:
-        return _once(name, lambda: procedural_rock(name, store))
+        return _once(name, lambda: generate_rock(name, store))
     path = expanded(name)
     named = () if os.sep in name else (imported_path(name), surface_path(name))
     for file in (*named, path):
@@ -67,7 +67,7 @@ def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
     """
     if generated_name(name) is None:
         return load_rock(name, store)
-    return _once((name, COARSE_GRID_M), lambda: procedural_rock(name, store, grid_m=COARSE_GRID_M))
+    return _once((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
 
 
 def forget_loaded() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from skimage.measure import marching_cubes
 
@@ -27,33 +29,22 @@ def recipe_of(name: str) -> Recipe:
     return RECIPES[name] if drawn is None else generated_recipe(*drawn)
 
 
-def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
-    """Make the procedural rock ``name``, as `recipe_of` knows it. A pure function of its arguments."""
+def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID_M) -> Rock:
+    """The procedural rock ``name``, as `recipe_of` knows it, from ``store`` if it is there: a pure function of name and grid.
+
+    It takes a few seconds to make.
+    """
     recipe = recipe_of(name)
+    found = remember(store, "rocks", partial(_made, recipe, grid_m), code=__name__, inputs=[name, grid_m])
+    return make_rock(name, **found, split=recipe.split, difficulty=recipe.difficulty)  # type: ignore[arg-type]
+
+
+def _made(recipe: Recipe, grid_m: float) -> Arrays:
     # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
     vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
     vertices, _ = rest_on_ground(vertices, recipe.height_m)
     albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
-    return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
-
-
-def procedural_rock(name: str, store: Store | None = None, *, grid_m: float = GRID_M) -> Rock:
-    """`generate_rock`, which takes a few seconds, from ``store`` if it is there."""
-    recipe = recipe_of(name)
-
-    def arrays() -> Arrays:
-        rock = generate_rock(name, grid_m=grid_m)
-        return {"vertices_m": rock.vertices_m, "faces": rock.faces.astype(np.int32), "albedo": rock.albedo}
-
-    found = remember(store, "rocks", arrays, code=__name__, inputs=[name, grid_m])
-    return make_rock(
-        name,
-        found["vertices_m"],
-        found["faces"],
-        found["albedo"],
-        split=recipe.split,
-        difficulty=recipe.difficulty,
-    )
+    return {"vertices_m": vertices, "faces": faces.astype(np.int32), "albedo": albedo}
 
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Store
 from nbv.config import GroundConfig, canonical
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
@@ -86,9 +86,8 @@ def _bodies(
     bodies = []
     for cylinder in cylinders:
         name, turn, seed = SHAPES[rng.integers(len(SHAPES))], rng.uniform(0, 2 * np.pi), rng.integers(2**31)
-        make = partial(_shape, name)
-        shape = remember(store, "neighbours", make, code=__name__, inputs=[name, GRID_M])
-        vertices, faces = shape["vertices_m"].copy(), shape["faces"]
+        shape = generate_rock(name, store, grid_m=GRID_M)
+        vertices, faces = shape.vertices_m.copy(), shape.faces
         vertices[:, :2] @= np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         across = cylinder.radius_m / np.linalg.norm(vertices[:, :2], axis=1).max()
         up = (cylinder.top_m - cylinder.base_m) / vertices[:, 2].max()
@@ -130,11 +129,6 @@ def make_surroundings(
         _bodies(cylinders, ground_seed, rock_sha256, store),
         (canonical(ground), ground_seed, rock_sha256),
     )
-
-
-def _shape(name: str) -> Arrays:
-    rock = generate_rock(name, grid_m=GRID_M)
-    return {"vertices_m": rock.vertices_m, "faces": rock.faces}
 
 
 def _lowest(relief: Relief, center: Floats, radius_m: float) -> float:

@@ -12,7 +12,6 @@ from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
 from nbv.rocks.catalogue import forget_loaded
-from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 
 
@@ -20,7 +19,8 @@ from nbv.rocks.recipes import RECIPES
 def home(tmp_path, monkeypatch):
     """An empty folder for rocks, and coarse, quick procedural ones."""
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(procedural, "generate_rock", lambda name, **_: generate_rock(name, grid_m=0.04))
+    made = procedural._made
+    monkeypatch.setattr(procedural, "_made", lambda recipe, grid_m: made(recipe, 0.04))
     forget_loaded()
     yield tmp_path / "home"
     forget_loaded()
@@ -38,7 +38,7 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     first = load_rock("waist", Store())
     assert load_rock("waist", Store()) is first  # in memory
     forget_loaded()
-    monkeypatch.setattr(procedural, "generate_rock", lambda *_, **__: pytest.fail("generated twice"))
+    monkeypatch.setattr(procedural, "_made", lambda *_: pytest.fail("generated twice"))
     again = load_rock("waist", Store())
     assert again.sha256 == first.sha256
     np.testing.assert_array_equal(again.vertices_m, first.vertices_m)
