@@ -32,13 +32,12 @@ from nbv.types import Bools, Cloud, Floats, PointCloud
 MARGIN = 0.1  # of the height, about the reference's box
 REACHES = (0.125, 0.06, 0.03)  # of correspondences, of the height: 0.2, 0.1 and 0.05 of a rock of 1.6 m
 MASKS = 16  # of a set are asked, evenly picked
-LOOSE = 0.048  # of the height
 
 
 def measure_cloud(
     cloud: Cloud, photographs: PhotographSet, reference: Reference, config: EvaluationConfig
 ) -> tuple[dict[str, Any], dict[str, float], PointCloud]:
-    """Metrics as `nbv.evaluation.metrics.Metrics` has them, the cleaning report, and the cleaned cloud (set's frame).
+    """Metrics as `nbv.evaluation.metrics` has them, the cleaning report, and the cleaned cloud (set's frame).
 
     Both surfaces, ``whole`` and ``observable``, are the reference: it is what the photographs have seen.
 
@@ -76,10 +75,8 @@ def measure_cloud(
     truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
     scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
-    to_cloud_m, _ = nearest_neighbours(cleaned.points_m, truth_m)
     turn = float(np.rad2deg(np.arccos(np.clip((np.trace(found.rotation) - 1) / 2, -1.0, 1.0))))
     metrics["reference"] = {
-        "completeness_at_4_8_percent": 100.0 * float((to_cloud_m < LOOSE * photographs.height_m).mean()),
         "registration": {"scale": found.scale, "turn_deg": turn},
         "ceiling": ceiling(photographs),
     }

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
 from nbv.photographs.source import Source
+from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.model import camera_from_world_poses
 from nbv.types import Floats, Ints
 
@@ -113,12 +114,7 @@ def write_colmap(model: SolvedModel, camera: CameraConfig, folder: Path) -> None
     """Write the model as COLMAP's binary files with one pinhole camera; images are called ``NAME.jpg``."""
     out = pycolmap.Reconstruction()
     middle = (camera.width_px / 2, camera.height_px / 2)
-    params = [camera.focal_px, camera.focal_px, *middle]
-    out.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            camera_id=1, model="PINHOLE", width=camera.width_px, height=camera.height_px, params=params
-        )
-    )
+    out.add_camera_with_trivial_rig(colmap_camera(camera))
     feature = np.zeros(len(model.views), dtype=np.int64)
     for view, name in enumerate(model.names):
         members = np.flatnonzero(model.views == view)
@@ -127,7 +123,7 @@ def write_colmap(model: SolvedModel, camera: CameraConfig, folder: Path) -> None
         image: Any = pycolmap.Image(
             name=f"{name}.jpg",
             keypoints=camera.focal_px * np.asarray(rays) + middle,
-            camera_id=1,
+            camera_id=CAMERA_ID,
             image_id=view + 1,
         )
         out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(model.poses[view, :3]))
