@@ -21,7 +21,7 @@ import numpy as np
 from nbv.errors import UserError
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
-from nbv.rocks.recipe import Recipe, Shape, facets, grounded, rough, warp
+from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
 from nbv.types import Floats
 
@@ -29,85 +29,59 @@ HEIGHT_M = (0.8, 3.0)
 MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
 VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
 _NAME = re.compile(r"([a-z]+)-(\d{1,9})")
-_Vector = tuple[float, float, float]
 
 
-def _boulder(rng: np.random.Generator, seed: int) -> Shape:
+def _boulder(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     half = (rng.uniform(0.45, 0.75), rng.uniform(0.4, 0.65), rng.uniform(0.7, 0.85))
     turn, edge, planes = rng.uniform(0, 180), rng.uniform(0.12, 0.35), int(rng.integers(6, 15))
     reach = rng.uniform(0.75, 0.95)
-
-    def shape(p: Floats) -> Floats:
-        body = sdf.box(p, (0, 0, 0.75), half, edge, sdf.rotation(turn))
-        return sdf.intersection(body, facets(p, seed, planes, (0, 0, 0.75), reach), 0.06)
-
-    return shape
+    body = sdf.box(p, (0, 0, 0.75), half, edge, sdf.rotation(turn))
+    return sdf.intersection(body, facets(p, seed, planes, (0, 0, 0.75), reach), 0.06)
 
 
-def _slab(rng: np.random.Generator, seed: int) -> Shape:
+def _slab(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     half = (rng.uniform(0.16, 0.32), rng.uniform(0.5, 0.8), rng.uniform(0.7, 0.9))
     turn, lean = rng.uniform(0, 180), rng.uniform(5, 35)
-
-    def shape(p: Floats) -> Floats:
-        body = sdf.box(p, (0, 0, 0.65), half, 0.09, sdf.rotation(turn, lean))
-        foot = sdf.ellipsoid(p, (-0.2, 0.05, 0.0), (0.45, 0.45, 0.25))
-        return sdf.union(body, foot, 0.12)
-
-    return shape
+    body = sdf.box(p, (0, 0, 0.65), half, 0.09, sdf.rotation(turn, lean))
+    foot = sdf.ellipsoid(p, (-0.2, 0.05, 0.0), (0.45, 0.45, 0.25))
+    return sdf.union(body, foot, 0.12)
 
 
-def _overhang(rng: np.random.Generator, seed: int) -> Shape:
+def _overhang(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     neck, foot, cap = rng.uniform(0.25, 0.45), rng.uniform(0.4, 0.65), rng.uniform(0.55, 0.85)
     thick, off = rng.uniform(0.3, 0.5), rng.uniform(-0.2, 0.2, size=2)
     turn, nod = rng.uniform(0, 180), rng.uniform(-14, 14)
-
-    def shape(p: Floats) -> Floats:
-        low = sdf.ellipsoid(p, (0, 0, 0.1), (foot, 0.9 * foot, 0.35))
-        stem = sdf.capsule(p, (0, 0, 0.0), (off[0] / 2, off[1] / 2, 1.1), neck)
-        high = sdf.ellipsoid(p, (off[0], off[1], 1.2), (cap, 0.8 * cap, thick), sdf.rotation(turn, nod))
-        return sdf.union(sdf.union(low, stem, 0.12), high, 0.1)
-
-    return shape
+    low = sdf.ellipsoid(p, (0, 0, 0.1), (foot, 0.9 * foot, 0.35))
+    stem = sdf.capsule(p, (0, 0, 0.0), (off[0] / 2, off[1] / 2, 1.1), neck)
+    high = sdf.ellipsoid(p, (off[0], off[1], 1.2), (cap, 0.8 * cap, thick), sdf.rotation(turn, nod))
+    return sdf.union(sdf.union(low, stem, 0.12), high, 0.1)
 
 
-def _cleft(rng: np.random.Generator, seed: int) -> Shape:
-    body = _boulder(rng, seed)
-    cracks = [
-        (
-            (rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(0.7, 1.3)),
-            (rng.uniform(0.04, 0.1), 1.2, rng.uniform(0.35, 0.7)),
-            sdf.rotation(rng.uniform(0, 180), rng.uniform(-15, 15), rng.uniform(-20, 20)),
-        )
-        for _ in range(int(rng.integers(1, 4)))
-    ]
-
-    def shape(p: Floats) -> Floats:
-        d = body(p)
-        for center, half, turn in cracks:
-            d = sdf.subtract(d, sdf.box(p, center, half, 0.03, turn), 0.03)
-        return d
-
-    return shape
+def _cleft(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    d = _boulder(p, rng, seed)
+    for _ in range(int(rng.integers(1, 4))):
+        center = (rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(0.7, 1.3))
+        half = (rng.uniform(0.04, 0.1), 1.2, rng.uniform(0.35, 0.7))
+        turn = sdf.rotation(rng.uniform(0, 180), rng.uniform(-15, 15), rng.uniform(-20, 20))
+        d = sdf.subtract(d, sdf.box(p, center, half, 0.03, turn), 0.03)
+    return d
 
 
-def _stack(rng: np.random.Generator, seed: int) -> Shape:
-    blocks: list[tuple[_Vector, _Vector, Floats]] = []
+def _stack(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    blocks: list[Floats] = []
     height, wide = 0.0, rng.uniform(0.55, 0.75)
     while height < 1.45:
         half_height = rng.uniform(0.17, 0.34)
         at = (rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.12), height + half_height)
         half = (wide, wide * rng.uniform(0.7, 1.0), half_height + 0.05)
-        blocks.append((at, half, sdf.rotation(rng.uniform(0, 180), *rng.uniform(-8, 8, size=2))))
+        turn = sdf.rotation(rng.uniform(0, 180), *rng.uniform(-8, 8, size=2))
+        blocks.append(sdf.box(p, at, half, 0.08, turn))
         height += 2 * half_height
         wide = max(0.22, wide * rng.uniform(0.65, 1.05))
-
-    def shape(p: Floats) -> Floats:
-        return sdf.fused(sdf.box(p, at, half, 0.08, turn) for at, half, turn in blocks)
-
-    return shape
+    return sdf.fused(blocks)
 
 
-def _breccia(rng: np.random.Generator, seed: int) -> Shape:
+def _breccia(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     lobes = []
     for k in range(int(rng.integers(2, 5))):
         bearing = rng.uniform(0, 2 * np.pi)
@@ -115,17 +89,14 @@ def _breccia(rng: np.random.Generator, seed: int) -> Shape:
         high = rng.uniform(0.7, 0.9) if k == 0 else rng.uniform(0.35, 0.65)
         at = (out * np.cos(bearing), out * np.sin(bearing), 0.7 * high)
         size = (rng.uniform(0.35, 0.55), rng.uniform(0.35, 0.55), high)
-        lobes.append((at, size, sdf.rotation(rng.uniform(0, 180), *rng.uniform(-20, 20, size=2))))
+        turn = sdf.rotation(rng.uniform(0, 180), *rng.uniform(-20, 20, size=2))
+        lobes.append(sdf.ellipsoid(p, at, size, turn))
     planes = int(rng.integers(10, 18))
-
-    def shape(p: Floats) -> Floats:
-        d = sdf.fused(sdf.ellipsoid(p, at, size, turn) for at, size, turn in lobes)
-        return sdf.intersection(d, facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
-
-    return shape
+    return sdf.intersection(sdf.fused(lobes), facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
 
 
-FAMILIES: dict[str, tuple[Callable[[np.random.Generator, int], Shape], str]] = {
+# A body at points (N, 3) as a generator draws it, and what makes the family hard.
+FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], str]] = {
     "boulder": (_boulder, "blocky, nearly convex"),
     "slab": (_slab, "leaning slab: an underside on one side, narrow edges"),
     "overhang": (_overhang, "a cap that hides stem and underside"),
@@ -157,12 +128,12 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     paint = Paint(rng.uniform(0.22, 0.45), richness, 0.15 + 0.6 * richness, 0.75 - 0.6 * richness)
     noise = int(rng.integers(1, 2**20))
 
-    body = draw(np.random.default_rng([seed, 1, *family.encode()]), noise)
     pivot = np.array([0.0, 0.0, DEFAULT_HEIGHT_M / 2])
 
     def shape(p: Floats) -> Floats:
         standing = (p - pivot) @ tilt + pivot + [0.0, 0.0, buried_m]
-        return grounded(p, body(warp(standing, noise, 0.04, 0.7)) + rough(p, noise, relief))
+        drawn = np.random.default_rng([seed, 1, *family.encode()])
+        return grounded(p, draw(warp(standing, noise, 0.04, 0.7), drawn, noise) + rough(p, noise, relief))
 
     return Recipe(f"{family}-{seed}", _split_of(seed), noise, difficulty, shape, paint, height_m)
 

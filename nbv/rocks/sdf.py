@@ -20,6 +20,11 @@ def rotation(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
     return rz @ ry @ rx
 
 
+def _about(points: Floats, center: Sequence[float], turn: Floats | None) -> Floats:
+    local = points - np.asarray(center)
+    return local if turn is None else local @ turn
+
+
 def ellipsoid(
     points: Floats, center: Sequence[float], radii: Sequence[float], turn: Floats | None = None
 ) -> Floats:
@@ -34,9 +39,7 @@ def ellipsoid(
     turn
         (3, 3) rotation about its centre; none where left out.
     """
-    local = points - np.asarray(center)
-    if turn is not None:
-        local = local @ turn
+    local = _about(points, center, turn)
     scaled = local / np.asarray(radii)
     k0 = np.linalg.norm(scaled, axis=1)
     k1 = np.linalg.norm(scaled / np.asarray(radii), axis=1)
@@ -63,9 +66,7 @@ def box(
     turn
         (3, 3) rotation about its centre; none where left out.
     """
-    local = points - np.asarray(center)
-    if turn is not None:
-        local = local @ turn
+    local = _about(points, center, turn)
     q = np.abs(local) - (np.asarray(half_sizes) - round_m)
     return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(1), 0) - round_m
 
