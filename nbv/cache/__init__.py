@@ -13,17 +13,6 @@ Rocks that a user imported by name live beside the store (``nbv.rocks.imported``
 
 from nbv.cache.addressing import address, code_digest, digest
 from nbv.cache.remembering import remember, remember_json
-from nbv.cache.store import DEFAULT_MAX_BYTES, Arrays, KindInfo, Store, home
+from nbv.cache.store import Arrays, Store, home
 
-__all__ = [
-    "DEFAULT_MAX_BYTES",
-    "Arrays",
-    "KindInfo",
-    "Store",
-    "address",
-    "code_digest",
-    "digest",
-    "home",
-    "remember",
-    "remember_json",
-]
+__all__ = ["Arrays", "Store", "address", "code_digest", "digest", "home", "remember", "remember_json"]

@@ -7,7 +7,6 @@ that a user starts from, ``conditions`` the named worlds that missions fly in, `
 
 from nbv.config.conditions import (
     IDEAL_CONDITION,
-    WORLD_SECTIONS,
     Condition,
     available_conditions,
     condition_from_dict,
@@ -17,18 +16,14 @@ from nbv.config.conditions import (
     under,
 )
 from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_from_dict, parameter_paths
-from nbv.config.presets import PRESETS, REDUCED_SFM, preset
+from nbv.config.presets import PRESETS, preset
 from nbv.config.reference import Parameter, parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
 from nbv.config.sections_planning import (
     BAwareConfig,
-    CovisConfig,
     GateConfig,
-    MatchableConfig,
     PoolConfig,
     SeedConfig,
-    SharedTermsConfig,
-    StopConfig,
     Weights,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
@@ -50,21 +45,17 @@ __all__ = [
     "IDEAL",
     "IDEAL_CONDITION",
     "PRESETS",
-    "REDUCED_SFM",
     "RENDERERS",
     "SCORERS",
     "TELEMETRY_LEVELS",
-    "WORLD_SECTIONS",
     "BAwareConfig",
     "CameraConfig",
     "Condition",
-    "CovisConfig",
     "DenseConfig",
     "EvaluationConfig",
     "FlightConfig",
     "GateConfig",
     "GroundConfig",
-    "MatchableConfig",
     "MissionConfig",
     "Parameter",
     "PoolConfig",
@@ -72,9 +63,7 @@ __all__ = [
     "SceneConfig",
     "SeedConfig",
     "SensorConfig",
-    "SharedTermsConfig",
     "SparseConfig",
-    "StopConfig",
     "TargetConfig",
     "TelemetryConfig",
     "Weights",

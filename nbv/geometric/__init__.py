@@ -6,13 +6,5 @@ its numbers are not those of a photogrammetric mission.
 """
 
 from nbv.geometric.mission import run_geometric_mission
-from nbv.geometric.reconstructor import GeometricReconstructor
-from nbv.geometric.world import GeometricWorld, build_world, load_world
 
-__all__ = [
-    "GeometricReconstructor",
-    "GeometricWorld",
-    "build_world",
-    "load_world",
-    "run_geometric_mission",
-]
+__all__ = ["run_geometric_mission"]

@@ -3,8 +3,7 @@
 ``loop`` is the loop; ``flying`` surrounds it with what missions of every fidelity share; ``recorder`` watches it.
 """
 
-from nbv.mission.function import MissionFunction, MissionOptions
-from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import RunDirectory
+from nbv.mission.function import MissionFunction
+from nbv.mission.result import MissionResult
 
-__all__ = ["IterationRecord", "MissionFunction", "MissionOptions", "MissionResult", "RunDirectory"]
+__all__ = ["MissionFunction", "MissionResult"]

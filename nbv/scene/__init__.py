@@ -6,11 +6,4 @@ from nbv.scene.preview import preview
 from nbv.scene.sensor import Sensor
 from nbv.scene.view import Renderer
 
-__all__ = [
-    "Renderer",
-    "Scene",
-    "Sensor",
-    "build_scene",
-    "make_renderer",
-    "preview",
-]
+__all__ = ["Renderer", "Scene", "Sensor", "build_scene", "make_renderer", "preview"]

@@ -13,7 +13,7 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import IDEAL, CameraConfig, MissionConfig, load_condition, preset, under
 from nbv.dense.views import shrunk, shrunk_camera
-from nbv.geometry import look_at
+from nbv.geometry.frames import look_at
 from nbv.photographs import PhotographSet
 from nbv.rocks import Rock, load_rock
 from nbv.rocks.imported import is_photographed

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from nbv.config import CameraConfig
-from nbv.geometry import look_at
+from nbv.geometry.frames import look_at
 from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference
 from nbv.photographs.photograph_set import IMAGES, REFERENCE_FILE, set_folder
 

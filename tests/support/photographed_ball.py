@@ -11,7 +11,7 @@ from PIL import Image
 from scene_helpers import BALL_RADIUS_M, SMALL_GROUND, make_ball
 
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry import look_at
+from nbv.geometry.frames import look_at
 from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference, set_folder
 from nbv.rocks.imported import write_rock
 from nbv.rocks.rock import make_rock

@@ -11,7 +11,7 @@ from PIL import Image
 from scene_helpers import SMALL_GROUND, make_ball
 
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry import look_at
+from nbv.geometry.frames import look_at
 from nbv.scene import build_scene, make_renderer
 
 CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)

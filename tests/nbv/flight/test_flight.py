@@ -10,8 +10,10 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from nbv.config import FlightConfig, MissionConfig
-from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
+from nbv.flight import Flight, Pose, route
+from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import power_w
+from nbv.flight.leg import fly_straight
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 

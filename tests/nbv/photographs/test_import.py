@@ -14,7 +14,7 @@ from scene_helpers import BALL_RADIUS_M
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.geometry import align_umeyama
+from nbv.geometry.frames import align_umeyama
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs import importer as importer_module
 from nbv.photographs.importer import ImportOptions, import_photographs
@@ -153,7 +153,7 @@ def test_poses_alone_are_enough(
 ) -> None:
     import json
 
-    from nbv.geometry import invert_rigid, look_at
+    from nbv.geometry.frames import invert_rigid, look_at
     from nbv.photographs.folder import read_folder
     from nbv.photographs.mapping import solve
     from nbv.photographs.source import Source

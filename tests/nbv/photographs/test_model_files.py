@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from nbv.errors import UserError
-from nbv.geometry import invert_rigid, look_at
+from nbv.geometry.frames import invert_rigid, look_at
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.model_files import read_model
 from nbv.photographs.source import Source

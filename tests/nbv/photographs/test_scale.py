@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 
 from nbv.errors import UserError
-from nbv.geometry import Similarity, look_at
+from nbv.geometry.frames import Similarity, look_at
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.scale import ControlPoints, find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel
