@@ -4,7 +4,7 @@
 
 Space ``gate_and_weights``, three rocks, two replicates; outcomes are a smooth function with an offset per rock and noise,
 flown as a search flies them: a third anywhere, the others near the optimum. ``model`` rows compare, at 1,000 missions, the exact
-process with the small one (`tuner.surrogate.many_missions`), which sees a part of them; errors are against the noiseless function,
+process with the small one (`tuner.surrogate.fit`), which sees a part of them; errors are against the noiseless function,
 in standard deviations of a mission's noise; regret is that of the best posterior mean among all that was flown.
 """
 
@@ -34,7 +34,7 @@ from tuner.missions.job import MissionJob, landed  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.problem.worlds import World  # noqa: E402
-from tuner.surrogate import many_missions  # noqa: E402
+from tuner.surrogate import fit  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 
 SPACE = load_search_space("gate_and_weights")
@@ -78,12 +78,12 @@ def small_against_exact(seeds: int, count: int) -> list[dict[str, Any]]:
         landscape = Landscape(seed)
         missions = landscape.missions(count)
         fresh = [SPACE.from_unit(landscape.position(count)) for _ in range(500)]
-        for name, limit in (("exact", count), ("small", many_missions.EXACT_MISSIONS)):
-            before, many_missions.EXACT_MISSIONS = many_missions.EXACT_MISSIONS, limit
+        for name, limit in (("exact", count), ("small", fit.EXACT_MISSIONS)):
+            before, fit.EXACT_MISSIONS = fit.EXACT_MISSIONS, limit
             started = time.process_time()
             model = RockMeanGP(SPACE, missions, ROCKS, seed)
             took = time.process_time() - started
-            many_missions.EXACT_MISSIONS = before
+            fit.EXACT_MISSIONS = before
             flown = [o.values for o in missions]
             truth = np.array([landscape(SPACE.to_unit(v)) for v in flown])
             best = truth[model.best_first(flown)[0]]

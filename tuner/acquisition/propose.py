@@ -19,8 +19,7 @@ from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from nbv.types import Bools, Floats
 from tuner.problem.search_space import Values
-from tuner.surrogate.feasibility import Feasibility
-from tuner.surrogate.many_missions import EXACT_MISSIONS
+from tuner.surrogate.fit import EXACT_MISSIONS, Feasibility
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 

@@ -29,13 +29,13 @@ from nbv.mission.function import Keep
 from tuner.campaign.declaration import setting, settings_of
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
+from tuner.campaign.storage import require_no_password
 from tuner.missions.external import MissionFile, external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of, require_share
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
-from tuner.problem.secrets import require_no_password
 from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.problem.worlds import World, are_drawn, training_rock, with_families, worlds_over

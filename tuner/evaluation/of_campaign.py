@@ -10,8 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
+from nbv.photographs import PhotographSet
 from nbv.rocks.imported import are_photographed
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making
@@ -24,10 +27,10 @@ from tuner.evaluation.baselines import (
     at_equal_number,
     baseline_configs,
     ending_at,
+    is_orbit,
     orbits_at_number,
     tuned_configs,
 )
-from tuner.evaluation.orbits_over_photographs import where_photographed
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.external import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
@@ -37,6 +40,7 @@ from tuner.problem.worlds import are_drawn, held_out_rocks_of, with_families
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
+HIGHEST_DEG = 60.0
 
 
 @dataclass(frozen=True)
@@ -243,3 +247,27 @@ def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
     if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
         notes.append(f"Tuned under, so no test of transfer: {', '.join(seen)}.")
     return notes
+
+
+def where_photographed(
+    strategies: Mapping[str, MissionConfig], rocks: Sequence[str]
+) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
+    """``strategies`` whose plain orbits fly where the photographs are, if all ``rocks`` are sets, and a note that says so.
+
+    One ring flies at the median elevation of all photographs, two rings at their quartiles.
+    """
+    if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
+        return dict(strategies), ()
+    elevations_deg = np.concatenate([PhotographSet.read(rock).coverage.elevations_deg for rock in rocks])
+    low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()
+
+    def placed(config: MissionConfig) -> MissionConfig:
+        one = config.seed.upper_share == 0
+        ring = {"seed.lowest_deg": middle if one else low, "seed.span_deg": 0.0 if one else high - low}
+        return config.with_values(ring)
+
+    note = (
+        f"Plain orbits fly where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
+        f"{high:g}° (the quartiles)."
+    )
+    return {name: placed(c) if is_orbit(name) else c for name, c in strategies.items()}, (note,)

@@ -23,7 +23,7 @@ from tuner.problem.objective import Objective, direction_of
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label, parameter_label
-from tuner.surrogate.many_missions import posterior_means
+from tuner.surrogate.fit import posterior_means
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
 

@@ -1,9 +1,14 @@
-"""Fitting the Gaussian process: the most likely hyperparameters, by BoTorch."""
+"""Fitting Gaussian processes: the most likely hyperparameters, by BoTorch.
+
+Beyond `EXACT_MISSIONS` hyperparameters are fitted to `FITTED_MISSIONS` drawn from all, and the model has seen those and the
+`PROMISING` best by what they say, where a search goes on: ``research/large_ledger.py`` compares it with the exact model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from botorch.exceptions.errors import ModelFittingError
 from botorch.fit import fit_gpytorch_mll
@@ -13,11 +18,19 @@ from gpytorch.kernels import Kernel
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
 
-from tuner.surrogate.kernel import MIN_NOISE_VARIANCE, NOISE_VARIANCE, log_normal
+from nbv.types import Floats, Ints
+from tuner.problem.search_space import SearchSpace
+from tuner.surrogate.kernel import MIN_NOISE_VARIANCE, NOISE_VARIANCE, landscape_kernel, log_normal
+from tuner.surrogate.numerics import numerics, tensor
 
 MAX_ITERATIONS = 75
 # With fewer missions the marginal likelihood says nothing about seven hyperparameters; they stay at the priors' modes.
 MIN_OBSERVATIONS_TO_FIT = 4
+EXACT_MISSIONS = 600
+FITTED_MISSIONS = 400
+PROMISING = 300
+_ROWS = 4096  # worked on at once
+_LEAST_SD = 0.1  # a label apart is 2: nothing is certain
 
 
 def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
@@ -57,3 +70,64 @@ def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTas
         density = float(mll(model(x), model.train_targets)) * len(x)
     model.eval()
     return model, density
+
+
+def fitted_subset(count: int) -> Ints:
+    """Return to which of ``count`` missions the hyperparameters are fitted: to all where they are few."""
+    if count <= EXACT_MISSIONS:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(count).choice(count, FITTED_MISSIONS, replace=False))
+
+
+def with_promising(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
+    """Return ``model``, fitted to some missions, as if it had seen the best of all, (n, inputs) and (n, 1), too."""
+    best = posterior_means(model, x).argsort(descending=True)[:PROMISING]
+    told = torch.unique(torch.cat([torch.from_numpy(fitted_subset(len(x))), best]))
+    larger = SingleTaskGP(
+        x[told],
+        y[told],
+        likelihood=model.likelihood,
+        covar_module=model.covar_module,
+        mean_module=model.mean_module,
+        outcome_transform=None,
+    )
+    larger.eval()
+    return larger.requires_grad_(False)
+
+
+def posterior_means(model: SingleTaskGP, x: torch.Tensor) -> torch.Tensor:
+    """Return (n,) posterior means at (n, inputs), without the (n, n) covariance."""
+    with torch.no_grad():
+        model(x[:1])  # computes the weights of the outcomes
+        weights, z = model.prediction_strategy.mean_cache, model.train_inputs[0]
+        return torch.cat(
+            [
+                model.mean_module(rows) + model.covar_module(rows, z).to_dense() @ weights
+                for rows in x.split(_ROWS)
+            ]
+        )
+
+
+class Feasibility:
+    """Whether a configuration works at all: what missions that failed, and those that did not, say of every configuration.
+
+    A Gaussian process over labels, 1 for a mission that ended well and -1 for one that the configuration failed, as Gardner et al.
+    (ICML 2014) model constraints; its noise learns how much failures are chance. ``worked`` and ``failed`` are (n, d) and (m, d)
+    unit positions, one a mission.
+    """
+
+    def __init__(self, space: SearchSpace, worked: Floats, failed: Floats, seed: int) -> None:
+        ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
+        x = torch.cat([tensor(failed), tensor(worked)])
+        y = torch.ones(len(x), 1, dtype=torch.float64)
+        y[: len(failed)] = -1.0
+        chosen = fitted_subset(len(x))
+        with numerics(seed), torch.enable_grad():  # whoever asks first
+            kernel = landscape_kernel(ordered, space.categorical_dimensions)
+            self._model = fitted([kernel], x[chosen], y[chosen])
+
+    def log_chance(self, unit: torch.Tensor) -> torch.Tensor:
+        """Return (...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""
+        belief = self._model(unit.unsqueeze(-2))
+        mean, variance = belief.mean[..., 0], belief.variance[..., 0]
+        return torch.special.log_ndtr(mean / (variance + _LEAST_SD**2).sqrt())

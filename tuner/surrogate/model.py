@@ -15,8 +15,7 @@ worlds do not share beyond offsets and a scale ends up in the noise, which is ri
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
 synthetic data as noisy as the signal these choices were the better calibrated ones. It is a BoTorch
-``SingleTaskGP``: ``kernel.py`` has its covariance and priors, ``fit.py`` how they are fitted, ``many_missions.py`` what keeps it small
-beyond some hundred missions.
+``SingleTaskGP``: ``kernel.py`` has its covariance and priors, ``fit.py`` how they are fitted.
 """
 
 from __future__ import annotations
@@ -39,14 +38,12 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import Place, World, worlds_of
-from tuner.surrogate.feasibility import Feasibility
-from tuner.surrogate.fit import fitted
+from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
 from tuner.surrogate.kernel import (
     NO_OFFSET,
     mission_kernel,
     shared_variance,
 )
-from tuner.surrogate.many_missions import fitted_subset, posterior_means, with_promising
 from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
 from tuner.surrogate.posterior import Posterior
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
@@ -107,9 +104,8 @@ class RockMeanGP:
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
-        self.fitted_to = fitted_subset(
-            len(feasible)
-        )  # indices of the missions that hyperparameters are fitted to
+        # Indices of the missions that hyperparameters are fitted to.
+        self.fitted_to = fitted_subset(len(feasible))
         with numerics(seed):
             self._fitted = self._fit(x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)

@@ -19,9 +19,8 @@ from tuner.campaign import reproducibility_check
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.storage import open_storage
+from tuner.campaign.storage import PASSWORD_VARIABLE, open_storage
 from tuner.missions.job import MissionJob, landed
-from tuner.problem.secrets import PASSWORD_VARIABLE
 
 FIDELITY = fake_campaigns.FIDELITY
 

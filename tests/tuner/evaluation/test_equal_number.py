@@ -18,7 +18,7 @@ from tuner.evaluation.baselines import (
     photographs,
     tuned_configs,
 )
-from tuner.evaluation.orbits_over_photographs import where_photographed
+from tuner.evaluation.of_campaign import where_photographed
 from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")

@@ -12,7 +12,7 @@ from gpytorch.kernels import Kernel, MaternKernel, ScaleKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.surrogate import many_missions
+from tuner.surrogate import fit
 from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95
@@ -168,9 +168,9 @@ def models() -> tuple[RockMeanGP, RockMeanGP]:
     exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
-        small.setattr(many_missions, "EXACT_MISSIONS", 100)
-        small.setattr(many_missions, "FITTED_MISSIONS", 80)
-        small.setattr(many_missions, "PROMISING", 30)
+        small.setattr(fit, "EXACT_MISSIONS", 100)
+        small.setattr(fit, "FITTED_MISSIONS", 80)
+        small.setattr(fit, "PROMISING", 30)
         return exact, RockMeanGP(synthetic.SPACE, missions, ROCKS)
 
 
@@ -189,7 +189,7 @@ def test_with_all_missions_promising_it_is_the_exact_model() -> None:
     missions = _missions(60)
     exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
     x, y = exact.model.train_inputs[0], exact.model.train_targets
-    small = many_missions.with_promising(exact.model, x, y[:, None])
+    small = fit.with_promising(exact.model, x, y[:, None])
     probe = exact.inputs(np.random.default_rng(1).uniform(size=(20, 2)))
     assert np.allclose(small.posterior(probe).mean, exact.model.posterior(probe).mean, atol=1e-3)
     assert np.allclose(small.posterior(probe).variance, exact.model.posterior(probe).variance, atol=1e-3)
