@@ -43,7 +43,7 @@ from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock, load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.sparse.alignment import align_cameras
-from nbv.sparse.model import camera_from_model_poses, camera_from_world_poses, registered_names
+from nbv.sparse.colmap import camera_from_model_poses, camera_from_world_poses, registered_names
 from nbv.threads import limit_threads
 from nbv.types import Capture, Floats
 from nbv.viewpoints import raw_candidates, seed_viewpoints

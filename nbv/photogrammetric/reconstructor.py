@@ -97,16 +97,14 @@ class PhotogrammetricReconstructor:
         self._half_extents_m = half_extents_m
         self._config, self._store = config, store
         self._keep_sparse = keep_sparse
-        self._correspondences = Correspondences(config.camera, config.sparse, store, stopwatch)
+        self._stopwatch = stopwatch
         self._images: dict[str, Any] = {}
         self.has_model = False
         self._begin()
 
     def _begin(self) -> None:
-        config = self._config
-        self._sparse: SparseReconstructor | None = SparseReconstructor(
-            config.camera, config.sparse, config.target_m, self._correspondences, config.telemetry
-        )
+        source = Correspondences(self._config, self._store, self._stopwatch)
+        self._sparse: SparseReconstructor | None = SparseReconstructor(self._config, source)
         # Not reconstructed yet: the seeds, and what came after them.
         self._seeds: tuple[Capture, ...] = ()
         self._waiting: list[Capture] = []

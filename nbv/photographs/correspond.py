@@ -14,7 +14,7 @@ from nbv.cache import Arrays, remember
 from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress
 from nbv.photographs.source import Source
-from nbv.sparse.database_cache import database_cache
+from nbv.sparse.colmap import database_cache
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.matching import NO_MATCHES, VerifiedPair, match_pair, matches_of_one_motion
 from nbv.types import Ints

@@ -16,7 +16,7 @@ from nbv.photographs.folder import Progress
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.photographs.source import Source
-from nbv.sparse.model import files_of, model_of
+from nbv.sparse.colmap import files_of, model_of
 
 FEWEST_REGISTERED = 6
 WORST_MEDIAN_PX = 4.0

@@ -16,7 +16,7 @@ from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
 from nbv.photographs.source import Source
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
-from nbv.sparse.model import camera_from_world_poses
+from nbv.sparse.colmap import camera_from_world_poses
 from nbv.types import Floats, Ints
 
 

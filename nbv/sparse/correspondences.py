@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, remember
-from nbv.config import CameraConfig, SparseConfig
+from nbv.config import MissionConfig
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.ground_features import extract_ground_features
 from nbv.sparse.matching import VerifiedPair, match_pair, verify_pair
@@ -23,32 +23,26 @@ class Correspondences:
     """Features and verified pairs: pure functions of the arguments and the options, kept in the store where there is one."""
 
     def __init__(
-        self,
-        camera: CameraConfig,
-        config: SparseConfig,
-        store: Store | None = None,
-        stopwatch: Stopwatch | None = None,
+        self, config: MissionConfig, store: Store | None = None, stopwatch: Stopwatch | None = None
     ) -> None:
-        self.camera = camera
         self.config = config
         self.stopwatch = stopwatch or Stopwatch()  # of all sparse stages
         self._store = store
 
     def features(self, image: NDArray[np.uint8]) -> Features:
         """Features of an (H, W, 3) RGB photograph; see :func:`nbv.sparse.features.extract_features`."""
-        c = self.config
+        c = self.config.sparse
         inputs = [c.max_features, c.first_octave, c.peak_threshold, image]
         return self._features(lambda: extract_features(image, c), "nbv.sparse.features", inputs)
 
-    def ground_features(
-        self, image: NDArray[np.uint8], camera_from_world: Floats, target_m: Floats
-    ) -> Features:
-        """Features of the ground about ``target_m`` (3,) of a photograph with that reported pose (4, 4)."""
-        limits = (self.config.ground_features, self.config.peak_threshold)
+    def ground_features(self, image: NDArray[np.uint8], camera_from_world: Floats) -> Features:
+        """Features of the ground about the target of a photograph with that reported pose (4, 4)."""
+        c = self.config
+        limits = [c.camera, c.target_m, c.sparse.ground_features, c.sparse.peak_threshold]
         return self._features(
-            lambda: extract_ground_features(image, camera_from_world, self.camera, target_m, *limits),
+            lambda: extract_ground_features(image, camera_from_world, c),
             "nbv.sparse.ground_features",
-            [self.camera, *limits, image, camera_from_world, target_m],
+            [*limits, image, camera_from_world],
         )
 
     def _features(self, extract: Callable[[], Features], code: str, inputs: list[Any]) -> Features:
@@ -62,23 +56,23 @@ class Correspondences:
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
         """Verified matches of two photographs; order matters (indices of ``a``, then of ``b``)."""
-        c = self.config
+        camera, c = self.config.camera, self.config.sparse
 
         def make() -> Arrays:
             with self.stopwatch.timed("sparse.matching"):
                 matches = self._match(a, b)
             with self.stopwatch.timed("sparse.verification"):
-                pair = verify_pair(a, b, matches, self.camera, c)
+                pair = verify_pair(a, b, matches, camera, c)
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
-        inputs = [self.camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]
+        inputs = [camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]
         entry = remember(self._store, "pairs", make, code="nbv.sparse.matching", inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))
 
     def _match(self, a: Features, b: Features) -> NDArray[np.uint32]:
         """Matches of the photographs, then of the ground seen from above."""
         first, second = len(a) - a.n_ground, len(b) - b.n_ground
-        matches = match_pair(a.descriptors[:first], b.descriptors[:second], self.config.match_ratio)
+        matches = match_pair(a.descriptors[:first], b.descriptors[:second], self.config.sparse.match_ratio)
         if not (a.n_ground and b.n_ground):
             return matches
         ground = match_pair(a.descriptors[first:], b.descriptors[second:], GROUND_MATCH_RATIO)

@@ -49,11 +49,32 @@ def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features
     and the scale that reaches the limit is kept whole. A featureless image gives empty arrays, never an
     error.
     """
+    return sift(image, config.max_features, config.first_octave, config.peak_threshold)
+
+
+def sift(
+    image: NDArray[np.uint8],
+    max_features: int,
+    first_octave: int,
+    peak_threshold: float,
+    *,
+    upright: bool = False,
+) -> Features:
+    """As `extract_features`.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3) or (H, W).
+    max_features, first_octave, peak_threshold
+        SIFT's limits, as in `SparseConfig`.
+    upright
+        No orientation is sought.
+    """
     bitmap = pycolmap.Bitmap.from_array(np.ascontiguousarray(image))
     if not bitmap.is_grey:
         bitmap = bitmap.clone_as_grey()
-    extractor = _extractor(config.max_features, config.first_octave, config.peak_threshold)
-    keypoints, descriptors = extractor.extract(bitmap)
+    keypoints, descriptors = _extractor(max_features, first_octave, peak_threshold, upright).extract(bitmap)
     if len(keypoints) == 0:
         return Features(np.zeros((0, 4), np.float32), np.zeros((0, DESCRIPTOR_SIZE), np.uint8))
     return Features(
@@ -63,11 +84,14 @@ def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features
 
 
 @lru_cache(maxsize=4)
-def _extractor(max_features: int, first_octave: int, peak_threshold: float) -> pycolmap.FeatureExtractor:
+def _extractor(
+    max_features: int, first_octave: int, peak_threshold: float, upright: bool
+) -> pycolmap.FeatureExtractor:
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = 1
     options.use_gpu = False
     options.sift.max_num_features = max_features
     options.sift.first_octave = first_octave
     options.sift.peak_threshold = peak_threshold
+    options.sift.upright = upright
     return pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)

@@ -13,11 +13,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
-from nbv.config import CameraConfig
-from nbv.sparse.features import DESCRIPTOR_SIZE, Features
+from nbv.config import MissionConfig
+from nbv.sparse.features import Features, sift
 from nbv.types import Floats
 
 HALF_WIDTH_M = 3.0  # of the ground that is drawn, about the target: what all views of an orbit have in common
@@ -27,31 +26,14 @@ _NEAREST_M = 0.1
 
 
 def extract_ground_features(
-    image: NDArray[np.uint8],
-    camera_from_world: Floats,
-    camera: CameraConfig,
-    target_m: Floats,
-    max_features: int,
-    peak_threshold: float,
+    image: NDArray[np.uint8], camera_from_world: Floats, config: MissionConfig
 ) -> Features:
-    """Upright SIFT of the ground about ``target_m`` (3,), from an (H, W, 3) photograph with pose (4, 4).
+    """Upright SIFT of the ground about the target, from an (H, W, 3) photograph with that reported pose (4, 4).
 
     Keypoints are in pixels of the photograph; their scale and orientation are those seen from above.
-
-    Parameters
-    ----------
-    image
-        (H, W, 3) RGB photograph.
-    camera_from_world
-        (4, 4) its pose, as telemetry reports it.
-    camera
-        Its intrinsics.
-    target_m
-        (3,) about which the ground is drawn.
-    max_features, peak_threshold
-        SIFT's limits.
     """
-    x_m, y_m = _grid(float(target_m[0]), float(target_m[1]))
+    camera = config.camera
+    x_m, y_m = _grid(*config.target_m[:2])
     across, down, depth_m = (row[0] * x_m + row[1] * y_m + row[3] for row in camera_from_world[:3])
     ahead = depth_m > _NEAREST_M
     depth_m = np.where(ahead, depth_m, 1.0)
@@ -62,21 +44,21 @@ def extract_ground_features(
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     above = cv2.remap(grey, u_px - 0.5, v_px - 0.5, cv2.INTER_LINEAR)
     above[~inside] = 0
-    found, descriptors = _extractor(max_features, peak_threshold).extract(pycolmap.Bitmap.from_array(above))
+    sparse = config.sparse
+    found = sift(above, sparse.ground_features, 0, sparse.peak_threshold, upright=True)
     if len(found) == 0:
-        return Features(np.zeros((0, 4), np.float32), np.zeros((0, DESCRIPTOR_SIZE), np.uint8))
-    keypoints = np.array(pycolmap.keypoints_to_matrix(found)[:, :4], dtype=np.float32)
+        return found
     width = 2 * _BORDER_PX + 1
     inner = cv2.erode(inside.astype(np.uint8), np.ones((width, width), np.uint8))
-    column, row = (keypoints[:, axis].astype(int).clip(0, len(inside) - 1) for axis in (0, 1))
+    column, row = (found.keypoints[:, axis].astype(int).clip(0, len(inside) - 1) for axis in (0, 1))
     keep = inner[row, column] > 0
-    keypoints = keypoints[keep]
+    keypoints = found.keypoints[keep]
     at_column, at_row = (keypoints[None, :, axis] - np.float32(0.5) for axis in (0, 1))
     for axis, pixels in enumerate((u_px, v_px)):
         keypoints[:, axis] = (
             cv2.remap(pixels, at_column, at_row, cv2.INTER_LINEAR)[0] if len(keypoints) else 0
         )
-    return Features(keypoints, np.array(descriptors.data, dtype=np.uint8)[keep])
+    return Features(keypoints, found.descriptors[keep])
 
 
 @lru_cache(maxsize=2)
@@ -85,15 +67,3 @@ def _grid(x_m: float, y_m: float) -> tuple[Floats, Floats]:
     offset_m = (np.arange(count) + 0.5) * PIXEL_M - HALF_WIDTH_M
     x, y = np.meshgrid(x_m + offset_m, y_m + offset_m)
     return x, y
-
-
-@lru_cache(maxsize=4)
-def _extractor(max_features: int, peak_threshold: float) -> pycolmap.FeatureExtractor:
-    options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = 1
-    options.use_gpu = False
-    options.sift.max_num_features = max_features
-    options.sift.first_octave = 0
-    options.sift.peak_threshold = peak_threshold
-    options.sift.upright = True
-    return pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)

@@ -16,12 +16,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from nbv.config import CameraConfig, SparseConfig
+from nbv.config import MissionConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
+from nbv.sparse.colmap import database_cache, files_of, model_of
 from nbv.sparse.correspondences import pairs_near
-from nbv.sparse.database_cache import database_cache
 from nbv.sparse.matching import VerifiedPair
-from nbv.sparse.model import files_of, model_of
 from nbv.stopwatch import Stopwatch
 
 _SEED = 0
@@ -72,32 +71,21 @@ class IncrementalModel:
     :meth:`bootstrap` once and :meth:`update` after each further photograph. Image ids count from 1 in
     the order of :meth:`add_image`.
 
-    Parameters
-    ----------
-    stopwatch
-        Counts the seconds of mapping and adjustment.
-    poses_guarded
-        Somebody compares poses with telemetry, so that fewer matches may register a photograph.
+    Where telemetry errs somebody compares poses with it, so that fewer matches may register a photograph.
     """
 
-    def __init__(
-        self,
-        camera: CameraConfig,
-        config: SparseConfig,
-        stopwatch: Stopwatch | None = None,
-        *,
-        poses_guarded: bool = False,
-    ) -> None:
-        self.camera = camera
-        self.config = config
+    def __init__(self, config: MissionConfig, stopwatch: Stopwatch | None = None) -> None:
+        self.camera, self.config = config.camera, config.sparse
         self.names: list[str] = []
         self.keypoints_px: list[NDArray[np.float64]] = []  # (K, 2) per image
         self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
         self.reconstruction = pycolmap.Reconstruction()
         self.captures_since_global = 0
         self.stopwatch = stopwatch or Stopwatch()
-        self._options = mapping_options(config)
-        if poses_guarded:
+        self._options = mapping_options(self.config)
+        if (
+            not config.telemetry.is_exact
+        ):  # else COLMAP's own thresholds stand: the world `ideal` stays as it is
             self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
             self._options.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
         self._mapper_options = self._options.get_mapper()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pycolmap
@@ -13,21 +12,21 @@ from nbv.types import Floats
 FEWEST_CAMERAS = 6  # below, the model is too small to be held by positions that err
 
 
-@dataclass(frozen=True)
-class PositionPriors:
-    """Where telemetry says the cameras are, and how sure it is."""
-
-    centers_m: Mapping[int, Floats]  # (3,) by image id, world frame
-    variances_m2: tuple[float, float, float]  # east, north, up, of each
-
-
 def adjust_with_priors(
-    reconstruction: pycolmap.Reconstruction, priors: PositionPriors, options: pycolmap.BundleAdjustmentOptions
+    reconstruction: pycolmap.Reconstruction,
+    centers_m: Mapping[int, Floats],
+    variances_m2: tuple[float, float, float],
+    options: pycolmap.BundleAdjustmentOptions,
 ) -> None:
     """Put the model into the world frame and adjust it, in place, against pixels and priors.
 
     COLMAP's pose-prior bundle adjustment: residuals of pixels, and of camera centres whitened by the covariance
     (pycolmap's ``create_pose_prior_bundle_adjuster``). Pixels count with a standard deviation of one pixel.
+
+    Parameters
+    ----------
+    centers_m, variances_m2
+        (3,) where telemetry says the cameras are, by image id, and how sure it is: east, north, up, of each.
     """
     ids = sorted(int(i) for i in reconstruction.reg_image_ids())
     if len(ids) < FEWEST_CAMERAS:
@@ -39,8 +38,8 @@ def adjust_with_priors(
         prior = pycolmap.PosePrior()
         prior.pose_prior_id = image_id
         prior.corr_data_id = reconstruction.image(image_id).data_id
-        prior.position = np.asarray(priors.centers_m[image_id], dtype=float)
-        prior.position_covariance = np.diag(priors.variances_m2)
+        prior.position = np.asarray(centers_m[image_id], dtype=float)
+        prior.position_covariance = np.diag(variances_m2)
         prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
         found.append(prior)
     for camera_id in reconstruction.cameras:

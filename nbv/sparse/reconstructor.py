@@ -9,15 +9,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from nbv.config import CameraConfig, SparseConfig, TelemetryConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
-from nbv.sparse.correspondences import Correspondences
-from nbv.sparse.features import Features
-from nbv.sparse.locating import Located, locate
-from nbv.sparse.mapper import IncrementalModel
-from nbv.sparse.matching import pair_angle_deg
-from nbv.sparse.model import (
+from nbv.sparse.colmap import (
     camera_from_model_poses,
     camera_from_world_poses,
     export_colmap,
@@ -26,7 +21,12 @@ from nbv.sparse.model import (
     registered_names,
     to_sparse_model,
 )
-from nbv.sparse.priors import PositionPriors, adjust_with_priors
+from nbv.sparse.correspondences import Correspondences
+from nbv.sparse.features import Features
+from nbv.sparse.locating import Located, locate
+from nbv.sparse.mapper import IncrementalModel
+from nbv.sparse.matching import pair_angle_deg
+from nbv.sparse.priors import adjust_with_priors
 from nbv.types import Capture, Floats, UpdateReport
 
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
@@ -39,40 +39,26 @@ class SparseReconstructor:
     Results are a function of the sequence of captures and the options. Telemetry serves three purposes
     only: to choose which pairs to match, to align the model, and to notice a wrong one.
 
+    A model that disagrees with telemetry by no more than twice the distance that its specification promises is not called
+    wrong. Where telemetry errs it also is the adjustment's prior (`nbv.sparse.priors`).
+
     Parameters
     ----------
-    camera, config
-        Known intrinsics, and the options of this stage.
-    target_m
-        Approximate centre of the object (m), for the angle between viewing directions.
+    config
+        Its camera, known, its ``sparse`` and ``telemetry``; its target, approximate, for the angle between views.
     correspondences
         Source of features and verified pairs; computed by default.
-    telemetry
-        What its specification promises; exact by default. A model that disagrees with telemetry by no more than twice
-        the promised distance is not called wrong. Where it errs it also is the adjustment's prior (`nbv.sparse.priors`).
     """
 
-    def __init__(
-        self,
-        camera: CameraConfig,
-        config: SparseConfig,
-        target_m: Sequence[float],
-        correspondences: Correspondences | None = None,
-        telemetry: TelemetryConfig | None = None,
-    ) -> None:
-        self.camera = camera
-        self.config = config
-        self.telemetry = telemetry or TelemetryConfig()
+    def __init__(self, config: MissionConfig, correspondences: Correspondences | None = None) -> None:
+        self.camera, self.config, self.telemetry = config.camera, config.sparse, config.telemetry
         self.tolerance_m = math.hypot(
-            config.max_alignment_rms_m, TELEMETRY_SDS * self.telemetry.position_sd_m
+            self.config.max_alignment_rms_m, TELEMETRY_SDS * self.telemetry.position_sd_m
         )
-        self.target_m = np.asarray(target_m, dtype=float)
-        self._source = correspondences or Correspondences(camera, config)
+        self.target_m = np.array(config.target_m)
+        self._source = correspondences or Correspondences(config)
         self._stopwatch = self._source.stopwatch
-        # With exact telemetry COLMAP's own thresholds stand: the world `ideal` stays as it is.
-        self._model = IncrementalModel(
-            camera, config, self._stopwatch, poses_guarded=not self.telemetry.is_exact
-        )
+        self._model = IncrementalModel(config, self._stopwatch)
         self._captures: list[Capture] = []
         self._features: list[Features] = []
         self._alignment: Alignment | None = None
@@ -230,7 +216,7 @@ class SparseReconstructor:
                 raise UserError(f"capture {capture.name} has {got}; the camera needs {shape}")
             features = self._source.features(capture.image)
             if self.config.ground_features:
-                seen = self._source.ground_features(capture.image, capture.camera_from_world, self.target_m)
+                seen = self._source.ground_features(capture.image, capture.camera_from_world)
                 features = features.with_ground(seen)
             new_id = self._model.add_image(capture.name, features.keypoints)
             pairs = {
@@ -276,9 +262,7 @@ class SparseReconstructor:
         centers_m = {i: c.camera_center_m for i, c in enumerate(self._captures, start=1)}
         with self._stopwatch.timed("sparse.priors"):
             adjust_with_priors(
-                self.reconstruction,
-                PositionPriors(centers_m, self.telemetry.covariance_m2),
-                self._model.global_adjustment,
+                self.reconstruction, centers_m, self.telemetry.covariance_m2, self._model.global_adjustment
             )
 
     def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:

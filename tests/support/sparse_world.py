@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from nbv.config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
@@ -111,3 +111,8 @@ class LabelledPoints:
 
 
 CONFIG = SparseConfig(min_registered_seeds=8, global_ba_interval=4)
+
+
+def mission(sparse: SparseConfig, telemetry: TelemetryConfig | None = None) -> MissionConfig:
+    """The default configuration with these sections."""
+    return MissionConfig().changed(sparse=sparse, telemetry=telemetry or TelemetryConfig())

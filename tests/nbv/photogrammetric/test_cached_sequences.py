@@ -18,6 +18,7 @@ from nbv.photogrammetric import mission as photogrammetric
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
+from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
 from nbv.types import PointCloud, Viewpoint
 
@@ -39,8 +40,7 @@ class Counting(LabelledPoints):
 def reconstructor(world=None, store=None):
     config = dataclasses.replace(MissionConfig(), camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET))
     made = PhotogrammetricReconstructor(config, store)
-    made._correspondences = world or Counting(SEEDS + LATER + ELSEWHERE)
-    made._begin()
+    made._sparse = SparseReconstructor(config, world or Counting(SEEDS + LATER + ELSEWHERE))
     return made
 
 

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sparse_world import CAMERA, TARGET, LabelledPoints, ring_captures
+from sparse_world import LabelledPoints, mission, ring_captures
 
 from nbv.config import TELEMETRY_LEVELS, SparseConfig, TelemetryConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import align_umeyama
 from nbv.sparse.alignment import camera_centers
-from nbv.sparse.model import camera_from_model_poses
+from nbv.sparse.colmap import camera_from_model_poses
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture
 
@@ -32,8 +32,8 @@ def reported(noise_m: float) -> list[Capture]:
     return captures
 
 
-def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig | None) -> SparseReconstructor:
-    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, LabelledPoints(SEEDS), telemetry)
+def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig) -> SparseReconstructor:
+    sparse = SparseReconstructor(mission(CONFIG, telemetry), LabelledPoints(SEEDS))
     sparse.bootstrap(captures)
     return sparse
 
@@ -41,7 +41,7 @@ def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig | None) -> 
 def test_half_a_metre_of_noise_is_no_wrong_model() -> None:
     captures = reported(0.5)
     with pytest.raises(MissionFailure, match="differ from telemetry") as failure:
-        bootstrapped(captures, None)
+        bootstrapped(captures, TELEMETRY_LEVELS["exact"])
     assert failure.value.reason == "wrong_model"
     sparse = bootstrapped(captures, TELEMETRY_LEVELS["gnss"])
     assert len(sparse.world_camera_poses()) == len(SEEDS)
@@ -88,7 +88,7 @@ def turned(capture: Capture, by_deg: float) -> Capture:
 def test_few_shared_points_join_a_later_photograph(level, turned_deg, joins):
     world = LabelledPoints(SEEDS)
     share_few(world, last=15, neighbour=14)
-    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS[level])
+    sparse = SparseReconstructor(mission(CONFIG, TELEMETRY_LEVELS[level]), world)
     before = sparse.bootstrap(SEEDS[:15]).model
     report = sparse.add(turned(SEEDS[15], turned_deg))
     assert report.registered == joins

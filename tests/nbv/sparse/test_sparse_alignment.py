@@ -8,7 +8,7 @@ from sparse_world import ring_captures
 from nbv.config import TELEMETRY_LEVELS
 from nbv.errors import MissionFailure
 from nbv.sparse.alignment import align_cameras, camera_centers
-from nbv.sparse.model import camera_from_world_poses
+from nbv.sparse.colmap import camera_from_world_poses
 
 TELEMETRY = np.array([c.camera_from_world for c in ring_captures(24)])
 

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from sparse_world import TARGET
 
-from nbv.config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, MissionConfig, SparseConfig
 from nbv.geometry.frames import look_at
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.features import extract_features
@@ -78,11 +78,11 @@ def joined(source: Correspondences, bearing_deg: float, tilt_deg: float = 0.0):
     image, pose = photograph(bearing_deg)
     told = pose.copy()
     told[:3, :3] = cv2.Rodrigues(np.deg2rad([tilt_deg, 0.0, 0.0]))[0] @ pose[:3, :3]
-    return source.features(image).with_ground(source.ground_features(image, told, TARGET)), pose
+    return source.features(image).with_ground(source.ground_features(image, told)), pose
 
 
 def test_views_60_degrees_apart_match_on_the_ground() -> None:
-    source = Correspondences(CAMERA, CONFIG)
+    source = Correspondences(MissionConfig().changed(camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET)))
     (a, pose_a), (b, pose_b) = joined(source, 0.0), joined(source, 60.0, tilt_deg=0.5)
     alone = source.pair(*(type(f)(f.keypoints[: -f.n_ground], f.descriptors[: -f.n_ground]) for f in (a, b)))
     pair = source.pair(a, b)

@@ -11,11 +11,11 @@ import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
+from sparse_world import CAMERA, CONFIG, LabelledPoints, mission, ring_captures, write_photographs
 
 from nbv.errors import MissionFailure, UserError
+from nbv.sparse.colmap import to_sparse_model
 from nbv.sparse.correspondences import pairs_near
-from nbv.sparse.model import to_sparse_model
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
@@ -23,7 +23,7 @@ LATER = ring_captures(6, radius_m=3.5, start=12, turn_deg=5.0)
 
 
 def reconstructor(world, config=CONFIG):
-    return SparseReconstructor(CAMERA, config, TARGET, world)
+    return SparseReconstructor(mission(config), world)
 
 
 def fly(world=None, later=LATER):
