@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from operator import attrgetter
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-import yaml
 from rich.table import Table
 
-from nbv.config import PRESETS, MissionConfig, Parameter, parameters
+from nbv.config import PRESETS, MissionConfig, parameters
 from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output
 
 app = typer.Typer(no_args_is_help=True)
@@ -28,6 +26,8 @@ def show(
 
     Example: gatetune config show --preset campaign
     """
+    from tuner.report.vehicle_files import commented_yaml, source_of
+
     config = mission_config(preset, set_ or [])
     for line in (f"# {PRESETS[preset].purpose}", *commented_yaml(config)):
         output.print(line, highlight=False, soft_wrap=True)
@@ -38,7 +38,7 @@ def show(
             "unit": about.unit,
             "meaning": about.meaning,
             "choices": about.choices,
-            "source": _origin(about, attrgetter(about.path)(config), preset),
+            "source": source_of(about, attrgetter(about.path)(config), preset),
         }
         for about in parameters().values()
     ]
@@ -77,37 +77,3 @@ def metrics(as_json: AsJson = False) -> None:
         f"costs, as in --objective 'f_score@photographs<=21': {', '.join(costs)}; or {', '.join(COSTS)}"
     )
     answer_json({"metrics": found, "thresholds_mm": thresholds_mm, "costs": COSTS, "short_names": costs})
-
-
-def commented_yaml(config: MissionConfig) -> list[str]:
-    """The configuration as lines of YAML, a comment beside every value."""
-    rows = list(_rows(config.to_dict(), "", config.preset))
-    width = max(len(line) for line, comment in rows if comment)
-    return [f"{line:<{width}}  # {comment}" if comment else line for line, comment in rows]
-
-
-def _rows(tree: dict[str, Any], prefix: str, preset: str) -> Iterator[tuple[str, str]]:
-    indent = "  " * prefix.count(".")
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield f"{indent}{name}:", ""
-            yield from _rows(value, f"{prefix}{name}.", preset)
-        else:
-            about = parameters()[f"{prefix}{name}"]
-            flow = None if isinstance(value, list) else False  # a list in its line
-            text = yaml.safe_dump({name: value}, default_flow_style=flow).strip()
-            yield f"{indent}{text}", _comment(about, value, preset)
-
-
-def _comment(about: Parameter, value: Any, preset: str) -> str:
-    origin = _origin(about, value, preset)
-    return f"{f'{about.unit}; ' if about.unit else ''}{about.meaning} ({origin})"
-
-
-def _origin(about: Parameter, value: Any, preset: str) -> str:
-    default = list(about.default) if isinstance(about.default, tuple) else about.default
-    if about.path == "preset" or value == default:
-        return about.origin
-    if value == PRESETS[preset].values.get(about.path):
-        return f"{PRESETS[preset].source}, preset {preset}"
-    return "--set"

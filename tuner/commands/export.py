@@ -6,23 +6,13 @@ import json
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
-import yaml
 
-from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
+from nbv.safe_files import write_atomic
 from tuner.commands.console import AsJson, answer_json, load, output
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
-    from tuner.recommendation.recommendation import Recommendation
-    from tuner.report.vehicle_files import VehicleFile
-
-OURS = "gatetune.yaml"
 
 
 class Format(StrEnum):
@@ -30,7 +20,7 @@ class Format(StrEnum):
 
     scoring = "scoring.yaml"
     mission = "unified_mission.yaml"
-    ours = OURS
+    ours = "gatetune.yaml"
     plan = "plan"
     csv = "csv"
 
@@ -64,30 +54,43 @@ def export(
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
     what = to.value if to else "the recommendation"
     output.print(f"exporting {what} of {run}", soft_wrap=True)  # before what takes seconds to load
-    if to is None:
-        return _list_files(run)
     if to is Format.csv:
         from tuner.report.records import write_csv
 
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan:
-        text, remarks = _plan(run, str(home))
-        return _wrote(_write(out or run / "route.plan", text), remarks)
+        return _write_plan(run, str(home), out or run / "route.plan")
     load("tuner.campaign.campaign")
-    found = _files(*_recommended(run), {to.value: onto} if onto else None)
-    file = next((file for file in found if file.name == to.value), None)
+    from tuner.campaign.campaign import Campaign
+    from tuner.report.vehicle_files import OURS, change_text, vehicle_files
+
+    campaign = Campaign.open(run, read_only=True)
+    best = campaign.recommended()
+    files = vehicle_files(campaign, best, {to.value: onto} if to and onto else None)
+    first = f"gatetune export {run} --to {files[0].name}"
+    if to is None:
+        changes = ", ".join(change_text(best, path) for path in best.changed)
+        _say(f"recommended: {changes or 'keep the default'}")
+        for f in files:
+            _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
+        _say(f"write the first: {first}")
+        listed = [{"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files]
+        values = {"values": best.values, "default_values": best.default_values}
+        return answer_json({**values, "files": listed, "write": first})
+    file = next((file for file in files if file.name == to.value), None)
     if file is None:
-        raise UserError(
-            f"the missions of {run} are not ours; run: gatetune export {run} --to {found[0].name}"
-        )
+        raise UserError(f"the missions of {run} are not ours; run: {first}")
     if not file.useful:
         why = f": {file.remarks[0]}" if not file.text else ""
         raise UserError(
-            f"{file.name} carries none of the changes ({', '.join(file.lost)}){why}; "
-            f"run: gatetune export {run} --to {found[0].name}"
+            f"{file.name} carries none of the changes ({', '.join(file.lost)}){why}; run: {first}"
         )
     said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
     _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
+
+
+def _say(line: str) -> None:
+    output.print(line, highlight=False, soft_wrap=True)
 
 
 def _write(path: Path, text: str) -> Path:
@@ -100,7 +103,7 @@ def _write(path: Path, text: str) -> Path:
 def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
     """Say what was written, and what is to be known of it."""
     for line in (f"wrote {path}", *remarks):
-        output.print(line, markup=False, highlight=False, soft_wrap=True)
+        _say(line)
     answer_json({"wrote": path, "remarks": remarks, **facts})
 
 
@@ -116,85 +119,28 @@ def _missions(run: Path) -> Any:
     return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0)
 
 
-def _recommended(run: Path) -> tuple[Campaign, Recommendation]:
-    from tuner.campaign.campaign import Campaign
-
-    campaign = Campaign.open(run, read_only=True)
-    return campaign, campaign.recommended()
-
-
-def _list_files(run: Path) -> None:
-    """Which file carries how much, and the command that writes the first."""
-    from tuner.report.vehicle_files import change_text
-
-    campaign, best = _recommended(run)
-    files = _files(campaign, best)
-    first = f"gatetune export {run} --to {files[0].name}"
-    changes = ", ".join(change_text(best, path) for path in best.changed)
-    said = [
-        f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else "")
-        for f in files
-    ]
-    for line in (f"recommended: {changes or 'keep the default'}", *said, f"write the first: {first}"):
-        output.print(line, markup=False, highlight=False, soft_wrap=True)
-    answer_json(
-        {
-            "values": best.values,
-            "default_values": best.default_values,
-            "files": [
-                {"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files
-            ],
-            "write": first,
-        }
-    )
-
-
-def _files(
-    campaign: Campaign, best: Recommendation, onto: dict[str, Path] | None = None
-) -> list[VehicleFile]:
-    """The recommendation as every file there is: those that carry nothing last, ours after the authors'."""
-    from tuner.report.vehicle_files import vehicle_files
-
-    theirs = vehicle_files(campaign, best, onto) if campaign.settings.mission is None else []
-    useful = [file for file in theirs if file.useful]
-    return [*useful, _our_file(campaign, best), *(file for file in theirs if not file.useful)]
-
-
-def _our_file(campaign: Campaign, best: Recommendation) -> VehicleFile:
-    from tuner.commands.config import commented_yaml
-    from tuner.missions.external import ExternalConfig
-    from tuner.problem.search_space import ours
-    from tuner.report.vehicle_files import VehicleFile, header
-
-    config = campaign.settings.config(best.values)
-    if isinstance(config, ExternalConfig):
-        lines = yaml.safe_dump(dict(config.values), sort_keys=False).splitlines()
-    else:
-        lines = commented_yaml(ours(config))
-    comment = [f"# {line}" for line in header(campaign, best, best.changed)]
-    return VehicleFile(OURS, "\n".join([*comment, *lines]) + "\n", best.changed, (), ())
-
-
-def _plan(run: Path, home: str) -> tuple[str, list[str]]:
-    from tuner.bridges import Home, qgc_plan
+def _write_plan(run: Path, home: str, out: Path) -> None:
+    """Write the route of a mission, or of a campaign's recommended one."""
+    from tuner.bridges.plan import Home, qgc_plan
     from tuner.campaign.settings_file import SETTINGS_FILE
+    from tuner.report.mission_files import mission_config, read_flight
 
     try:
-        numbers = [float(part) for part in home.split(",")]
-        place = Home(*numbers)
+        place = Home(*(float(part) for part in home.split(",")))
     except (TypeError, ValueError) as error:
         raise UserError(
             f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
         ) from error
     flown = _recommended_mission(run) if (run / SETTINGS_FILE).is_file() else run
-    config, views = _flown(flown)
+    flight, config = read_flight(flown), mission_config(flown)
+    views = list(flight.photographed_m())
     seeds = sum(name.startswith("seed_") for name in views)
     said = [
         f"it carries the route of {flown}: {len(views)} photographs ({seeds} seeds, then "
         f"{len(views) - seeds} that the planner chose there), none planned above {config.pool.max_altitude_m:g} m",
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
-    return json.dumps(qgc_plan(config, views, place), indent=1) + "\n", said
+    _wrote(_write(out, json.dumps(qgc_plan(config, views, place), indent=1) + "\n"), said)
 
 
 def _recommended_mission(run: Path) -> Path:
@@ -209,15 +155,3 @@ def _recommended_mission(run: Path) -> Path:
     if not was_flown(jobs[-1]):
         raise UserError(f"{run} has not flown its recommendation whole; run: gatetune mission view {run}")
     return jobs[-1].directory
-
-
-def _flown(run: Path) -> tuple[MissionConfig, list[str]]:
-    try:
-        flight = read_json(run / "flight.json", RESULT_BYTES, RESULT_NODES)
-        config = config_from_dict(read_yaml(run / "config.yaml"))
-        names = [event["name"] for event in flight["events"]]
-    except (UserError, KeyError, TypeError) as error:
-        raise UserError(
-            f"{run} is no mission with its flight; name one that was kept whole (gatetune mission run, or --keep all)"
-        ) from error
-    return config, [name for name in names if name.startswith(("seed_", "cand_"))]

@@ -1,34 +1,32 @@
-"""What a campaign recommends as the authors' files: what each carries, and a header that says so."""
+"""Configurations as files: what a campaign recommends in the authors' files and in ours, each with a header that says so."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig
+import yaml
+
+from nbv.config import PRESETS, MissionConfig, Parameter, parameters
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from tuner.bridges.photogrammetry_nbv import (
-    NoSuchGate,
-    carried,
-    read_file,
-    write_mission,
-    write_scoring,
-    write_text,
-)
+from tuner.bridges.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.missions.external import ExternalConfig
 from tuner.problem.observations import short
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation
 
-SCORING, MISSION = "scoring.yaml", "unified_mission.yaml"
+SCORING, MISSION, OURS = "scoring.yaml", "unified_mission.yaml", "gatetune.yaml"
+WRITERS = {SCORING: write_scoring, MISSION: write_mission}
 
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """One of the authors' files with the recommendation."""
+    """A file with the recommendation."""
 
     name: str
     text: str
@@ -55,39 +53,61 @@ class VehicleFile:
 def vehicle_files(
     campaign: Campaign, best: Recommendation, onto: Mapping[str, Path] | None = None
 ) -> list[VehicleFile]:
-    """Both files of what ``best`` recommends, the one that carries most first.
+    """What ``best`` recommends as every file there is: the authors' by what they carry, ours, those that carry nothing.
 
-    ``onto``: by name a file of that kind whose other keys are kept; others are as published.
+    ``onto``: by name a file of the authors' kind whose other keys are kept; others are as published.
 
     Raises
     ------
     UserError
-        The campaign's missions are not ours; a file of ``onto`` cannot be read.
+        A file of ``onto`` cannot be read.
     """
-    if campaign.settings.mission is not None:
-        raise UserError(
-            f"campaign {campaign.settings.name} is of a mission that is not ours; export it as gatetune.yaml"
-        )
+    config = campaign.settings.config(best.values)
+    comment = "".join(f"# {line}\n" for line in _header(campaign, best, best.changed))
+    if isinstance(config, ExternalConfig):
+        text = yaml.safe_dump(dict(config.values), sort_keys=False)
+        return [VehicleFile(OURS, comment + text, best.changed, (), ())]
+    text = "\n".join(commented_yaml(ours(config)))
+    own = VehicleFile(OURS, f"{comment}{text}\n", best.changed, (), ())
+    theirs = sorted(
+        (_their_file(name, campaign, best, (onto or {}).get(name)) for name in WRITERS),
+        key=lambda file: -len(file.carried),
+    )
+    return [*(f for f in theirs if f.useful), own, *(f for f in theirs if not f.useful)]
 
-    def build(values: Mapping[str, Any]) -> MissionConfig:
-        return ours(campaign.settings.config(values))
 
-    pairs = _changes(build, best)
-    files = []
-    for name, write in ((SCORING, write_scoring), (MISSION, write_mission)):
-        theirs = read_file(onto[name], name) if onto and name in onto else None
+def _their_file(name: str, campaign: Campaign, best: Recommendation, onto: Path | None) -> VehicleFile:
+    theirs = read_file(onto, name) if onto is not None else None
+    try:
+        values, remarks = WRITERS[name](ours(campaign.settings.config(best.values)), theirs)
+        kept = _carried(name, campaign.settings, best)
+    except UserError as error:  # the gate does not exist there
+        return VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),))
+    said = tuple(str(remark) for remark in remarks)
+    lines = [*_header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
+    lost = tuple(path for path in best.changed if path not in kept)
+    return VehicleFile(name, write_text(values, name, "\n".join(lines)), tuple(kept), lost, said)
+
+
+def _carried(name: str, s: CampaignSettings, best: Recommendation) -> list[str]:
+    """The changes that a file carries: without them it would say something else.
+
+    A change is taken out of the recommendation; where the rest cannot fly without it, it is put into the default.
+    """
+    write, found, default = WRITERS[name], [], best.default_values
+    for path in best.changed:
+        pair = best.values, {**best.values, path: default[path]}
         try:
-            values, remarks = write(build(best.values), theirs)
-            kept = carried(name, pairs)
-        except NoSuchGate as error:
-            files.append(VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),)))
+            with_it, without = (ours(s.config(values)) for values in pair)
+        except UserError:
+            pair = {**default, path: best.values[path]}, default
+            with_it, without = (ours(s.config(values)) for values in pair)
+        (values, remarks), (before, remarks_before) = write(with_it), write(without)
+        if path in {remark.key for remark in remarks if not remark.partly}:
             continue
-        lost = [path for path in best.changed if path not in kept]
-        said = tuple(str(remark) for remark in remarks)
-        lines = [*header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
-        text = write_text(values, name, "\n".join(lines))
-        files.append(VehicleFile(name, text, tuple(kept), tuple(lost), said))
-    return sorted(files, key=lambda file: -len(file.carried))
+        if values != before or path in {remark.key for remark in remarks_before}:
+            found.append(path)
+    return found
 
 
 def change_text(best: Recommendation, path: str) -> str:
@@ -95,7 +115,7 @@ def change_text(best: Recommendation, path: str) -> str:
     return f"{path} {short(best.values[path])} (default {short(best.default_values[path])})"
 
 
-def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> list[str]:
+def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> list[str]:
     """Where a file is from, which changes it carries, and what they were worth where it carries all of them."""
     s, changed = campaign.settings, best.changed
     lines = [
@@ -112,20 +132,39 @@ def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> lis
         return [*lines, f"what {len(kept)} of {len(changed)} changes are worth alone was not measured"]
     low, high = best.improvement_interval_95
     sure = "" if low == high else f" [{low:+.2f}, {high:+.2f}] (95 %)"
-    return [
-        *lines,
-        f"gain over the default on the training rocks, {best.metric}: {best.improvement:+.2f}{sure}",
-    ]
+    gain = f"{best.metric}: {best.improvement:+.2f}{sure}"
+    return [*lines, f"gain over the default on the training rocks, {gain}"]
 
 
-def _changes(
-    build: Callable[[Mapping[str, Any]], MissionConfig], best: Recommendation
-) -> dict[str, tuple[MissionConfig, MissionConfig]]:
-    """Per changed parameter the recommendation and the same without it; where that is none, the default with and without."""
-    pairs, default = {}, best.default_values
-    for path in best.changed:
-        try:
-            pairs[path] = build(best.values), build({**best.values, path: default[path]})
-        except UserError:
-            pairs[path] = build({**default, path: best.values[path]}), build(default)
-    return pairs
+# -- our own file ----------------------------------------------------------------------------------------------
+
+
+def commented_yaml(config: MissionConfig) -> list[str]:
+    """The configuration as lines of YAML, beside every value its unit, meaning and source."""
+    rows = list(_rows(config.to_dict(), "", config.preset))
+    width = max(len(line) for line, comment in rows if comment)
+    return [f"{line:<{width}}  # {comment}" if comment else line for line, comment in rows]
+
+
+def _rows(tree: Mapping[str, Any], prefix: str, preset: str) -> Iterator[tuple[str, str]]:
+    indent = "  " * prefix.count(".")
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield f"{indent}{name}:", ""
+            yield from _rows(value, f"{prefix}{name}.", preset)
+        else:
+            about = parameters()[f"{prefix}{name}"]
+            flow = None if isinstance(value, list) else False  # a list in its line
+            text = yaml.safe_dump({name: value}, default_flow_style=flow).strip()
+            unit = f"{about.unit}; " if about.unit else ""
+            yield f"{indent}{text}", f"{unit}{about.meaning} ({source_of(about, value, preset)})"
+
+
+def source_of(about: Parameter, value: Any, preset: str) -> str:
+    """Where a value is from: text (the paper), code (the authors' public code), ours, or ``--set``."""
+    default = list(about.default) if isinstance(about.default, tuple) else about.default
+    if about.path == "preset" or value == default:
+        return about.origin
+    if value == PRESETS[preset].values.get(about.path):
+        return f"{PRESETS[preset].source}, preset {preset}"
+    return "--set"

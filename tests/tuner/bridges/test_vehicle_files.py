@@ -11,7 +11,6 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.flight.route import clear
 from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
-from tuner.bridges import Home, qgc_plan
 from tuner.bridges.photogrammetry_nbv import (
     MISSION,
     SCORING,
@@ -20,6 +19,7 @@ from tuner.bridges.photogrammetry_nbv import (
     write_scoring,
     write_text,
 )
+from tuner.bridges.plan import Home, qgc_plan
 from tuner.problem.space_files import load_search_space
 
 # Another value for every key that answers to something here.
