@@ -1,4 +1,4 @@
-"""The user's folder: which of its files are photographs, and what EXIF and XMP say of each."""
+"""The user's folder: which of its files are photographs, what EXIF and XMP say of each, and masks beside them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import os
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
+from PIL.ExifTags import IFD, Base
 
 from nbv.errors import UserError
 from nbv.safe_files import expanded, read_bytes, require
+from nbv.types import Bools
 
 PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif", ".hif")
@@ -29,10 +31,8 @@ VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
 FORMATS = ("JPEG", "PNG", "TIFF")  # JPEG: also several pictures in one file, of which the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
+MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
-_ORIENTATION, _MAKE, _MODEL, _DATE = 0x0112, 0x010F, 0x0110, 0x0132
-_EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
-_ORIGINAL_DATE, _FOCAL_MM, _FOCAL_35_MM = 0x9003, 0x920A, 0xA405
 _GIMBAL = re.compile(rb"Gimbal(Yaw|Pitch|Roll)Degree\s*(?:=\s*\"|>)\s*([-+]?\d+(?:\.\d+)?)")
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 Progress = Callable[[str, int, int], None]  # what is done, how many of them, of how many
@@ -193,14 +193,14 @@ def _read(path: Path) -> SourcePhotograph:
     with _opened(path) as (picture, data):
         size = picture.size
         exif = picture.getexif()
-        details: Mapping[int, Any] = exif.get_ifd(_EXIF_IFD)
-        gps: Mapping[int, Any] = exif.get_ifd(_GPS_IFD)
+        details: Mapping[int, Any] = exif.get_ifd(IFD.Exif)
+        gps: Mapping[int, Any] = exif.get_ifd(IFD.GPSInfo)
         xmp = picture.info.get("xmp", b"")
         picture.draft("RGB", (size[0] // 8, size[1] // 8))  # reads all of the file, decodes little of it
         picture.load()
-    orientation = exif.get(_ORIENTATION, 1)
-    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (_MAKE, _MODEL)).strip()
-    date = _DATE_TEXT.match(str(details.get(_ORIGINAL_DATE) or exif.get(_DATE) or ""))
+    orientation = exif.get(Base.Orientation, 1)
+    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
+    date = _DATE_TEXT.match(str(details.get(Base.DateTimeOriginal) or exif.get(Base.DateTime) or ""))
     return SourcePhotograph(
         path=path,
         name=path.stem,
@@ -208,7 +208,7 @@ def _read(path: Path) -> SourcePhotograph:
         size_px=size,
         orientation=orientation if orientation in range(1, 9) else 1,
         device=device,
-        focal_35_mm=_number(details.get(_FOCAL_35_MM)),
+        focal_35_mm=_number(details.get(Base.FocalLengthIn35mmFilm)),
         time="{}-{}-{}T{}".format(*date.groups()) if date else None,
         gps=_position(gps),
         gimbal_deg=_gimbal(xmp if isinstance(xmp, bytes) else str(xmp).encode()),
@@ -248,3 +248,61 @@ def _with_names(photographs: list[SourcePhotograph]) -> list[SourcePhotograph]:
     """With unique names: two files may differ in their suffix alone."""
     counts = Counter(p.path.stem for p in photographs)
     return [p if counts[p.name] == 1 else replace(p, name=p.path.name.replace(".", "_")) for p in photographs]
+
+
+@dataclass(frozen=True)
+class Mask:
+    """A file with a mask."""
+
+    path: Path
+    sha256: str
+
+    def read(self, size_px: tuple[int, int]) -> Bools:
+        """(H, W) True on the object, shrunk to the photograph's width and height.
+
+        Raises
+        ------
+        UserError
+            The file is damaged or its sides have another ratio.
+        """
+        try:
+            pixels = read_pixels(self.path, max(size_px), upright=False)
+        except UserError as error:
+            raise UserError(f"mask {self.path} cannot be read: {error}") from error
+        width, height = size_px
+        if abs(pixels.shape[1] * height - pixels.shape[0] * width) > 0.02 * width * height:
+            raise UserError(
+                f"mask {self.path} is {pixels.shape[1]} x {pixels.shape[0]}, its photograph {width} x {height}; "
+                "give masks with the photographs' ratio of sides"
+            )
+        rows = (np.arange(height) * pixels.shape[0]) // height
+        columns = (np.arange(width) * pixels.shape[1]) // width
+        return np.asarray(pixels[rows][:, columns].max(axis=2) > 127)
+
+
+def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Mask]:
+    """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``.
+
+    Raises
+    ------
+    UserError
+        There is no such folder, or no mask of any photograph in it.
+    """
+    folder = expanded(folder)
+    if not folder.is_dir():
+        raise UserError(f"there is no folder of masks {folder}; check --masks")
+    files = {p.name.lower(): p for p in sorted(folder.iterdir()) if p.suffix.lower() in PLAIN}
+    found = {}
+    for photograph in photographs:
+        stem, whole = photograph.path.stem.lower(), photograph.path.name.lower()
+        names = [
+            f"{base}{end}{suffix}" for base in (stem, whole) for end in ("", "_mask") for suffix in PLAIN
+        ]
+        path = next((files[name] for name in names if name in files), None)
+        if path is not None and path.resolve() != photograph.path.resolve():
+            found[photograph.name] = Mask(path, hashlib.sha256(read_bytes(path, MAX_MASK_BYTES)).hexdigest())
+    if not found:
+        raise UserError(
+            f"no mask in {folder} is of a photograph; call them like the photographs: {photographs[0].path.stem}.png"
+        )
+    return found

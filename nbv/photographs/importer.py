@@ -25,9 +25,8 @@ from nbv.photographs.dense_reference import (
     surface_of,
     weak_places,
 )
-from nbv.photographs.folder import Progress, SourcePhotograph, read_folder
+from nbv.photographs.folder import Progress, SourcePhotograph, find_masks, read_folder
 from nbv.photographs.mapping import solve
-from nbv.photographs.masks import find_masks
 from nbv.photographs.object_frame import find_object, placement
 from nbv.photographs.photograph_set import (
     IMAGES,

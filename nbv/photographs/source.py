@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Store
-from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels, shrunk_size
-from nbv.photographs.masks import Mask
+from nbv.photographs.folder import Mask, Progress, SourcePhotograph, read_pixels, shrunk_size
 from nbv.types import Bools
 
 

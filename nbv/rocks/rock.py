@@ -50,11 +50,8 @@ class RockInfo:
 
 @dataclass(frozen=True)
 class RockFacts:
-    """What `gatetune rocks show` prints."""
+    """What is measured of a rock; `gatetune rocks show` prints it."""
 
-    name: str
-    split: Split
-    difficulty: str
     extents_m: tuple[float, float, float]
     vertices: int
     faces: int
@@ -66,8 +63,6 @@ class RockFacts:
     overhang_fraction: float  # of the area: leaning over by more than 10 degrees, clear of the ground
     mean_albedo: tuple[float, float, float]
     albedo_contrast: float  # standard deviation / mean of the grey albedo
-    sha256: str
-    notes: tuple[str, ...]
 
 
 def content_hash(vertices_m: Floats, faces: Ints, albedo: Floats32) -> str:
@@ -131,9 +126,6 @@ def describe(rock: Rock) -> RockFacts:
     grey = rock.albedo.mean(1)
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return RockFacts(
-        name=rock.name,
-        split=rock.split,
-        difficulty=rock.difficulty,
         extents_m=(float(extents[0]), float(extents[1]), float(extents[2])),
         vertices=len(rock.vertices_m),
         faces=len(rock.faces),
@@ -145,6 +137,4 @@ def describe(rock: Rock) -> RockFacts:
         overhang_fraction=overhanging_share(rock.vertices_m, rock.faces),
         mean_albedo=tuple(float(c) for c in rock.albedo.mean(0)),  # type: ignore[arg-type]
         albedo_contrast=float(grey.std() / max(float(grey.mean()), 1e-9)),
-        sha256=rock.sha256,
-        notes=rock.notes,
     )

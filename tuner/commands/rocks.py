@@ -55,7 +55,8 @@ def show(
     table = Table(title=subject.name, show_header=False)
     table.add_column("fact")
     table.add_column("value")
-    facts = dataclasses.asdict(describe(subject))
+    facts = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
+    facts |= {**dataclasses.asdict(describe(subject)), "sha256": subject.sha256}
     for fact, value in facts.items():
         table.add_row(fact, f"{value:.3f}" if isinstance(value, float) else str(value))
     for note in subject.notes:
@@ -120,9 +121,10 @@ def generate(
 
     name = generated_recipe(family, seed).name
     with working(f"drawing {name}"):
-        facts = describe(load_rock(name, Store()))
+        drawn = load_rock(name, Store())
+    facts = describe(drawn)
     width_m, depth_m, height_m = facts.extents_m
     output.print(
-        f"{name} ({facts.split}): {facts.difficulty}; {width_m:.2f} x {depth_m:.2f} x {height_m:.2f} m, "
+        f"{name} ({drawn.split}): {drawn.difficulty}; {width_m:.2f} x {depth_m:.2f} x {height_m:.2f} m, "
         f"{100 * facts.overhang_fraction:.0f} % overhanging"
     )

@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from nbv.errors import UserError
-from nbv.photographs.folder import SourcePhotograph
-from nbv.photographs.masks import find_masks
+from nbv.photographs.folder import SourcePhotograph, find_masks
 from nbv.photographs.pinhole import common_pinhole, undistorted
 
 

@@ -20,7 +20,7 @@ def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
     assert facts.boundary_edges == 0 and facts.volume_m3 is not None and facts.volume_m3 > 0.02
     assert rock.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert facts.extents_m[2] == pytest.approx(generated_recipe(family, 5).height_m)
-    assert facts.split == "train"
+    assert rock.split == "train"
 
 
 def test_a_name_is_one_rock() -> None:
