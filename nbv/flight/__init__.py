@@ -2,6 +2,6 @@
 
 from nbv.flight.flight import Flight
 from nbv.flight.leg import Pose
-from nbv.flight.route import route
+from nbv.flight.route import Airspace
 
-__all__ = ["Flight", "Pose", "route"]
+__all__ = ["Airspace", "Flight", "Pose"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import hover_energy_wh, leg_energy_wh
-from nbv.flight.leg import Leg, Pose, fly_straight
-from nbv.flight.route import MARGIN_M, route
+from nbv.flight.leg import Leg, Pose
+from nbv.flight.route import MARGIN_M, Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
 from nbv.terrain import Cylinder, neighbour_cylinders
@@ -45,14 +45,16 @@ class Flight:
     """
 
     def __init__(self, config: MissionConfig, rock_sha256: str, replicate: int) -> None:
-        self._limits = config.flight
-        self._target_m = config.target_m
         self._rock_sha256, self._replicate = rock_sha256, replicate
         self._wind = config.wind
-        self._wind_m_s = mean_wind_m_s(config.wind, rock_sha256, replicate)
-        self._obstacles = _keep_outs(config, rock_sha256)
+        self._space = Airspace(
+            config.flight,
+            config.target_m,
+            mean_wind_m_s(config.wind, rock_sha256, replicate),
+            _keep_outs(config, rock_sha256),
+        )
         home = np.array(config.flight.home_m, dtype=float)
-        self._pose = _pose(home, float(heading_to(home, np.array(config.target_m))))
+        self._pose = pose_at(home, float(heading_to(home, np.array(config.target_m))))
         self.flight_time_s = 0.0
         self.path_length_m = 0.0
         self.energy_wh = 0.0
@@ -60,7 +62,11 @@ class Flight:
 
     def face(self, target_m: tuple[float, float, float], limits: FlightConfig) -> None:
         """From now on head for, and go round, a target there, with limits that may lie at other heights."""
-        self._target_m, self._limits = target_m, limits
+        self._space = replace(self._space, target_m=target_m, limits=limits)
+
+    @property
+    def _limits(self) -> FlightConfig:
+        return self._space.limits
 
     @property
     def position_m(self) -> Floats:
@@ -76,7 +82,7 @@ class Flight:
         """Climb from home to the take-off altitude."""
         x, y, z = self._pose.position_m
         up = Pose((x, y, z + self._limits.takeoff_altitude_m), self._pose.heading_rad)
-        self._fly("take-off", [fly_straight(self._pose, up, self._limits, self._wind_m_s)], 0.0)
+        self._fly("take-off", self._space.straight(self._pose, up), 0.0)
 
     def fly_to(self, viewpoint: Viewpoint) -> Floats:
         """Fly to a viewpoint, around the rock if need be, and settle; returns the actual position (3,)."""
@@ -84,24 +90,24 @@ class Flight:
         if self._wind.gust_m_s > 0:
             arrived += sway_m(self._wind, self._rock_sha256, self._replicate, viewpoint.id)
             arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
-        for obstacle in self._obstacles:  # a viewpoint on a neighbour is taken from above it
+        for obstacle in self._space.obstacles:  # a viewpoint on a neighbour is taken from above it
             if np.hypot(*(arrived[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:
                 arrived[2] = max(arrived[2], obstacle.top_m + MARGIN_M)
-        end = _pose(arrived, float(heading_to(arrived, np.array(self._target_m))))
-        self._fly(viewpoint.id, self._route(end), self._limits.settle_s)
+        end = pose_at(arrived, float(heading_to(arrived, np.array(self._space.target_m))))
+        self._fly(viewpoint.id, self._space.route(self._pose, end), self._limits.settle_s)
         return arrived
 
     def hover(self, seconds: float) -> None:
         """Wait in the air."""
-        self._fly("hover", [], seconds)
+        self._fly("hover", (), seconds)
 
     def return_and_land(self) -> None:
         """Fly back above home and descend."""
         home = self._limits.home_m
         above = Pose((home[0], home[1], home[2] + self._limits.takeoff_altitude_m), self._pose.heading_rad)
-        self._fly("return", self._route(above), 0.0)
+        self._fly("return", self._space.route(self._pose, above), 0.0)
         down = Pose((home[0], home[1], home[2]), self._pose.heading_rad)
-        self._fly("landing", [fly_straight(self._pose, down, self._limits, self._wind_m_s)], 0.0)
+        self._fly("landing", self._space.straight(self._pose, down), 0.0)
 
     def samples(self) -> Floats:
         """(K, 5) t (s, mission time), x, y, z (m), heading (rad) of everything flown, at about 5 Hz."""
@@ -136,11 +142,8 @@ class Flight:
             ],
         }
 
-    def _route(self, end: Pose) -> list[Leg]:
-        return route(self._pose, end, self._target_m, self._limits, self._wind_m_s, self._obstacles)
-
-    def _fly(self, name: str, legs: list[Leg], hover_s: float) -> None:
-        self.events.append(FlightEvent(name, self.flight_time_s, tuple(legs), hover_s))
+    def _fly(self, name: str, legs: tuple[Leg, ...], hover_s: float) -> None:
+        self.events.append(FlightEvent(name, self.flight_time_s, legs, hover_s))
         self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
         self.path_length_m += sum(leg.path_length_m for leg in legs)
         self.energy_wh += sum(leg_energy_wh(self._limits, leg) for leg in legs)
@@ -155,8 +158,3 @@ def _keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:
         Cylinder(c.center_m, c.radius_m + CLEARANCE_M, c.base_m, c.top_m + CLEARANCE_M)
         for c in neighbour_cylinders(config.ground, config.scene.ground_seed, rock_sha256)
     )
-
-
-def _pose(position_m: Floats, heading_rad: float) -> Pose:
-    x, y, z = (float(v) for v in position_m)
-    return Pose((x, y, z), heading_rad)

@@ -15,7 +15,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.flight import Pose, route
+from nbv.flight import Airspace, Pose
 from nbv.geometry.frames import heading_to
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -97,12 +97,12 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
 
 def _items(config: MissionConfig, views: Sequence[Viewpoint], home: Home) -> Iterator[dict[str, Any]]:
     x, y, z = config.flight.home_m
-    target = np.array(config.target_m)
+    target, space = np.array(config.target_m), Airspace(config.flight, config.target_m)
     pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
     yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
     for view in views:
         end = _pose(view.position_m, target)
-        legs = route(pose, end, config.target_m, config.flight)
+        legs = space.route(pose, end)
         for leg in legs[:-1]:  # the corners of a detour around the target
             yield _at(WAYPOINT, (0.0, config.flight.arrival_tolerance_m, 0.0), leg.end, config, home)
         yield _at(

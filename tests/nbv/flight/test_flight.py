@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from nbv.config import FlightConfig, MissionConfig
-from nbv.flight import Flight, Pose, route
+from nbv.flight import Airspace, Flight, Pose
 from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import power_w
 from nbv.flight.leg import fly_straight
@@ -87,7 +87,7 @@ def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
         return p.position_m[2] >= height or np.hypot(*p.position_m[:2]) >= radius + 0.01
 
     assume(free(start) and free(end))
-    legs = route(start, end, TARGET, LIMITS)
+    legs = Airspace(LIMITS, TARGET).route(start, end)
     assert legs[0].start == start and legs[-1].end == end and len(legs) <= 2
     for leg in legs:
         a, b = np.array(leg.start.position_m), np.array(leg.end.position_m)
