@@ -17,7 +17,7 @@ from nbv.config.conditions import (
 )
 from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_from_dict, parameter_paths
 from nbv.config.presets import PRESETS, preset
-from nbv.config.reference import Parameter, parameter, parameters
+from nbv.config.reference import parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
 from nbv.config.sections_planning import (
     BAwareConfig,
@@ -38,6 +38,7 @@ from nbv.config.sections_world import (
     TelemetryConfig,
     WindConfig,
 )
+from nbv.config.sources import Parameter
 
 __all__ = [
     "DENSE_BACKENDS",

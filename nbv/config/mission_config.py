@@ -37,7 +37,7 @@ from nbv.config.sections_world import (
     WindConfig,
     telemetry_level,
 )
-from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
+from nbv.config.sources import ADDED, code, ours
 from nbv.errors import UserError
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
@@ -64,9 +64,9 @@ class MissionConfig:
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
-    sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED_SINCE_VERSION_1)
-    ground: GroundConfig = field(default_factory=GroundConfig, metadata=ADDED_SINCE_VERSION_1)
-    wind: WindConfig = field(default_factory=WindConfig, metadata=ADDED_SINCE_VERSION_1)
+    sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED)
+    ground: GroundConfig = field(default_factory=GroundConfig, metadata=ADDED)
+    wind: WindConfig = field(default_factory=WindConfig, metadata=ADDED)
     flight: FlightConfig = field(default_factory=FlightConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
     pool: PoolConfig = field(default_factory=PoolConfig)
@@ -74,10 +74,10 @@ class MissionConfig:
     shared: SharedTermsConfig = field(default_factory=SharedTermsConfig)
     covis: CovisConfig = field(default_factory=CovisConfig)
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
-    matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED_SINCE_VERSION_1)
+    matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED)
     gate: GateConfig = field(default_factory=GateConfig)
-    telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED_SINCE_VERSION_1)
-    target: TargetConfig = field(default_factory=TargetConfig, metadata=ADDED_SINCE_VERSION_1)
+    telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED)
+    target: TargetConfig = field(default_factory=TargetConfig, metadata=ADDED)
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
@@ -194,7 +194,7 @@ def _without_unused_additions(section: Any, tree: dict[str, Any]) -> dict[str, A
     kept = {}
     for f in dataclasses.fields(section):
         value = getattr(section, f.name)
-        if "added_since_version_1" in f.metadata and value == _default(f):
+        if "added" in f.metadata and value == _default(f):
             continue
         nested = dataclasses.is_dataclass(value)
         kept[f.name] = _without_unused_additions(value, tree[f.name]) if nested else tree[f.name]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, cast
 
 from nbv.errors import UserError
@@ -19,8 +20,7 @@ from nbv.errors import UserError
 Source = Literal["text", "code", "ours"]
 T = TypeVar("T")
 
-# Also of a whole section.
-ADDED_SINCE_VERSION_1 = {"added_since_version_1": True}
+ADDED = {"added": True}  # also of a whole section
 _UNITS = {
     "m": "m",
     "mm": "mm",
@@ -41,65 +41,61 @@ _UNITS = {
 }
 
 
+@dataclass(frozen=True)
+class Parameter:
+    """One leaf of the configuration: what its field declares, and its place, which `nbv.config.reference` adds."""
+
+    meaning: str  # in a few words
+    source: Source  # of the default
+    where: str = ""  # in the source, or why it is ours
+    label: str = ""  # a name for reports, where the field's own does not do
+    symbol: str = ""  # the paper's
+    added: bool = False  # the field came after missions had been recorded without it
+    least: float | None = None  # of the range of its value, both ends in it; ``most`` needs ``least``
+    most: float | None = None
+    names: Callable[[], Collection[str]] | None = None  # what it may name
+    path: str = ""  # "gate.budget_fraction"
+    default: Any = None
+    choices: tuple[str, ...] = ()  # of a categorical parameter
+
+    @property
+    def section(self) -> str:
+        """First part of the path; empty for the mission's own fields."""
+        return self.path.rpartition(".")[0].partition(".")[0]
+
+    @property
+    def words(self) -> str:
+        """The field's name without its unit."""
+        return split_unit(self.path.rpartition(".")[2])[0]
+
+    @property
+    def unit(self) -> str:
+        """``""`` if it has none."""
+        return split_unit(self.path.rpartition(".")[2])[1]
+
+    @property
+    def origin(self) -> str:
+        """``"text, Eq. 9"``."""
+        return f"{self.source}, {self.where}" if self.where else self.source
+
+
 def text(default: T, where: str, meaning: str, **more: Any) -> T:
-    """A default that the paper's text states, ``where`` (section, equation or table); ``more`` as `_described` has it."""
-    return _described(default, "text", where, meaning, **more)
+    """A default that the paper's text states, ``where`` (section, equation or table); ``more`` as `Parameter` has it."""
+    return _field(default, Parameter(meaning, "text", where, **more))
 
 
 def code(default: T, where: str, meaning: str, **more: Any) -> T:
     """A default of the authors' public code or simulator, ``where``, about which the text is silent."""
-    return _described(default, "code", where, meaning, **more)
+    return _field(default, Parameter(meaning, "code", where, **more))
 
 
 def ours(default: T, meaning: str, *, why: str = "", **more: Any) -> T:
     """A default of this project, and ``why``."""
-    return _described(default, "ours", why, meaning, **more)
+    return _field(default, Parameter(meaning, "ours", why, **more))
 
 
-def _described(
-    default: T,
-    source: Source,
-    where: str,
-    meaning: str,
-    *,
-    label: str = "",
-    symbol: str = "",
-    added: bool = False,
-    least: float | None = None,
-    most: float | None = None,
-    names: Callable[[], Collection[str]] | None = None,
-) -> T:
-    """A field of a section.
-
-    Parameters
-    ----------
-    default
-        Its value where nothing else is said.
-    source, where
-        Of the default.
-    meaning
-        In a few words.
-    label, symbol
-        For reports: a name, where the field's own does not do, and the paper's symbol.
-    added
-        The field came after missions had been recorded without it.
-    least, most
-        The range of its value, both ends in it; ``most`` needs ``least``.
-    names
-        What it may name.
-    """
-    metadata: dict[str, Any] = {
-        "source": source,
-        "where": where,
-        "meaning": meaning,
-        "label": label,
-        "symbol": symbol,
-    }
-    if added:
-        metadata |= ADDED_SINCE_VERSION_1
-    metadata |= {"least": least, "most": most}
-    if names is not None:
-        metadata["names"] = names
+def _field(default: T, about: Parameter) -> T:
+    metadata = {"about": about, **(ADDED if about.added else {})}
     return cast(T, dataclasses.field(default=default, metadata=metadata))
 
 
@@ -131,12 +127,15 @@ class Section:
     def __post_init__(self) -> None:
         """Check what fields declare: a range, or that a name is one of a part of the program."""
         for f in dataclasses.fields(self):  # type: ignore[arg-type]
-            value, least, most = getattr(self, f.name), f.metadata.get("least"), f.metadata.get("most")
+            about = f.metadata.get("about")
+            if about is None:  # a section of its own
+                continue
+            value, least, most = getattr(self, f.name), about.least, about.most
             if least is not None and most is not None:
                 self._need(least <= value <= most, f.name, f"between {least:g} and {most:g}")
             elif least is not None:
                 self._need_at_least(least, f.name)
-            if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
+            if about.names is not None and value not in (allowed := about.names()):
                 raise UserError(f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
 
     def _need_elevations(self, *names: str) -> None:
