@@ -21,7 +21,6 @@ from nbv.errors import UserError  # noqa: E402
 from tuner.commands import (  # noqa: E402
     cache,
     campaign,
-    campaigns,
     config,
     doctor,
     evaluate,
@@ -65,7 +64,6 @@ def options(
     only_json(False)
 
 
-campaign.app.command("list")(campaigns.list_)
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at GP tuning campaigns.")
 app.command(
     name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."

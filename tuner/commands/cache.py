@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from nbv.cache import Store
-from tuner.commands.console import AsJson, answer_json, output
+from tuner.commands.console import AsJson, answer_json, output, show_table
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -22,24 +21,15 @@ def info(as_json: AsJson = False) -> None:
     Example: gatetune cache info
     """
     store = Store()
-    table = Table(title=str(store.root))
-    for column in ("kind", "entries", "MiB"):
-        table.add_column(column, justify="left" if column == "kind" else "right")
     kinds = store.info()
-    for kind in kinds:
-        table.add_row(kind.kind, str(kind.entries), f"{kind.size_bytes / 2**20:.1f}")
     total = sum(kind.size_bytes for kind in kinds)
-    table.add_row("all", str(sum(kind.entries for kind in kinds)), f"{total / 2**20:.1f}")
-    output.print(table)
+    sizes = [(kind.kind, kind.entries, kind.size_bytes) for kind in kinds]
+    sizes.append(("all", sum(kind.entries for kind in kinds), total))
+    rows = [(name, entries, f"{size / 2**20:.1f}") for name, entries, size in sizes]
+    show_table(("kind", "entries", "MiB"), rows, str(store.root), right=2)
     output.print(f"it is pruned to {store.max_bytes / GIB:.0f} GiB as it grows; GATETUNE_HOME moves it")
-    answer_json(
-        {
-            "directory": store.root,
-            "kinds": kinds,
-            "size_bytes": total,
-            "max_bytes": store.max_bytes,
-        }
-    )
+    sums = {"size_bytes": total, "max_bytes": store.max_bytes}
+    answer_json({"directory": store.root, "kinds": kinds, **sums})
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""``gatetune campaign run|resume|status``: job 1."""
+"""``gatetune campaign run|resume|status|list``: job 1."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from tuner.commands.console import (
     output,
     parse_overrides,
     seconds,
+    show_table,
     under_conditions,
     workers_text,
     working,
@@ -42,6 +43,7 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
+from tuner.problem.objective import objective_text
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -184,6 +186,57 @@ def status(
         output.print(f"recommended after {known} of them; a resume makes it anew")
     show_recommendation(best, campaign.settings)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
+
+
+@app.command("list")
+def list_(
+    folder: Annotated[Path, typer.Argument(help="Whose folders are looked into.")] = Path("runs"),
+    as_json: AsJson = False,
+) -> None:
+    """The campaigns in a folder: what each is tuned for, how far it is, its answer in a line.
+
+    Example: gatetune campaign list
+    """
+    from tuner.campaign.settings_file import SETTINGS_FILE
+
+    found = sorted(path.parent for path in folder.glob(f"*/{SETTINGS_FILE}"))
+    if not found:
+        raise UserError(
+            f"{folder} holds no campaign; begin one: gatetune campaign run, or name another folder"
+        )
+    load("tuner.campaign.campaign")
+    rows = [_row(directory) for directory in found]
+    show_table(
+        ("campaign", "tuned for", "missions", "answer"),
+        [(r["directory"], r["objective"] or "", f"{r['finished']}/{r['budget']}", r["answer"]) for r in rows],
+    )
+    answer_json(rows)
+
+
+def _row(directory: Path) -> dict[str, Any]:
+    """A campaign in a line; of one that cannot be read, why."""
+    from tuner.campaign.campaign import Campaign
+    from tuner.report.answer import use_sentence
+
+    row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
+    try:
+        campaign = Campaign.open(directory, read_only=True)
+        s, counts, best = campaign.settings, campaign.status(), campaign.saved_recommendation()
+    except UserError as error:
+        return {**row, "values": None, "answer": f"cannot be read: {error}"}
+    answer = "none yet: no mission has succeeded"
+    if best is not None:
+        answer = f"{best.mean:.4g}: {use_sentence(best, s)}"
+    elif counts.complete:
+        answer = f"not worked out yet: gatetune campaign status {directory}"
+    return {
+        **row,
+        "objective": objective_text(s.objective, s.second, s.limit),
+        "finished": counts.finished,
+        "budget": counts.budget,
+        "values": None if best is None else best.values,
+        "answer": answer,
+    }
 
 
 def fly(

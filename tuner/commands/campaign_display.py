@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
-from tuner.commands.console import FlightProgress, output, seconds
+from tuner.commands.console import FlightProgress, output, seconds, show_table
 from tuner.problem.observations import short
 
 if TYPE_CHECKING:
@@ -130,12 +128,10 @@ def show_recommendation(best: Recommendation | None, settings: CampaignSettings)
     for line in (use_sentence(best, settings), *worth_sentences(best, settings)):
         output.print(line, highlight=False)
     if best.changed:
-        table = Table("parameter")
-        for column in ("default", "recommended"):
-            table.add_column(column, justify="right")
-        for path in best.changed:
-            table.add_row(path, short(best.default_values[path]), short(best.values[path]))
-        output.print(table)
+        changed = [
+            (path, short(best.default_values[path]), short(best.values[path])) for path in best.changed
+        ]
+        show_table(("parameter", "default", "recommended"), changed, right=2)
     label, digits = metric_label(best.modelled_metric), decimals_for(best.noise_sd)
     place = place_word(settings)
     rows = [

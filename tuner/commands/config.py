@@ -6,10 +6,9 @@ from operator import attrgetter
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from nbv.config import PRESETS, MissionConfig, parameters
-from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output
+from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output, show_table
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -53,9 +52,6 @@ def metrics(as_json: AsJson = False) -> None:
     from nbv.evaluation.registry import METRICS
     from tuner.problem.objective import COSTS, SHORT
 
-    table = Table(title="--metric SURFACE.NAME, SURFACE observable or whole")
-    for column in ("name", "what it is", "unit", "better"):
-        table.add_column(column, no_wrap=column == "name")
     found = [
         {
             "name": metric.key.replace("{t}", "T"),
@@ -65,11 +61,11 @@ def metrics(as_json: AsJson = False) -> None:
         }
         for metric in METRICS.values()
     ]
-    for row in found:
-        table.add_row(*row.values())
     thresholds_mm = MissionConfig().evaluation.thresholds_mm
     costs = {name: path for name, path in SHORT.items() if path in COSTS}
-    output.print(table)
+    columns = ("name", "what it is", "unit", "better")
+    rows = [tuple(row.values()) for row in found]
+    show_table(columns, rows, "--metric SURFACE.NAME, SURFACE observable or whole")
     output.print(
         f"T: a threshold in mm, one of {', '.join(f'{t:g}' for t in thresholds_mm)} (evaluation.thresholds_mm)"
     )

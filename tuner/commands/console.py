@@ -8,13 +8,14 @@ import importlib
 import json
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
@@ -66,6 +67,18 @@ def answer_json(document: Any) -> None:
     """Print what a command shows as one JSON document, where ``--json`` asked for it."""
     if as_json():
         typer.echo(json.dumps(json_ready(document), indent=1))
+
+
+def show_table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None, right: int = 0
+) -> None:
+    """Print a table; its last ``right`` columns are of numbers."""
+    table = Table(title=title)
+    for place, name in enumerate(columns):
+        table.add_column(name, justify="right" if place >= len(columns) - right else "left")
+    for row in rows:
+        table.add_row(*map(str, row))
+    output.print(table)
 
 
 @contextlib.contextmanager

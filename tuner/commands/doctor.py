@@ -8,10 +8,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import typer
 
@@ -32,8 +31,7 @@ _SYSTEM = {
 }
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """What one check found."""
 
     verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be flown
@@ -48,59 +46,51 @@ def doctor(as_json: AsJson = False) -> None:
     """
     marks = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]BAD [/]"}
     findings = []
-    for check in CHECKS:
-        with working(f"checking {check.__name__.replace('_', ' ')}"):
+    for check in (_libraries, _graphics, _machine, _disk):
+        with working(f"checking {check.__name__[1:]}"):
             found = list(check())
+        findings += found
         for finding in found:
-            findings.append(finding)
             output.print(marks[finding.verdict], end=" ", markup=True)
-            output.print(finding.what, markup=False, highlight=False, soft_wrap=True)
+            output.print(finding.what, highlight=False, soft_wrap=True)
             if finding.remedy:
-                output.print(f"       {finding.remedy}", markup=False, highlight=False, soft_wrap=True)
+                output.print(f"       {finding.remedy}", highlight=False, soft_wrap=True)
     fit = all(finding.verdict != "bad" for finding in findings)
     output.print("missions can be flown here" if fit else "missions cannot be flown here yet")
-    answer_json({"fit": fit, "findings": findings})
+    answer_json({"fit": fit, "findings": [finding._asdict() for finding in findings]})
     if not fit:
         raise typer.Exit(1)
 
 
-def system_libraries() -> Iterator[Finding]:
-    """What Open3D and OpenGL load and pip cannot bring."""
-    if sys.platform != "linux":
-        return
+def _libraries() -> Iterator[Finding]:
+    """Whether the libraries load, and what Open3D and OpenGL load and pip cannot bring."""
     missing = []
-    for library, package in _SYSTEM.items():
+    for library, package in _SYSTEM.items() if sys.platform == "linux" else ():
         try:
             ctypes.CDLL(library)
         except OSError:
             missing.append(package)
     if missing:
-        yield Finding(
-            "bad",
-            f"system libraries are missing: {', '.join(missing)}",
-            f"apt-get update && apt-get install -y {' '.join(missing)}   (as root)",
-        )
-    else:
-        yield Finding("ok", "system libraries")
-
-
-def libraries() -> Iterator[Finding]:
-    """Whether the libraries load."""
+        install = f"apt-get update && apt-get install -y {' '.join(missing)}   (as root)"
+        yield Finding("bad", f"system libraries are missing: {', '.join(missing)}", install)
+    broken = False
     for name in _LIBRARIES:
         try:
             importlib.import_module(name)
         except Exception as error:  # a broken binary raises anything
-            first = " ".join(str(error).split())[:120]
+            broken, first = True, " ".join(str(error).split())[:120]
             yield Finding("bad", f"{name} does not load: {first}", "make setup")
-        else:
-            yield Finding("ok", f"{name} loads")
+    if not missing and not broken:
+        yield Finding("ok", f"system libraries, {', '.join(_LIBRARIES)}")
 
 
-def opengl() -> Iterator[Finding]:
-    """Whether the renderer ``gl`` can run; ``raycast`` always can. In a process of its own: a driver may abort it."""
+def _graphics() -> Iterator[Finding]:
+    """Whether the renderer ``gl`` (``raycast`` always can) and COLMAP's PatchMatch can run."""
+    import pycolmap
+
     code = "import pyrender; pyrender.OffscreenRenderer(16, 16).delete()"
     environment = {"PYOPENGL_PLATFORM": "egl", **os.environ}
-    try:
+    try:  # in a process of its own: a driver may abort it
         tried = subprocess.run(
             [sys.executable, "-P", "-c", code], env=environment, capture_output=True, text=True, timeout=60
         )
@@ -115,40 +105,27 @@ def opengl() -> Iterator[Finding]:
             f"no OpenGL: scene.backend=gl cannot run, raycast (the default) can ({said[:120]})",
             "apt-get install -y libegl1 libgl1 libgl1-mesa-dri   (as root), or PYOPENGL_PLATFORM=osmesa",
         )
-
-
-def cuda() -> Iterator[Finding]:
-    """Whether COLMAP's PatchMatch can run."""
-    import pycolmap
-
     if pycolmap.has_cuda:
         yield Finding("ok", "COLMAP with CUDA: dense.backend=patchmatch can run")
     else:
-        yield Finding(
-            "note",
-            "COLMAP without CUDA: the dense stage is sgbm, on the CPU",
-            'with an NVIDIA GPU: pip install "gatetune[cuda]"',
-        )
+        without = "COLMAP without CUDA: the dense stage is sgbm, on the CPU"
+        yield Finding("note", without, 'with an NVIDIA GPU: pip install "gatetune[cuda]"')
 
 
-def machine() -> Iterator[Finding]:
+def _machine() -> Iterator[Finding]:
     """Cores and memory."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
-    fitting = max(1, int(memory_gib / WORKER_GIB))
+    found, fitting = f"{cores} cores, {memory_gib:.1f} GiB of memory", max(1, int(memory_gib / WORKER_GIB))
     if memory_gib < WORKER_GIB:
-        yield Finding("bad", f"{memory_gib:.1f} GiB of memory", f"a mission needs up to {WORKER_GIB} GiB")
+        yield Finding("bad", found, f"a mission needs up to {WORKER_GIB} GiB")
     elif fitting < cores:
-        yield Finding(
-            "note",
-            f"{cores} cores, {memory_gib:.1f} GiB",
-            f"memory for {fitting} missions: --workers {fitting}",
-        )
+        yield Finding("note", found, f"memory for {fitting} missions: --workers {fitting}")
     else:
-        yield Finding("ok", f"{cores} cores, {memory_gib:.1f} GiB of memory: {cores} missions side by side")
+        yield Finding("ok", f"{found}: {cores} missions side by side")
 
 
-def disk() -> Iterator[Finding]:
+def _disk() -> Iterator[Finding]:
     """Room for runs and for the store, and whether both can be written."""
     from nbv.cache import Store
 
@@ -156,27 +133,12 @@ def disk() -> Iterator[Finding]:
     for what, folder in (("runs", Path.cwd()), ("store", store.root)):
         existing = next(path for path in (folder, *folder.parents) if path.exists())
         free_gib = shutil.disk_usage(existing).free / GIB
+        found = f"{what}: {existing}, {free_gib:.1f} GiB free"
         if not os.access(existing, os.W_OK):
-            yield Finding(
-                "bad", f"{what}: {existing} cannot be written", "choose another folder, or set GATETUNE_HOME"
-            )
+            yield Finding("bad", f"{found}, cannot be written", "choose another folder, or set GATETUNE_HOME")
         elif free_gib < MIN_FREE_GIB:
-            yield Finding(
-                "note",
-                f"{what}: {free_gib:.1f} GiB free in {existing}",
-                "gatetune cache prune --max-gib 2 makes room",
-            )
+            yield Finding("note", found, "gatetune cache prune --max-gib 2 makes room")
         else:
-            yield Finding("ok", f"{what}: {existing}, {free_gib:.0f} GiB free")
+            yield Finding("ok", found)
     used_gib = sum(kind.size_bytes for kind in store.info()) / GIB
     yield Finding("ok", f"store holds {used_gib:.1f} GiB and is pruned at {store.max_bytes / GIB:.0f} GiB")
-
-
-CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    system_libraries,
-    libraries,
-    opengl,
-    cuda,
-    machine,
-    disk,
-)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
-from rich.table import Table
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
@@ -22,6 +21,7 @@ from tuner.commands.console import (
     local_executor,
     output,
     parse_overrides,
+    show_table,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
 
@@ -84,20 +84,20 @@ def list_(as_json: AsJson = False) -> None:
     """
     from nbv.photographs import PhotographSet, list_sets
 
-    table = Table()
-    for column in ("set", "photographs", "registered", "height, m", "F-score, half against half, %"):
-        table.add_column(column)
     found = [_facts(PhotographSet.read(name)) for name in list_sets()]
-    for facts in found:
-        height = facts["height_m"]
-        table.add_row(
+    rows = [
+        (
             facts["name"],
-            str(facts["photographs"]),
-            str(facts["registered"]),
-            "–" if height is None else f"{height:.3g}",
+            facts["photographs"],
+            facts["registered"],
+            "–" if facts["height_m"] is None else f"{facts['height_m']:.3g}",
             f"{facts['f_score_halves_percent']:.1f}",
         )
-    output.print(table)
+        for facts in found
+    ]
+    show_table(
+        ("set", "photographs", "registered", "height, m", "F-score, half against half, %"), rows, right=4
+    )
     answer_json(found)
 
 
@@ -178,18 +178,17 @@ def enough(
         output.print(f"stopped; the same command goes on in {where}")
         raise typer.Exit(1)
     answer = read_enough(runs[0], runs[1], keep)
-    table = Table(
-        title=f"F-score at 3 % of the height, %; one half of all photographs against the other: {answer.ceiling:.1f}"
+    rows = []
+    for way, p in ((way, p) for way, points in answer.curves.items() for p in points):
+        bounds = "–" if p.quality.low is None else f"{p.quality.low:.1f} to {p.quality.high:.1f}"
+        means = (f"{mean:.1f}" for mean in (p.photographs, p.registered, p.quality.mean))
+        rows.append((WAYS[way], *means, bounds))
+    show_table(
+        ("way", "photographs", "registered", "F-score", "95 % interval"),
+        rows,
+        f"F-score at 3 % of the height, %; one half of all photographs against the other: {answer.ceiling:.1f}",
+        right=4,
     )
-    for column in ("way", "photographs", "registered", "F-score", "95 % interval"):
-        table.add_column(column)
-    for way, points in answer.curves.items():
-        for p in points:
-            bounds = "–" if p.quality.low is None else f"{p.quality.low:.1f} to {p.quality.high:.1f}"
-            table.add_row(
-                WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", f"{p.quality.mean:.1f}", bounds
-            )
-    output.print(table)
     output.print(
         f"all {answer.all_photographs:.0f}: {answer.all_quality:.1f} %; {keep:g} % of that: {answer.asked_quality:.1f} %"
     )

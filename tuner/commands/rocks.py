@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from nbv.errors import UserError
-from tuner.commands.console import AsJson, answer_json, load, output, working
+from tuner.commands.console import AsJson, answer_json, load, output, show_table, working
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -26,13 +25,9 @@ def list_(
     """
     from nbv.rocks import list_rocks
 
-    table = Table()
-    for column in ("rock", "split", "source", "what makes it hard"):
-        table.add_column(column)
     found = [info for info in list_rocks() if split is None or info.split == split]
-    for info in found:
-        table.add_row(info.name, info.split, info.source, info.difficulty)
-    output.print(table)
+    rows = [(info.name, info.split, info.source, info.difficulty) for info in found]
+    show_table(("rock", "split", "source", "what makes it hard"), rows)
     answer_json(found)
 
 
@@ -52,16 +47,10 @@ def show(
     from nbv.rocks import describe, load_rock
 
     subject = load_rock(rock, Store())
-    table = Table(title=subject.name, show_header=False)
-    table.add_column("fact")
-    table.add_column("value")
     facts = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
     facts |= {**dataclasses.asdict(describe(subject)), "sha256": subject.sha256}
-    for fact, value in facts.items():
-        table.add_row(fact, f"{value:.3f}" if isinstance(value, float) else str(value))
-    for note in subject.notes:
-        table.add_row("note", note)
-    output.print(table)
+    rows = [(fact, f"{value:.3f}" if isinstance(value, float) else value) for fact, value in facts.items()]
+    show_table(("fact", "value"), [*rows, *(("note", note) for note in subject.notes)], subject.name)
     if image is not None:
         from PIL import Image
 

@@ -166,15 +166,16 @@ def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
 # -- the report ------------------------------------------------------------------------------------------------
 
 
+_COLUMNS = ("parameter", "first order", "95 %", "total", "95 %")
+
+
 def sensitivity_table(result: Sensitivity) -> Table:
     """For the terminal, the most important parameter first."""
 
     def span(bounds: tuple[float, float]) -> str:
         return f"{format_number(bounds[0], 2)} to {format_number(bounds[1], 2)}"
 
-    table = Table(title=f"What matters for {metric_label(result.metric).full}")
-    for column in ("parameter", "first order", "95 %", "total", "95 %"):
-        table.add_column(column)
+    table = Table(*_COLUMNS, title=f"What matters for {metric_label(result.metric).full}")
     for item in result.importances:
         first, total = format_number(item.first, 2), format_number(item.total, 2)
         name = parameter_label(item.path).name
