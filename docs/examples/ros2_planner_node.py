@@ -14,6 +14,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
@@ -22,8 +23,26 @@ from std_msgs.msg import String
 
 import nbv
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import heading_to
-from tuner.bridges.colmap_workspace import best_model, sparse_model
+from nbv.geometry.frames import align_umeyama, heading_to
+from nbv.sparse.alignment import Alignment, camera_centers
+from nbv.sparse.colmap import camera_from_model_poses, registered_names, to_sparse_model
+from nbv.types import SparseModel
+
+
+def sparse_model(workspace: Path, reported_m: dict[str, np.ndarray]) -> SparseModel:
+    """COLMAP's largest model in the planner's frame, aligned by the reported camera centres, one for each photograph."""
+    models = [
+        pycolmap.Reconstruction(str(folder)) for folder in sorted((workspace / "sparse").glob("[0-9]*"))
+    ]
+    largest = max(models, key=lambda model: model.num_reg_images())
+    centers = camera_centers(camera_from_model_poses(largest))
+    told_m = np.array([reported_m[Path(name).name] for name in registered_names(largest)])
+    world_from_model = align_umeyama(told_m, centers)
+    residuals_m = np.linalg.norm(world_from_model.apply(centers) - told_m, axis=1)
+    everyone = np.arange(len(centers))
+    return to_sparse_model(
+        largest, Alignment(world_from_model, residuals_m, np.zeros(len(centers)), everyone)
+    )
 
 
 class PlannerNode(Node):
@@ -53,10 +72,10 @@ class PlannerNode(Node):
         try:
             told = json.loads(message.data)
             positions = {c["image"]: np.array(c["position_m"], dtype=float) for c in told["captures"]}
-            model = sparse_model(best_model(Path(told["workspace"])), positions)
+            model = sparse_model(Path(told["workspace"]), positions)
             visited = np.array(list(positions.values()))
             plan = self.planner.plan(model, visited, int(told["seeds"]), self.vehicle_m, self.heading_rad)
-        except (OSError, ValueError, KeyError, TypeError, MissionFailure) as error:
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, MissionFailure) as error:
             self.get_logger().error(f"nothing is planned: {type(error).__name__}: {error}")
             return
         if plan.next_view is not None:
