@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.dense.views import DepthMaps, Floats32, PosedViews, pixel_matrix
 
@@ -48,15 +47,14 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
         column = np.rint(seen[0] / z * focal + cx)
         row = np.rint(seen[1] / z * focal + cy)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (seen[2] > 0)
-        # Where all pixels project into the witness, as is usual, nothing needs to be picked out.
-        index = None if inside.all() else np.flatnonzero(inside)
-        pixel = row.astype(whole) * width + column
-        z, pixel = _picked(z, index), _picked(pixel, index)
+        index = np.flatnonzero(inside)
+        z = z.take(index)
+        pixel = row.astype(whole).take(index) * width + column.take(index)
         measured = other_depth.reshape(-1).take(pixel.astype(np.intp))
         # NaN compares false, so unknown depths drop out here.
         close = np.flatnonzero(np.abs(measured - z) < config.consistency_relative_depth * z)
         measured, z = measured.take(close), z.take(close)
-        index = close if index is None else index.take(close)
+        index = index.take(close)
         # The witness's point on the same ray, back in the reference.
         back = rotation.T @ (seen.take(index, axis=1) * (measured / z) - translation)
         du = back[0] / back[2] * focal + cx - u.take(index)
@@ -69,7 +67,3 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
     out = np.full_like(depth_m, np.nan)
     out[rows[keep], columns[keep]] = total[keep] / agreeing[keep]
     return out
-
-
-def _picked(values: Floats32, index: NDArray[np.intp] | None) -> Floats32:
-    return values if index is None else values.take(index)
