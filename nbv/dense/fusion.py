@@ -30,8 +30,9 @@ def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
     MissionFailure
         ``empty_dense_cloud``: no depth at all.
     """
-    found = [_view_points(name, depth_maps[name], views) for name in sorted(depth_maps)]
-    parts = [part for part in found if part is not None]
+    known = [name for name in sorted(depth_maps) if np.isfinite(depth_maps[name]).any()]
+    found = [_view_points(name, depth_maps[name], views) for name in known]
+    parts = [part for part in found if len(part.cells)]
     if not parts:
         agreeing = views.config.agreeing_views
         raise MissionFailure(
@@ -44,24 +45,20 @@ def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
 class _ViewPoints:
     """What one view gives to the cloud: n points near the target, by their voxel's first index."""
 
-    points_m: Floats32  # (n, 3) world frame
-    normals: Floats32  # (n, 3) world frame; short ones are guesses
-    colors: NDArray[np.uint8]  # (n, 3)
+    values: Floats32  # (n, 9) point and normal in the world frame, colour; short normals are guesses
     cells: NDArray[np.int16]  # (n, 3) indices of the voxels, from the target; the first column ascends
 
     def part(self, start: int, stop: int) -> _ViewPoints:
         """Those whose voxel's first index is at least ``start`` and less than ``stop``."""
         rows = slice(*np.searchsorted(self.cells[:, 0], (start, stop)))
-        return _ViewPoints(self.points_m[rows], self.normals[rows], self.colors[rows], self.cells[rows])
+        return _ViewPoints(self.values[rows], self.cells[rows])
 
 
-def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints | None:
-    """The points of one depth map (H, W), or None if it has none near the target."""
+def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints:
+    """The points of one depth map (H, W) near the target."""
     camera_from_world, config = views.camera_from_world[name], views.config
     rotation, translation = camera_from_world[:3, :3], camera_from_world[:3, 3]
     rows, columns = np.nonzero(np.isfinite(depth))
-    if rows.size == 0:
-        return None
     y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
     local = backproject(depth, views.camera, (y0, y1, x0, x1))
     known = (rows - y0) * (x1 - x0) + (columns - x0)
@@ -72,8 +69,6 @@ def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints |
     away = np.abs(offset)
     farthest = np.maximum(np.maximum(away[:, 0], away[:, 1]), away[:, 2])
     inside = np.flatnonzero(farthest <= config.crop_half_width_m)
-    if inside.size == 0:
-        return None
     missing = ~np.isfinite(normal[:, 0])
     # A small weight: only decides where no real normal falls into the voxel.
     fallback = camera_points[missing]
@@ -83,12 +78,10 @@ def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints |
     )
     order = np.argsort(cells[:, 0], kind="stable")
     inside = inside[order]
-    return _ViewPoints(
-        world.take(inside, axis=0),
-        (normal @ rotation.astype(np.float32)).take(inside, axis=0),
-        views.images[name].reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0),
-        cells.take(order, axis=0),
-    )
+    colors = views.images[name].reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0)
+    normals = (normal @ rotation.astype(np.float32)).take(inside, axis=0)
+    values = np.hstack([world.take(inside, axis=0), normals, colors.astype(np.float32)])
+    return _ViewPoints(values, cells.take(order, axis=0))
 
 
 def _cell_type(config: DenseConfig) -> type[np.signedinteger]:
@@ -127,14 +120,7 @@ def _average_voxels(
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     counts = np.diff(np.append(starts, len(order)))[:, None]
-
-    def total(values: list[np.ndarray]) -> Floats:
-        return np.add.reduceat(np.concatenate(values).take(order, axis=0).astype(np.float64), starts, axis=0)
-
-    normal = total([part.normals for part in parts])
+    values = np.concatenate([part.values for part in parts]).take(order, axis=0).astype(np.float64)
+    point, normal, color = np.split(np.add.reduceat(values, starts, axis=0), 3, axis=1)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return (
-        total([part.points_m for part in parts]) / counts,
-        np.rint(total([part.colors for part in parts]) / counts).astype(np.uint8),
-        normal / np.maximum(length, 1e-12),
-    )
+    return point / counts, np.rint(color / counts).astype(np.uint8), normal / np.maximum(length, 1e-12)
