@@ -161,24 +161,19 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
     """
     half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
     usual = preset(config.preset)
+    unchosen = {p: value for p, value in UNCHOSEN.items() if attrgetter(p)(config) == attrgetter(p)(usual)}
     config = config.with_values(
-        {p: value for p, value in UNCHOSEN.items() if attrgetter(p)(config) == attrgetter(p)(usual)}
+        {
+            **unchosen,
+            "flight.arrival_tolerance_m": 0.0,
+            "flight.min_camera_altitude_m": 0.0,
+            "sparse.min_registered_seeds": FEWEST_SEEDS,
+            "shared.box_half_extent_m": max(config.shared.box_half_extent_m, half_m),
+            "dense.crop_half_width_m": max(config.dense.crop_half_width_m, half_m),
+            "dense.fusion_voxel_m": max(config.dense.fusion_voxel_m, VOXEL * photographs.height_m),
+        }
     )
-    return replace(
-        config,
-        camera=photographs.camera,
-        target_m=photographs.target_m,
-        flight=replace(config.flight, arrival_tolerance_m=0.0, min_camera_altitude_m=0.0),
-        sparse=replace(
-            config.sparse, min_registered_seeds=min(FEWEST_SEEDS, config.sparse.min_registered_seeds)
-        ),
-        shared=replace(config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m)),
-        dense=replace(
-            config.dense,
-            crop_half_width_m=max(config.dense.crop_half_width_m, half_m),
-            fusion_voxel_m=max(config.dense.fusion_voxel_m, VOXEL * photographs.height_m),
-        ),
-    )
+    return replace(config, camera=photographs.camera, target_m=photographs.target_m)
 
 
 def run_photographs_mission(
