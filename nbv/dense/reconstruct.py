@@ -49,12 +49,8 @@ def make_backend(name: str) -> DenseBackend:
 def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> PointCloud:
     """The fused cloud of images with known poses: depth maps, checked against each other.
 
-    Parameters
-    ----------
-    views
-        Images without a pose and poses without an image are left out.
-    sparse_points_m
-        (N, 3) points of the sparse model, world frame; with ``config.search`` "sparse" depths are sought near these.
+    Images without a pose and poses without an image are left out. With ``config.search`` "sparse" depths are sought near
+    the points (N, 3) of the sparse model.
 
     Raises
     ------

@@ -91,18 +91,8 @@ def refine(values: Floats, faces: Ints, max_edge: float) -> tuple[Floats, Ints]:
     The surface does not move: every new vertex lies on an old edge. Both faces at an edge split it together, so a
     watertight mesh stays watertight (no T-junctions); so they do where the edge is there twice, at a texture's seam.
 
-    Parameters
-    ----------
-    values
-        (V, 3 or more) vertices, and what they carry: of a new one the mean of both ends.
-    faces
-        (F, 3).
-    max_edge
-        In the unit of the vertices.
-
-    Returns
-    -------
-    values (V', ...), the old ones first, and faces (F', 3).
+    ``values`` (V, 3 or more) are vertices and what they carry: of a new one the mean of both ends. Returns values (V', ...),
+    the old ones first, and faces (F', 3).
     """
     done = []
     while True:
