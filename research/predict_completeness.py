@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from scipy.stats import spearmanr
 
 from nbv.config import MissionConfig
-from nbv.geometric.metrics import predicted_metrics
+from nbv.geometric.completeness import predicted_metrics
 from nbv.scorers.prediction import Calibration, predict
 from nbv.types import Floats, SparseModel
 from research.adaptive_plans import fly, known, rocks_of

@@ -28,8 +28,7 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
-from nbv.geometric.completeness import sample_probability
-from nbv.geometric.metrics import predicted_metrics
+from nbv.geometric.completeness import predicted_metrics, sample_probability
 from nbv.geometric.world import _seen as visible
 from nbv.geometric.world import world_of
 from nbv.geometry.raycasting import RayCaster

@@ -101,7 +101,7 @@ METRICS: dict[str, Metric] = {
         ),
     )
 }
-# What geometric missions predict of them (`nbv.geometric.metrics`); the others need a cloud.
+# What geometric missions predict of them (`nbv.geometric.completeness`); the others need a cloud.
 PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
-from nbv.geometric.metrics import predicted_metrics
+from nbv.geometric.completeness import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import world_of
 from nbv.geometry.frames import look_at

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.cache import Store, remember
+from nbv.cache import Arrays, Store, remember
 from nbv.config import MissionConfig, SeedConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import in_frustum
@@ -138,14 +139,16 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
     papers = replace(config, seed=SeedConfig())
     if config.seed.second_turn or seed_viewpoints(config) != seed_viewpoints(papers):
         return with_seeds(load_world(rock, papers, store), rock, config, around)
-    arrays = remember(
-        store,
-        "geometric-worlds",
-        lambda: _to_arrays(build_world(rock, config, around)),
-        code=__name__,
-        inputs=inputs,
-    )
-    return _from_arrays(arrays)
+    names = [f.name for f in fields(GeometricWorld)]
+
+    def build() -> Arrays:
+        world = build_world(rock, config, around)
+        return {name: np.asarray(getattr(world, name)) for name in names}
+
+    arrays = remember(store, "geometric-worlds", build, code=__name__, inputs=inputs)
+    plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
+    plain["viewpoint_ids"] = tuple(arrays["viewpoint_ids"].tolist())
+    return GeometricWorld(**{**arrays, **plain})
 
 
 def with_seeds(
@@ -329,19 +332,3 @@ class _Shading:
         weight = (distance <= np.maximum(TEXTURE_RADIUS_M, distance[:, 7:8])).astype(float)
         mean = (value * weight).sum(axis=1) / weight.sum(axis=1)
         return np.sqrt((weight * (value - mean[:, None]) ** 2).sum(axis=1) / weight.sum(axis=1))
-
-
-def _to_arrays(world: GeometricWorld) -> dict[str, np.ndarray]:
-    arrays = {f.name: np.asarray(getattr(world, f.name)) for f in fields(world)}
-    for name in ("landmark_seen", "sample_seen"):
-        arrays[name] = np.packbits(arrays[name], axis=1)
-    return arrays
-
-
-def _from_arrays(arrays: dict[str, np.ndarray]) -> GeometricWorld:
-    values: dict[str, object] = dict(arrays)
-    for name, like in (("landmark_seen", "landmarks_m"), ("sample_seen", "samples_m")):
-        values[name] = np.unpackbits(arrays[name], axis=1, count=len(arrays[like])).astype(bool)
-    values["viewpoint_ids"] = tuple(arrays["viewpoint_ids"].tolist())
-    values["n_rock"], values["n_near"] = int(arrays["n_rock"]), int(arrays["n_near"])
-    return GeometricWorld(**values)  # type: ignore[arg-type]

@@ -15,9 +15,9 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
-from nbv.planner.stop import suffices
 from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
+from nbv.scorers.prediction import predict
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -53,6 +53,21 @@ def density_d95_m(model: SparseModel, config: MissionConfig) -> float:
         target_m=config.target_m,
         box_half_extent_m=config.shared.box_half_extent_m,
     )
+
+
+def suffices(model: SparseModel, d95_m: float, config: MissionConfig) -> bool:
+    """Whether the photographs so far will do.
+
+    ``knn`` and ``both``: the sparse cloud is dense enough (the paper's). ``predicted``: the dense cloud is predicted to
+    reach ``stop.predicted_percent``.
+    """
+    stop = config.stop
+    if stop.criterion in ("both", "knn"):
+        return d95_m <= stop.knn_threshold_m
+    if stop.criterion == "predicted":
+        prediction = predict(model.points_m, model.camera_centers_m, config)
+        return prediction.f_score_percent >= stop.predicted_percent
+    return False
 
 
 class Planner:

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, digest, remember
-from nbv.config import CameraConfig, SceneConfig
+from nbv.config import RENDERERS, CameraConfig, SceneConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.rock import Rock
 from nbv.scene.ground import GroundSpec, synthesise_ground
-from nbv.scene.view import linear_from_srgb
+from nbv.scene.view import Renderer, linear_from_srgb
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Body, Relief, Surroundings
 from nbv.types import Floats, Floats32
 
@@ -134,6 +134,12 @@ def build_scene(
     )
 
 
+def make_renderer(scene: Scene, backend: str) -> Renderer:
+    """The renderer called ``backend`` (`nbv.config.registry`); ``UserError`` if there is none or it cannot run here."""
+    renderer: Renderer = RENDERERS.load(backend)(scene)
+    return renderer
+
+
 @dataclass(frozen=True, eq=False)
 class _Solid:
     """All that stands on the ground as one mesh, the rock first."""
@@ -168,11 +174,10 @@ def with_relief(vertices: Floats32, faces: NDArray[np.uint32], relief: Relief | 
 def _ground_arrays(
     seed: int, to_sun: Floats, spec: GroundSpec, relief: Relief | None
 ) -> dict[str, np.ndarray]:
-    surface = synthesise_ground(seed, to_sun, spec, relief)
     arrays = {}
-    for level in range(spec.levels):
-        arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
-        arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * 255).astype(np.uint8)
+    for level, (albedo, sun_cosine) in enumerate(synthesise_ground(seed, to_sun, spec, relief)):
+        arrays[f"albedo_{level}"] = np.rint(albedo * _FULL_SCALE).astype(np.uint16)
+        arrays[f"sun_{level}"] = np.rint(sun_cosine * 255).astype(np.uint8)
     return arrays
 
 

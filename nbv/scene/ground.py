@@ -55,20 +55,13 @@ class GroundSpec:
         return self.half_extent_m(self.levels - 1)
 
 
-@dataclass(frozen=True, eq=False)
-class GroundSurface:
-    """Albedo and sun cosine of each level, texel (row i, column j) centred on
-    ``x = (j + 0.5) * texel - half``, ``y = (i + 0.5) * texel - half``."""
-
-    spec: GroundSpec
-    albedo: tuple[Floats32, ...]  # per level (S, S), linear
-    sun_cosine: tuple[Floats32, ...]  # per level (S, S), max(0, n . l) with the pebbles' own shadows
-
-
 def synthesise_ground(
     seed: int, to_sun: NDArray[np.float64], spec: GroundSpec, relief: Relief | None = None
-) -> GroundSurface:
-    """Paint the ground of one seed under a sun in direction ``to_sun`` (3,), a unit vector with z > 0.
+) -> list[tuple[Floats32, Floats32]]:
+    """Paint the ground of one seed: per level the albedo (S, S), linear, and the sun cosine (S, S).
+
+    The sun cosine is max(0, n . l), with the pebbles' own shadows. Texel (row i, column j) is centred on
+    ``x = (j + 0.5) * texel - half``, ``y = (i + 0.5) * texel - half``.
 
     Parameters
     ----------
@@ -110,7 +103,7 @@ def synthesise_ground(
         )
         cosines.append((np.maximum(cosine, 0) * shades[level]).astype(np.float32))
     albedos = [np.clip(MEAN_ALBEDO * np.exp(a), 0.03, 0.6).astype(np.float32) for a in log_albedos]
-    return GroundSurface(spec, tuple(albedos), tuple(cosines))
+    return list(zip(albedos, cosines))
 
 
 def _lattice(seed: int, kind: str, octave: int, spec: GroundSpec) -> Floats32:

@@ -47,8 +47,10 @@ def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface:
     on the ground about the target, which is where and about as large as the vehicle was told.
     """
     points = points_on_rock(points_m, config)
-    hull = _hull(points)
-    if hull is None:
+    try:
+        points = points if len(points) >= FEWEST_POINTS else ball(config)
+        hull = ConvexHull(points)
+    except QhullError:  # all in one plane
         points = ball(config)
         hull = ConvexHull(points)
     return ProxySurface(*sample_hull(points, hull, SAMPLES))
@@ -78,15 +80,6 @@ def sample_hull(points_m: Floats, hull: ConvexHull, count: int) -> tuple[Floats,
     return sample_surface(points_m, faces, count, SAMPLE_SEED)
 
 
-def _hull(points_m: Floats) -> ConvexHull | None:
-    if len(points_m) < FEWEST_POINTS:
-        return None
-    try:
-        return ConvexHull(points_m)
-    except QhullError:  # all in one plane
-        return None
-
-
 def ball(config: MissionConfig) -> Floats:
     """(BALL_POINTS, 3) evenly on the sphere about the target that touches the ground (Fibonacci lattice)."""
     k = np.arange(BALL_POINTS) + 0.5
@@ -106,22 +99,6 @@ def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> B
     distance = np.sqrt(np.einsum("snk,snk->sn", to_view, to_view))
     front = facing > distance * np.cos(np.deg2rad(MATCHABLE_MAX_INCIDENCE_DEG))
     return front & in_frustum(surface.samples_m, positions_m, np.array(config.target_m), config.camera)
-
-
-def matchable_repair(
-    surface: ProxySurface, candidates_m: Floats, visited_m: Floats, config: MissionConfig
-) -> Floats:
-    """(C,) share of all matchable views still missing that each candidate would add, in [0, 1].
-
-    Zeros where nothing is missing.
-
-    Parameters
-    ----------
-    surface, candidates_m, visited_m, config
-        As in `views_gained`.
-    """
-    gained, missing = views_gained(surface, candidates_m, visited_m, config)
-    return gained / max(missing, 1)
 
 
 def expected_gain_percent(
@@ -192,10 +169,11 @@ def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -
     return usable_cosines(directions(a_m) @ directions(b_m).transpose(0, 2, 1), config.dense)
 
 
-def missing_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """`matchable_repair` of a state."""
+def matchable_repair(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """(C,) share of all matchable views still missing that each candidate would add, in [0, 1]; zeros where none is."""
     surface = proxy_surface(terms.box.points_m, config)
-    return matchable_repair(surface, pool.positions_m, terms.visited_m, config)
+    gained, missing = views_gained(surface, pool.positions_m, terms.visited_m, config)
+    return gained / max(missing, 1)
 
 
-MATCHABLE = Scorer("matchable", missing_share, weights=lambda config: config.matchable.weights)
+MATCHABLE = Scorer("matchable", matchable_repair, weights=lambda config: config.matchable.weights)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.geometry.visibility import lifted
-from nbv.scorers.matchable import SAMPLES, matchable_repair, proxy_surface, sees
+from nbv.scorers.matchable import SAMPLES, proxy_surface, sees, views_gained
 from nbv.types import PlanningState
 
 TARGET_M = np.array([0.0, 0.0, 0.8])
@@ -61,7 +61,8 @@ def test_the_surface_is_the_hull_of_the_rock_alone() -> None:
 def test_too_near_or_too_far_to_match_gains_nothing() -> None:
     proxy, visited = surface(), np.stack([view(0.0)])
     near, matched = view(0.5), view(12.0)
-    gain = matchable_repair(proxy, np.stack([near, matched]), visited, config())
+    gained, lacking = views_gained(proxy, np.stack([near, matched]), visited, config())
+    gain = gained / lacking
     seen = sees(proxy, np.stack([visited[0], near, matched]), config())
     missing = (6 - seen[:, 0]).sum()
     # Half a degree beside an earlier view only samples that this one did not see gain.
@@ -96,7 +97,8 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
     have = coverage.partners.max(axis=0, initial=-1) + 1
     missing = (need - np.minimum(have, need)).sum()
     expected = [oracle.gain(c, coverage) * need / max(missing, 1) for c in views[visited:]]
-    gain = matchable_repair(proxy, views[visited:], views[:visited], mission)
+    gained, lacking = views_gained(proxy, views[visited:], views[:visited], mission)
+    gain = gained / max(lacking, 1)
     # Rays that graze the hull, and angles at the limits, may fall to either side for a sample or two.
     np.testing.assert_allclose(gain, expected, atol=4.0 / max(missing, 1))
     assert (gain >= 0).all() and (gain <= 1).all()
