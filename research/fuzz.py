@@ -148,7 +148,7 @@ def _state(path: Path) -> None:
 
 
 def _rock(path: Path) -> None:
-    from nbv.rocks.imported import read_rock
+    from nbv.rocks.catalogue import read_rock
 
     read_rock(path)
 
@@ -295,7 +295,7 @@ def make_seeds(folder: Path) -> None:
     from nbv.config import preset
     from nbv.gates.learned import shipped_policy
     from nbv.mission.planning_state import save_state
-    from nbv.rocks.imported import write_rock
+    from nbv.rocks.catalogue import write_rock
     from nbv.rocks.importer import import_mesh
     from tuner.bridges.photogrammetry_nbv import FILES, write_text
     from tuner.missions.external.skeleton_files import write_skeleton

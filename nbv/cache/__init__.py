@@ -8,7 +8,7 @@ An entry is stale when its address is no longer asked for, and never otherwise: 
 `remember` is the rule in one call; without a store it only calls ``make``, so nothing is read or written. Stores are
 handed from the mission down to the stages; no algorithm opens one.
 
-Rocks that a user imported by name live beside the store (``nbv.rocks.imported``) and are not part of it.
+Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue``) and are not part of it.
 """
 
 from nbv.cache.addressing import address, code_digest, digest

@@ -46,7 +46,7 @@ from nbv.photographs.pinhole import common_pinhole, undistorted
 from nbv.photographs.scale import find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel, write_colmap
 from nbv.photographs.source import Source
-from nbv.rocks.imported import check_name, imported_path, write_rock
+from nbv.rocks.catalogue import check_name, imported_path, write_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.types import Floats
 

@@ -29,7 +29,7 @@ from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
-from nbv.rocks.imported import check_name
+from nbv.rocks.catalogue import check_name
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text
 from nbv.types import Bools, Floats
 

@@ -1,7 +1,6 @@
 """Rocks: procedural ones, imported meshes, and the catalogue with its train / held-out split."""
 
-from nbv.rocks.catalogue import list_rocks, load_coarse_rock, load_rock
-from nbv.rocks.imported import save_imported
+from nbv.rocks.catalogue import list_rocks, load_coarse_rock, load_rock, save_imported
 from nbv.rocks.importer import frame_of_file, import_mesh
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, RockFacts, RockInfo, Split, describe
 

@@ -1,34 +1,68 @@
-"""The rocks one can name: the procedural ones, the user's imported ones, and any mesh file."""
+"""The rocks one can name: the procedural ones, the user's imported ones, and any mesh file.
+
+Imported rocks are kept by name, one file each, with a checksum. They are the user's data and no cache: nothing here is
+made anew or removed unless the user says so.
+"""
 
 from __future__ import annotations
 
 import difflib
 import functools
+import io
+import logging
 import os
-from collections.abc import Callable, Hashable
+import re
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
+from typing import cast
 
-from nbv.cache import Store
+import numpy as np
+
+from nbv.cache import Store, home
 from nbv.errors import UserError
 from nbv.rocks.families import FAMILIES, generated_name
-from nbv.rocks.imported import imported_path, list_kept, read_rock, surface_path
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
-from nbv.rocks.rock import Rock, RockInfo
-from nbv.safe_files import expanded, is_file
+from nbv.rocks.rock import SPLITS, Rock, RockInfo, Source, Split, make_rock
+from nbv.safe_files import expanded, is_file, read_npz, write_atomic
+
+log = logging.getLogger(__name__)
 
 KEPT = ".npz"  # of a rock as this program keeps it
+_FORMAT = 1
+_LABELS = {"split": "U", "difficulty": "U"}
+_CONTENT = {
+    "format": "iu",
+    "name": "U",
+    "vertices_m": "f n 3",
+    "faces": "iu _ 3 <n",
+    "albedo": "fu n 3",
+    "notes": "U _",
+    "sha256": "U",
+}
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _MAX_LOADED = 16  # about 25 MB each
 _loaded: dict[Hashable, Rock] = {}  # least recently asked for first
 
 
 def list_rocks() -> list[RockInfo]:
-    """Every rock `load_rock` knows by name: procedural ones first, then imported ones by name."""
-    return [
-        *(RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()),
-        *list_kept(),
-    ]
+    """Every rock `load_rock` knows by name: procedural ones, imported ones, surfaces of sets of photographs; each by name.
+
+    A file that cannot be read is left out, with a warning.
+    """
+    rocks = [RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()]
+    imported = sorted(imported_path("NAME").parent.glob("*.npz"))
+    sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
+    kept: list[tuple[str, Path, Source]] = [(path.stem, path, "imported") for path in imported]
+    kept += [(p.parent.name, p, "photographs") for p in sets if is_photographed(p.parent.name)]
+    for name, path, source in kept:
+        try:
+            data = read_npz(path, _LABELS)
+            rocks.append(RockInfo(name, _split(path, data), source, str(data["difficulty"])))
+        except UserError as error:
+            log.warning("%s; import it again", error)
+    return rocks
 
 
 def load_rock(name: str, store: Store | None = None) -> Rock:
@@ -90,3 +124,103 @@ def _read_kept(path: Path) -> Rock:
         return read_rock(path)
     except UserError as error:
         raise UserError(f"{error}; import the rock again with --force") from error
+
+
+def imported_path(name: str) -> Path:
+    """Where the imported rock ``name`` is kept."""
+    return home() / "rocks" / "imported" / f"{name}.npz"
+
+
+def surface_path(name: str) -> Path:
+    """Where the surface of the set of photographs ``name`` is kept, if there is such a set (`nbv.photographs`)."""
+    return home() / "photographs" / name / "surface.npz"
+
+
+def is_photographed(name: str) -> bool:
+    """Whether ``name`` is a set of photographs, and no other rock."""
+    return (
+        _NAME.fullmatch(name) is not None
+        and surface_path(name).is_file()
+        and not imported_path(name).is_file()
+    )
+
+
+def are_photographed(rocks: Sequence[str]) -> bool:
+    """Whether there are rocks, and every one is a set of photographs."""
+    return bool(rocks) and all(map(is_photographed, rocks))
+
+
+def save_imported(rock: Rock, *, force: bool = False) -> Path:
+    """Keep an imported rock so that `nbv.rocks.load_rock` finds it by name.
+
+    Raises
+    ------
+    UserError
+        The name is not usable or taken (``force`` replaces an imported rock, never a procedural one).
+    """
+    check_name(rock.name)
+    if rock.name in RECIPES:
+        raise UserError(f"{rock.name!r} is the name of a procedural rock; choose another with --name")
+    path = imported_path(rock.name)
+    if path.exists() and not force:
+        raise UserError(f"there is already a rock {rock.name!r}; choose another --name or pass --force")
+    try:
+        write_rock(rock, path)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}; set GATETUNE_HOME to a writable folder") from error
+    return path
+
+
+def check_name(name: str) -> str:
+    """``name`` if it can name a rock, else ``UserError``."""
+    if not _NAME.fullmatch(name):
+        raise UserError(
+            f"{name!r} cannot name a rock; use up to 64 lower-case letters, digits, '-' and '_', "
+            "beginning with a letter or digit"
+        )
+    return name
+
+
+def write_rock(rock: Rock, path: Path) -> None:
+    """Write ``rock`` so that a reader sees the whole file or none of it."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        format=np.array(_FORMAT),
+        name=np.array(rock.name),
+        vertices_m=rock.vertices_m,
+        faces=rock.faces.astype(np.int32),
+        albedo=rock.albedo,
+        split=np.array(rock.split),
+        difficulty=np.array(rock.difficulty),
+        notes=np.array(rock.notes, dtype=np.str_),
+        sha256=np.array(rock.sha256),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, buffer.getbuffer())
+
+
+def read_rock(path: Path) -> Rock:
+    """Read a rock back; `UserError` where there is none, or one that is not as it was written."""
+    data = read_npz(path, {**_LABELS, **_CONTENT})
+    if int(data["format"]) != _FORMAT:
+        raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
+    rock = make_rock(
+        str(data["name"]),
+        data["vertices_m"],
+        data["faces"],
+        data["albedo"],
+        split=_split(path, data),
+        difficulty=str(data["difficulty"]),
+        notes=tuple(str(note) for note in data["notes"]),
+    )
+    if rock.sha256 != str(data["sha256"]):
+        raise UserError(f"{path} does not have the content it was written with")
+    return rock
+
+
+def _split(path: Path, data: dict[str, np.ndarray]) -> Split:
+    split = str(data["split"])
+    if split not in SPLITS:
+        raise UserError(f"{path} has the unknown split {split[:40]!r}")
+    return cast(Split, split)

@@ -16,7 +16,7 @@ from nbv.dense.views import shrunk, shrunk_camera
 from nbv.geometry.frames import look_at
 from nbv.photographs import PhotographSet
 from nbv.rocks import Rock, load_rock
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.catalogue import is_photographed
 from nbv.scene import Sensor, build_scene, make_renderer
 from nbv.sparse.features import extract_features
 from nbv.sparse.matching import match_pair, pair_angle_deg, verify_pair

@@ -11,7 +11,7 @@ import typer
 
 from nbv.config import IDEAL, PRESETS, load_conditions
 from nbv.errors import UserError
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.catalogue import is_photographed
 from tuner.commands.console import (
     AsJson,
     ComparisonProgress,

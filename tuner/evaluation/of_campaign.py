@@ -15,7 +15,7 @@ import numpy as np
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from nbv.rocks.imported import are_photographed
+from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making
 from tuner.campaign.settings import CampaignSettings

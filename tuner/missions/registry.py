@@ -18,7 +18,7 @@ from nbv.cache import code_digest
 from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.catalogue import is_photographed
 
 # Named by module, so that a command imports only what it flies.
 FIDELITIES = {

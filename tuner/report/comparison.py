@@ -15,7 +15,7 @@ import numpy as np
 from rich.table import Table
 from scipy import stats
 
-from nbv.rocks.imported import are_photographed, is_photographed
+from nbv.rocks.catalogue import are_photographed, is_photographed
 from tuner.evaluation.baselines import TUNED, controls_at_equal_number, description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
-from nbv.rocks.imported import are_photographed
+from nbv.rocks.catalogue import are_photographed
 from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.objective import reached
 

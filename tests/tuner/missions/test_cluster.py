@@ -27,7 +27,7 @@ from fake_campaigns import FIDELITY, settings
 from test_executors import fly, job
 
 from nbv.errors import UserError
-from nbv.rocks.imported import read_rock, write_rock
+from nbv.rocks.catalogue import read_rock, write_rock
 from nbv.rocks.rock import make_rock
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign

@@ -16,8 +16,8 @@ from distributed import Client, Future
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import load_rock
+from nbv.rocks.catalogue import write_rock
 from nbv.rocks.families import generated_name
-from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import Executor
