@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +21,6 @@ from tuner.commands.console import (
     as_json,
     executor_at,
     load,
-    local_executor,
     note_dense_stage,
     output,
     parse_overrides,
@@ -103,7 +101,7 @@ def run(
         raise UserError(
             f"--name {named!r} is no folder's name; leave / out, or say with --out where the campaign lives"
         )
-    directory = out or RUNS / named
+    directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
@@ -111,25 +109,17 @@ def run(
 
         named_mission = given.get("mission") and Path(given["mission"])
         campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
-        return fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), show_pair=quick)
-    flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
-    refuse_code_of_file(flown, given.get("fidelity"), str(settings))
-    with contextlib.ExitStack() as stack:
-        ready: LocalProcessExecutor | DaskExecutor | None = None
-        if executor == "local" and scheduler is None and "mission" not in given:
-            ready = local = stack.enter_context(local_executor(flown, workers, timeout_s))
-            local.begin()  # its libraries load beside ours
-        load(MODEL)
-        asked = asked_settings(fields, str(settings or "command line"), working)
-        note_dense_stage(fields.get("overrides") or {}, asked.overrides)
-        from tuner.campaign.begin import begin_campaign
+        ready = executor_at(where, campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission)
+        return fly(campaign, ready, show_pair=quick)
+    refuse_code_of_file(str(fields.get("fidelity") or DEFAULT_FIDELITY), given.get("fidelity"), str(settings))
+    load(MODEL)
+    asked = asked_settings(fields, str(settings or "command line"), working)
+    note_dense_stage(fields.get("overrides") or {}, asked.overrides)
+    from tuner.campaign.begin import begin_campaign
 
-        where = (executor, scheduler, unencrypted)
-        if ready is None:  # before anything is written: a wrong address leaves no campaign behind
-            ready = executor_at(where, flown, workers, timeout_s, asked.mission)
-            stack.enter_context(ready)
-        campaign = begin_campaign(directory, asked)
-        fly(campaign, workers, timeout_s, where, ready=ready, show_pair=quick)
+    # Before anything is written: a wrong address leaves no campaign behind.
+    with executor_at(where, asked.fidelity, workers, timeout_s, asked.mission) as ready:
+        fly(begin_campaign(directory, asked), ready, show_pair=quick)
 
 
 @app.command()
@@ -164,7 +154,9 @@ def resume(
     campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
     if missions is not None:
         campaign = extend_campaign(campaign, missions)
-    fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), accept_changes=accept_changes)
+    s, where = campaign.settings, (executor, scheduler, unencrypted)
+    ready = executor_at(where, s.fidelity, workers, timeout_s, s.mission)
+    fly(campaign, ready, accept_changes=accept_changes)
 
 
 @app.command()
@@ -241,17 +233,23 @@ def _row(directory: Path) -> dict[str, Any]:
 
 def fly(
     campaign: Campaign,
-    workers: int | None,
-    timeout_s: float,
-    where: tuple[str, str | None, bool] = ("local", None, False),
+    executor: LocalProcessExecutor | DaskExecutor,
     *,
     accept_changes: bool = False,
-    ready: LocalProcessExecutor | DaskExecutor | None = None,
     show_pair: bool = False,
 ) -> None:
     """Run or resume, with live progress, and end in the report.
 
-    ``where`` as the three options of that name; ``show_pair``: then fly the default and the recommendation whole.
+    Parameters
+    ----------
+    campaign
+        Begun, or interrupted.
+    executor
+        Where missions fly; it is closed at the end.
+    accept_changes
+        Go on although rocks or code have changed.
+    show_pair
+        Then fly the default and the recommendation whole.
     """
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
@@ -260,7 +258,6 @@ def fly(
     settings = campaign.settings
     if campaign.status().finished < settings.budget:
         load(MODEL)
-    executor = ready or executor_at(where, settings.fidelity, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
