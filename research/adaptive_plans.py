@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.geometric.mission import GeometricFidelity
 from nbv.mission.belief import about
-from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.flying import fly_mission
+from nbv.mission.fidelity import MissionContext
 from nbv.mission.result import MissionResult
 from nbv.photogrammetric.mission import PhotogrammetricFidelity
 from nbv.rocks import load_rock
@@ -106,11 +105,13 @@ def fly(
     """
     kept: list[Any] = []
 
-    def make(context: MissionContext) -> Fidelity:
-        made = FIDELITIES[fidelity](context)
-        made.reconstructor = _Kept(made.reconstructor, listen, made.believed)
-        kept[:] = [made.reconstructor]
-        return cast(Fidelity, made)
+    class Listening(FIDELITIES[fidelity]):  # type: ignore[misc]
+        load = staticmethod(load_rock)
 
-    result = fly_mission(make, config, rock, replicate)
+        def __init__(self, context: MissionContext) -> None:
+            super().__init__(context)
+            self.reconstructor = _Kept(self.reconstructor, listen, self.believed)
+            kept[:] = [self.reconstructor]
+
+    result = Listening.fly(config, rock, replicate)
     return Flown(result, kept[0].model, kept[0].believed)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from nbv.cache import code_digest
-from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
+from nbv.config import TargetConfig, TelemetryConfig
 from nbv.geometric.completeness import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import world_of
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.flying import fly_mission
-from nbv.mission.function import MissionOptions
-from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import load_coarse_rock
 from nbv.types import Capture, Cloud, Floats, Viewpoint
@@ -48,6 +44,7 @@ class GeometricFidelity(Fidelity):
     """The mission's completeness is predicted."""
 
     name = "geometric"
+    load = staticmethod(load_coarse_rock)
     reconstructor: GeometricReconstructor
 
     def __init__(self, context: MissionContext) -> None:
@@ -69,22 +66,5 @@ class GeometricFidelity(Fidelity):
         run.write_json("metrics.json", {"metrics": metrics})
 
 
-def run_geometric_mission(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """Fly one mission without images and predict its completeness; see `nbv.mission.MissionFunction`.
-
-    Parameters
-    ----------
-    config, rock, replicate, directory
-        As in `nbv.mission.MissionFunction`.
-    options
-        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
-    """
-    return fly_mission(
-        GeometricFidelity, config, rock, replicate, directory, load=load_coarse_rock, **options
-    )
+# Fly one mission without images and predict its completeness: a `nbv.mission.MissionFunction`.
+run_geometric_mission = GeometricFidelity.fly

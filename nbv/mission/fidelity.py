@@ -1,18 +1,29 @@
-"""What distinguishes one kind of mission from another; everything else they share (`nbv.mission.flying`)."""
+"""From a configuration to a result document: what distinguishes one kind of mission from another, and what all share."""
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
-from nbv.gates import GroundTruthOracle, Oracle
+from nbv.errors import MissionFailure
+from nbv.flight import Flight
+from nbv.gates import GroundTruthOracle, Oracle, gate_class, make_gate
+from nbv.mission.belief import aimed, believed
+from nbv.mission.function import Keep, Log, no_log
+from nbv.mission.loop import AdaptiveMission
+from nbv.mission.recorder import Recorder
+from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import RunDirectory
-from nbv.rocks import Rock
+from nbv.provenance import provenance
+from nbv.rocks import Rock, load_rock
 from nbv.stopwatch import Stopwatch
+from nbv.terrain import buried_rock
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -39,6 +50,7 @@ class Fidelity(ABC):
     camera: Camera  # what takes them
     reconstructor: Reconstructor  # what they become
     facts: Mapping[str, Any]  # for the provenance: backends, versions
+    load: Callable[[str, Store | None], Rock] = staticmethod(load_rock)  # the rock of a name
 
     def __init__(self, context: MissionContext) -> None:
         self.context, self.believed = context, context.believed
@@ -55,3 +67,124 @@ class Fidelity(ABC):
     @abstractmethod
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """Write what a whole run directory holds of this fidelity; ``metrics`` are empty when the mission failed."""
+
+    @classmethod
+    def fly(
+        cls,
+        config: MissionConfig,
+        rock: str,
+        replicate: int = 0,
+        directory: Path | None = None,
+        *,
+        keep: Keep = "all",
+        overwrite: bool = False,
+        cache: bool = True,
+        log: Log = no_log,
+        with_oracle: bool = False,
+    ) -> MissionResult:
+        """Fly one mission and measure it: a `nbv.mission.function.MissionFunction`.
+
+        Parameters
+        ----------
+        config, rock, replicate, directory, keep
+            As in `MissionFunction`.
+        overwrite
+            Whether a finished mission in ``directory`` may be replaced.
+        cache
+            Keep what missions share in the user's store; the outcome is the same. Otherwise the store is neither read nor
+            written.
+        log
+            Called with an event's name and its facts as the mission goes on.
+        with_oracle
+            Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
+        """
+        started = time.perf_counter()
+        digest = config.digest()
+        config.require_seeds_above_ground()
+        store = Store() if cache else None
+        found = cls.load(rock, store)
+        subject = buried_rock(found, config)
+        config = aimed(config, subject)
+        run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
+        if run is not None:
+            run.write_config(config.to_dict())
+        full_run = run if keep == "all" else None
+        log(
+            "start",
+            {
+                "rock": subject.name,
+                "replicate": replicate,
+                "seeds": config.seed.total,
+                "budget": config.adaptive_budget,
+                "gate": config.gate.kind,
+            },
+        )
+        stopwatch = Stopwatch()
+        belief = believed(config, subject.sha256, replicate)
+        keeps_everything = full_run is not None
+        fidelity = cls(MissionContext(config, subject, replicate, belief, store, keeps_everything, stopwatch))
+        asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth
+        oracle = fidelity.oracle() if asked else None
+        flown = fidelity.believed  # nothing that flies or plans gets the other one, nor the rock
+        gate = make_gate(flown, subject.sha256, replicate, oracle)
+        flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
+        recorder = Recorder(
+            flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=log
+        )
+        mission = AdaptiveMission(
+            flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder, fidelity.viewpoints
+        )
+        status: Status = "ok"
+        reason = message = ""
+        metrics: dict[str, Any] = {}
+        try:
+            cloud = mission.fly()
+            log("metrics", {})
+            if full_run is not None:
+                full_run.write_cloud("dense.ply", cloud)
+            metrics = fidelity.measure(cloud)
+        except MissionFailure as failure:
+            status, reason, message = "failed", failure.reason, failure.message
+        else:
+            if recorder.notes:
+                kinds = sorted(set(recorder.notes))
+                message = "; ".join(f"{kind}: {recorder.notes.count(kind)}" for kind in kinds)
+                status, reason = "degraded", kinds[0]
+        if full_run is not None:
+            fidelity.export(full_run, metrics)
+            full_run.write_json("flight.json", flight.to_dict())
+        wall_s = time.perf_counter() - started
+        stopwatch.total_s["total"] = wall_s
+        result = MissionResult(
+            status=status,
+            reason=reason,
+            message=message,
+            config_digest=digest,
+            rock=subject.name,
+            replicate=replicate,
+            metrics=metrics,
+            trace=recorder.trace,
+            timings_s=dict(stopwatch.total_s),
+            costs={
+                "images": float(recorder.images),
+                "registered_images": float(recorder.registered_images),
+                "flight_time_s": flight.flight_time_s,
+                "path_length_m": flight.path_length_m,
+                "energy_wh": flight.energy_wh,
+                "wall_s": wall_s,
+            },
+            provenance={
+                **provenance(),
+                "rock_sha256": found.sha256,
+                "fidelity": fidelity.name,
+                "condition": config.condition,
+                **fidelity.facts,
+            },
+            condition=config.condition,
+        )
+        if full_run is not None:
+            full_run.write_json("provenance.json", result.provenance)
+        if run is not None:
+            run.write_result(result.to_json())
+        log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
+        return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypedDict
+from typing import Any, Literal, Protocol
 
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
@@ -15,18 +15,6 @@ Log = Callable[[str, dict[str, Any]], None]  # an event's name and its facts
 
 def no_log(event: str, facts: dict[str, Any]) -> None:
     """Ignore the event."""
-
-
-class MissionOptions(TypedDict, total=False):
-    """What the functions of this project take besides; defaults as in `nbv.mission.flying.fly_mission`."""
-
-    keep: Keep
-    overwrite: bool  # a finished mission in the directory may be replaced
-    cache: bool  # keep what missions share in the user's store; the outcome is the same
-    log: Log  # called as the mission goes on
-    with_oracle: (
-        bool  # record what an oracle would have gained; for research, takes longer than a known mission
-    )
 
 
 class MissionFunction(Protocol):

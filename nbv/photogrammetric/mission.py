@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 from nbv.cache import remember_json
-from nbv.config import CameraConfig, MissionConfig
+from nbv.config import CameraConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.flying import fly_mission
-from nbv.mission.function import MissionOptions
-from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
@@ -83,20 +79,5 @@ class PhotogrammetricFidelity(Fidelity):
             return make_renderer(scene, config.scene.backend)
 
 
-def run_photogrammetric_mission(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionFunction`.
-
-    Parameters
-    ----------
-    config, rock, replicate, directory
-        As in `nbv.mission.MissionFunction`.
-    options
-        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
-    """
-    return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)
+# Fly one complete mission with photographs and measure its cloud: a `nbv.mission.MissionFunction`.
+run_photogrammetric_mission = PhotogrammetricFidelity.fly

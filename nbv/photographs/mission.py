@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from operator import attrgetter
-from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.gates import Oracle
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.flying import fly_mission
-from nbv.mission.function import MissionOptions
-from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
@@ -176,26 +172,5 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
     return replace(config, camera=photographs.camera, target_m=photographs.target_m)
 
 
-def run_photographs_mission(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """Fly one mission over the photographs of the set ``rock`` and measure its cloud; see `nbv.mission.MissionFunction`.
-
-    Parameters
-    ----------
-    config
-        The mission's configuration.
-    rock
-        Name of the set.
-    replicate
-        Which turn of the seed layout about the object.
-    directory
-        Where the run directory is written; ``None`` writes nothing.
-    options
-        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
-    """
-    return fly_mission(PhotographFidelity, config, rock, replicate, directory, **options)
+# Fly one mission over the photographs of the set ``rock`` and measure its cloud: a `nbv.mission.MissionFunction`.
+run_photographs_mission = PhotographFidelity.fly

@@ -14,7 +14,7 @@ import pytest
 from nbv.config import preset
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.gates import GroundTruthOracle
-from nbv.mission import flying
+from nbv.mission import fidelity
 from nbv.mission.loop import AdaptiveMission
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.photogrammetric.studio import Studio
@@ -75,7 +75,7 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
 
     config = preset("campaign").with_values({**SMALL, "telemetry": "gnss", "target.horizontal_sd_m": 0.5})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flying, "AdaptiveMission", Kept)
+        patch.setattr(fidelity, "AdaptiveMission", Kept)
         patch.setattr(TelemetryErrors, "true_pose", noting)
         patch.setattr(Studio, "__init__", making)
         patch.setattr(Studio, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
