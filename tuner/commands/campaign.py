@@ -24,7 +24,6 @@ from tuner.commands.console import (
     note_dense_stage,
     output,
     parse_overrides,
-    seconds,
     show_table,
     under_conditions,
     workers_text,
@@ -42,6 +41,7 @@ from tuner.commands.options import (
     with_settings,
 )
 from tuner.problem.objective import objective_text
+from tuner.report.labels import duration
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -291,7 +291,7 @@ def fly(
             raise typer.Exit(130)
         show_recommendation(summary.recommendation, settings)
         output.print(
-            f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
+            f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
         )
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
-from tuner.commands.console import FlightProgress, output, seconds, show_table
+from tuner.commands.console import FlightProgress, output, show_table
 from tuner.problem.observations import short
+from tuner.report.labels import decimals_for, duration, format_number, metric_label
 
 if TYPE_CHECKING:
     from tuner.campaign.events import CampaignEvent, CampaignStatus
@@ -43,7 +44,7 @@ class CampaignProgress(FlightProgress):
         elif event.kind == "recommendation" and event.recommendation is not None:
             self._best = f", best {best_text(event.recommendation)}"
         flown, left = event.finished - self._began, event.budget - event.finished
-        rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
+        rest = f", {duration(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
         counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
         self.reached(event.finished, event.budget, counts)
@@ -100,7 +101,7 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
-        f"{seconds(facts.mission_wall_s)} of computing"
+        f"{duration(facts.mission_wall_s)} of computing"
     )
     parts = {place: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
@@ -123,7 +124,6 @@ def show_recommendation(best: Recommendation | None, settings: CampaignSettings)
         use_sentence,
         worth_sentences,
     )
-    from tuner.report.labels import decimals_for, format_number, metric_label
 
     for line in (use_sentence(best, settings), *worth_sentences(best, settings)):
         output.print(line, highlight=False)

@@ -256,12 +256,3 @@ def workers_text(executor: LocalProcessExecutor | DaskExecutor) -> str:
     if not count:
         return "no worker yet: missions wait for the first"
     return f"{count} worker{'s' if count > 1 else ''}"
-
-
-def seconds(value: float) -> str:
-    """``75.2`` as ``1 min 15 s``."""
-    if value < 90:
-        return f"{value:.0f} s"
-    if value < 5400:
-        return f"{value // 60:.0f} min {value % 60:.0f} s"
-    return f"{value // 3600:.0f} h {value % 3600 // 60:.0f} min"

@@ -21,7 +21,6 @@ from tuner.commands.console import (
     mission_config,
     output,
     rock_arguments,
-    seconds,
     under_conditions,
     working,
 )
@@ -237,7 +236,7 @@ def compare(
     """
     from tuner.evaluation.flying import place_for, run_evaluation
     from tuner.report import comparison
-    from tuner.report.comparison import counted
+    from tuner.report.labels import counted, duration
 
     plan, place = asked.plan, asked.asked.place
     directory = out or place_for(plan, usual)
@@ -268,7 +267,7 @@ def compare(
         report = comparison.write_comparison_report(
             facts, directory, title=title, paper=paper, command=command
         )
-    output.print(f"{seconds(run.elapsed_s)}; report: {report}")
+    output.print(f"{duration(run.elapsed_s)}; report: {report}")
     answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
     end(run)
 

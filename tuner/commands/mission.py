@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from nbv.config import IDEAL
 from nbv.errors import MissionFailure, UserError
@@ -21,11 +20,12 @@ from tuner.commands.console import (
     load,
     mission_config,
     output,
-    seconds,
+    show_table,
     working,
 )
 from tuner.commands.options import Overrides
 from tuner.problem.objective import Objective, dotted
+from tuner.report.labels import duration, format_number
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
@@ -92,34 +92,30 @@ def run(
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
     output.print(f"[{colour}]{result.status}[/]  {escape(result.message)}", markup=True)
     if result.status != "failed":
-        output.print(metrics_table(result.metrics))
+        show_metrics(result.metrics)
     output.print(
         f"{result.costs['images']:.0f} images ({result.costs['registered_images']:.0f} registered), "
-        f"{result.costs['path_length_m']:.0f} m flown in {seconds(result.costs['flight_time_s'])} (simulated), "
-        f"computed in {seconds(result.costs['wall_s'])}; everything is in {directory}"
+        f"{result.costs['path_length_m']:.0f} m flown in {duration(result.costs['flight_time_s'])} (simulated), "
+        f"computed in {duration(result.costs['wall_s'])}; everything is in {directory}"
     )
     if result.status == "failed":
         raise typer.Exit(1)
 
 
-def metrics_table(metrics: dict[str, Any]) -> Table:
+def show_metrics(metrics: dict[str, Any]) -> None:
     """Both surfaces side by side; over photographs the reference, and what one half of them reaches of the other."""
     columns = {f"{name} surface": metrics[name] for name in ("whole", "observable") if name in metrics}
-    table = Table("metric", title="Dense cloud against ground truth")
+    title = "Dense cloud against ground truth"
     if "reference" in metrics:
-        table.title = "Dense cloud against the dense reference; 48 mm are 3 % of the height"
+        title = "Dense cloud against the dense reference; 48 mm are 3 % of the height"
         kept_out = {f"kept out: {key}": value for key, value in metrics["kept_out"].items()}
-        columns = {
-            "mission": {**metrics["observable"], **kept_out},
-            "half against half": metrics["reference"]["ceiling"],
-        }
-    for name in columns:
-        table.add_column(name, justify="right")
+        half = metrics["reference"]["ceiling"]
+        columns = {"mission": {**metrics["observable"], **kept_out}, "half against half": half}
+    rows = []
     for key, first in next(iter(columns.values())).items():
         if isinstance(first, (int, float)) or key.startswith("kept out"):
-            texts = [column.get(key) for column in columns.values()]
-            table.add_row(key, *("–" if value is None else f"{value:.1f}" for value in texts))
-    return table
+            rows.append((key, *(format_number(column.get(key)) for column in columns.values())))
+    show_table(("metric", *columns), rows, title, right=len(columns))
 
 
 @app.command()

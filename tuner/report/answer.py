@@ -15,6 +15,7 @@ from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration
 from tuner.report.labels import (
     MetricLabel,
+    counted,
     decimals_for,
     interval_text,
     metric_label,
@@ -143,14 +144,13 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     rival = best.runner_up
     if rival is None:
         return ""
-    flown = f"flown {rival.missions} {'time' if rival.missions == 1 else 'times'}"
     label = metric_label(best.metric)
     worth = f"{short_name(label)}: {_mean(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
         worth = f"{_gain(rival.difference, (low, high), (high - low) / 4, label)} against the above"
     keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
-    return f"Runner-up ({flown}): {configuration_words(rival.values, best, s)}. {worth}{keeps}."
+    return f"Runner-up (flown {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. {worth}{keeps}."
 
 
 # -- what the gate did ---------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
     counts = collections.Counter(record.scorer for record in records)
     views = [[best.get("candidate") for best in record.top.values()] for record in records]
     equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
-    where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
+    where = f"{n} views of {counted(missions, 'mission')}"
     same = f" In {_percent(equal, n)} both scorers had the same best view." if equal else ""
     if len(counts) == 1:
         (scorer,) = counts

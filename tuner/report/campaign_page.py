@@ -45,7 +45,9 @@ from tuner.report.answer import (
     worth_sentences,
 )
 from tuner.report.labels import (
+    counted,
     decimals_for,
+    duration,
     format_number,
     measure_text,
     metric_label,
@@ -53,7 +55,7 @@ from tuner.report.labels import (
     with_unit,
 )
 from tuner.report.mission_view import write_mission_view
-from tuner.report.pages import duration, recorded, recorded_rows, write_page
+from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.plan_picture import plan_picture
 from tuner.report.style import short_names
 from tuner.surrogate.model import RockMeanGP
@@ -268,7 +270,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
         f"Flown side by side on {len({world for world, _ in both})} of {len(facts.settings.worlds)} {place}s"
-        f"{' and conditions' if facts.several_conditions else ''} ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): "
+        f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
         f"{mean} of {facts.label.name} on average, better in {sum(d > 0 for d in both.values())} of {len(both)}."
     )
     return [*said, LEANS]

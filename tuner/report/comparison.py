@@ -38,6 +38,7 @@ from tuner.problem.exact_costs import PHOTOGRAPHS
 from tuner.problem.objective import Objective
 from tuner.report.labels import (
     MISSING,
+    counted,
     decimals_for,
     format_number,
     interval_methods,
@@ -92,21 +93,21 @@ class ComparisonFacts:
     tables: dict[str, ComparisonTable]  # Table I by surface; "own" of missions that are not ours
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form; means, intervals and differences (strategy minus reference) in the metrics' units."""
+        """For JSON (`nbv.mission.result.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
         plan = self.run.plan
         return {
             "complete": self.run.complete,
-            "rocks": list(plan.rocks),
+            "rocks": plan.rocks,
             "replicates": plan.replicates,
             "reference": self.reference,
             "measure": self.measure,
-            "notes": list(self.notes),
+            "notes": self.notes,
             "verdicts": [line._asdict() for line in self.verdicts],
             "warnings": self.warnings,
             "failures": self.run.failures,
-            "summary": dataclasses.asdict(self.summary),
-            "conditions": {name: dataclasses.asdict(table) for name, table in self.conditions.items()},
-            "tables": {name: dataclasses.asdict(table) for name, table in self.tables.items()},
+            "summary": self.summary,
+            "conditions": self.conditions,
+            "tables": self.tables,
         }
 
 
@@ -359,11 +360,6 @@ def _warnings(run: EvaluationRun, place: str) -> list[str]:
     if len(plan.rocks) < 3:
         out.append(f"Only {counted(len(plan.rocks), place)}: nothing here speaks for other {place}s.")
     return out
-
-
-def counted(count: int, what: str) -> str:
-    """``1 rock``, ``3 rocks``."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 # -- tables --------------------------------------------------------------------------------------------------

@@ -78,6 +78,20 @@ def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bo
     return f"95 % interval {low} to {high}"
 
 
+def duration(seconds: float) -> str:
+    """``75.2`` as ``75 s``, 4980 as ``1 h 23 min``."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
+    return f"{seconds // 3600:.0f} h {seconds % 3600 // 60:.0f} min"
+
+
+def counted(count: int, what: str) -> str:
+    """``1 rock``, ``3 rocks``."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def decimals_for(spread: float) -> int:
     """Decimals that show two significant digits of an uncertainty, between 1 and 6."""
     if not math.isfinite(spread) or spread <= 0:

@@ -55,14 +55,6 @@ def write_page(path: Path, template: str, **facts: Any) -> Path:
     return path
 
 
-def duration(seconds: float) -> str:
-    """``4980`` as ``1 h 23 min``."""
-    if seconds < 90:
-        return f"{seconds:.0f} s" if seconds >= 10 or seconds == 0 else f"{seconds:.1f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
-
-
 def recorded(missions: Sequence[Path]) -> list[dict[str, Any]]:
     """What the missions in these directories recorded, those that ended; of many every few."""
     trees = []

@@ -159,14 +159,8 @@ def noise_of(design: Floats, metric: str = "", default: float = math.nan) -> Noi
 
 
 _COLUMNS = (
-    "metric",
-    "default",
-    "sd between configurations",
-    "sd of a mission",
-    "paired",
-    "signal to noise",
-    "95 %",
-    "paired",
+    *("metric", "default", "sd between configurations", "sd of a mission", "paired"),
+    *("signal to noise", "95 %", "paired"),
 )
 
 
@@ -177,11 +171,8 @@ def noise_table(found: Sequence[Noise]) -> Table:
     configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; draws that
     all configurations share cancel.
     """
-    table = Table(
-        title="Do configurations differ by more than missions do?", caption=f"wanted: {WANTED:g} or more"
-    )
-    for column in _COLUMNS:
-        table.add_column(column, justify="left" if column == "metric" else "right")
+    table = Table(*_COLUMNS, title="Do configurations differ by more than missions do?")
+    table.caption = f"wanted: {WANTED:g} or more"
     for noise in found:
         label, (low, high) = metric_label(noise.metric), noise.interval_95
         sds = (math.sqrt(max(0.0, part)) for part in (noise.between, noise.mission, noise.paired))
