@@ -14,7 +14,7 @@ from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import points_to_search
 from nbv.dense.views import DenseBackend, PosedViews
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.types import Floats, PointCloud
 
@@ -58,25 +58,16 @@ def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> Poi
         ``too_few_views``: fewer than two views, or no two within the pair angles. ``empty_dense_cloud``: no depth is
         confirmed.
     UserError
-        The backend needs CUDA; an image has another size than the camera.
-    ValueError
-        ``config.search`` is "sparse" and there are no ``sparse_points_m``.
+        The backend needs CUDA.
     """
-    camera, config = views.camera, views.config
+    config = views.config
     names = sorted(set(views.images) & set(views.camera_from_world))
     if len(names) < 2:
         raise MissionFailure("too_few_views", f"dense reconstruction needs two posed views, got {len(names)}")
-    for name in names:
-        if views.images[name].shape != (camera.height_px, camera.width_px, 3):
-            raise UserError(
-                f"image {name} has shape {views.images[name].shape}; the camera is configured for "
-                f"{camera.width_px}x{camera.height_px} RGB"
-            )
     poses = {name: np.asarray(views.camera_from_world[name], dtype=float) for name in names}
     views = replace(views, images={n: views.images[n] for n in names}, camera_from_world=poses).shrunk()
     if config.search == "sparse":
-        if sparse_points_m is None:
-            raise ValueError('dense.search "sparse" needs the points of the sparse model')
+        assert sparse_points_m is not None
         views = replace(views, surface_m=points_to_search(sparse_points_m, views.target_m, config))
     maps = make_backend(config.backend)(views)
     if not maps:

@@ -30,10 +30,6 @@ class GroundTruthSamples:
     normals: Floats  # (S, 3) unit, outward
     observable: Bools  # (S,)
 
-    def __post_init__(self) -> None:
-        if not (len(self.points_m) == len(self.normals) == len(self.observable) > 0):
-            raise ValueError("ground-truth points, normals and mask must be non-empty and equally long")
-
 
 def camera_shell(config: MissionConfig) -> Floats:
     """(C, 3) the paper's seed rings and the unfiltered candidate rings: where a mission may photograph from.

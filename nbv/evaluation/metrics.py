@@ -61,11 +61,9 @@ def compute_metrics(
     MissionFailure
         ``empty_cloud``: no point, or none within the configured gate.
     ValueError
-        A point is not finite, or no sample is observable.
+        No sample is observable.
     """
     points = np.asarray(cloud.points_m, dtype=float)
-    if not np.isfinite(points).all():
-        raise ValueError("the cloud holds points that are not finite")
     if not truth.observable.any():
         raise ValueError("no ground-truth sample is observable; check the camera shell")
     to_gt = nearest_neighbours(truth.points_m, points)[0] if to_surface_m is None else to_surface_m

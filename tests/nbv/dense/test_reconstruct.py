@@ -67,12 +67,6 @@ def test_nothing_confirmed_is_a_failure(scene):
     assert failure.value.reason == "empty_dense_cloud"
 
 
-def test_wrong_image_size_names_the_image(scene):
-    images = {**scene.images, "view_009.png": np.zeros((100, 100, 3), np.uint8)}
-    with pytest.raises(UserError, match=r"view_009\.png has shape"):
-        cloud_of(scene, images=images)
-
-
 def test_patchmatch_without_cuda_names_the_remedy():
     import pycolmap
 
