@@ -184,7 +184,7 @@ class GateDecision:
     details: dict[str, Any] = field(default_factory=dict)  # e.g. f_b, d95_m, oracle rewards
 
 
-class Camera(Protocol):
+class Camera:
     """Takes the photographs of one mission. The mission loop does not know which implementation it has."""
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
@@ -192,6 +192,7 @@ class Camera(Protocol):
 
         ``time_s`` into the flight, on which slow errors of the telemetry depend.
         """
+        raise NotImplementedError
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
         """From now on: the target has been found there."""
@@ -200,20 +201,24 @@ class Camera(Protocol):
         """Free memory; called after the last photograph."""
 
 
-class Reconstructor(Protocol):
+class Reconstructor:
     """Turns captures into models. The mission loop does not know which implementation it has."""
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """Build the seed model; raises ``MissionFailure`` if there is none."""
+        raise NotImplementedError
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
         """The model of the first few seeds alone, None if there is none; later models do not contain it."""
+        return None
 
     def add(self, capture: Capture) -> UpdateReport:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
+        raise NotImplementedError
 
     def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
         """From now on: the target has been found there, in a cube of twice ``half_width_m``."""
 
     def finish(self) -> Cloud:
         """Dense reconstruction in the world frame; raises ``MissionFailure`` if nothing fuses."""
+        raise NotImplementedError

@@ -180,7 +180,7 @@ def planning(state: PlanningState) -> list[Curve]:
         for repeat in range(3):  # other points each time: neighbour distances are remembered per cloud
             varied = dataclasses.replace(state, model=resampled(state.model, count + repeat))
             started = time.process_time()
-            knn_d95_m(varied.model.points_m)
+            knn_d95_m(varied.model.points_m, config)
             rank_candidates(varied, pool, config)
             costs.append(time.process_time() - started)
         seconds.append(min(costs))

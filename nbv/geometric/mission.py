@@ -15,11 +15,11 @@ from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import load_coarse_rock
-from nbv.types import Capture, Cloud, Floats, Viewpoint
+from nbv.types import Camera, Capture, Cloud, Floats, Viewpoint
 
 
-class PoseCamera:
-    """Implements ``nbv.types.Camera`` without images: a photograph is where it was taken from.
+class PoseCamera(Camera):
+    """No images: a photograph is where it was taken from.
 
     Telemetry is exact and the target known here, whatever is configured.
     """
@@ -35,9 +35,6 @@ class PoseCamera:
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
         """See `nbv.types.Camera`."""
         self._target_m = target_m
-
-    def close(self) -> None:
-        """Nothing to give back."""
 
 
 class GeometricFidelity(Fidelity):

@@ -13,7 +13,7 @@ from nbv.geometric.completeness import sample_probability
 from nbv.geometric.landmarks import Landmarks
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
-from nbv.types import Capture, Floats, Floats32, Ints, PointCloud, SparseModel, UpdateReport
+from nbv.types import Capture, Floats, Floats32, Ints, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 # Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Rings of 12 and 14 seeds at 20
@@ -43,8 +43,8 @@ def forget_seed_models() -> None:
     _SEEDS.clear()
 
 
-class GeometricReconstructor:
-    """Implements ``nbv.types.Reconstructor`` on a `GeometricWorld`.
+class GeometricReconstructor(Reconstructor):
+    """Simulated, on a `GeometricWorld`; where the target is, is known here.
 
     Detections are drawn per (rock, replicate, viewpoint, landmark) and matching limits and noise per
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
@@ -100,10 +100,6 @@ class GeometricReconstructor:
         self._tracks = seed.tracks.copy(len(captures) + self._config.adaptive_budget)
         self._captures = list(seed.registered)
         return seed.report
-
-    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
-        """None: the target is known here."""
-        return None
 
     def _look(self, capture: Capture) -> tuple[Ints, Floats32]:
         return self._landmarks.look(capture.viewpoint.id, capture.camera_center_m)
@@ -194,9 +190,6 @@ class GeometricReconstructor:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
         rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
         return sample_probability(self._world, rows, self._centers_m(), self._config)
-
-    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
-        """Nothing: what each viewpoint sees is tabulated about the true target, which is known here."""
 
     def finish(self) -> PointCloud:
         """The surface samples that are more likely reconstructed than not."""

@@ -8,11 +8,11 @@ mission.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from nbv.config import MissionConfig
 from nbv.types import Floats, Ints
 
 _LEAF = 32  # points in a leaf of a tree
@@ -77,31 +77,16 @@ def _distances(data: bytes, n: int, k: int) -> Floats:
     return distances
 
 
-def knn_d95_m(
-    points_m: Floats,
-    k: int = 5,
-    region: Literal["all", "box"] = "all",
-    target_m: tuple[float, float, float] = (0.0, 0.0, 0.8),
-    box_half_extent_m: float = 2.0,
-) -> float:
-    """95th percentile (m) of the distance to the ``k``-th neighbour, the point itself excluded: Eq. 9's statistic.
+def knn_d95_m(points_m: Floats, config: MissionConfig) -> float:
+    """Eq. 9's statistic: of points (N, 3), the 95th percentile (m) of the distance to the k-th neighbour, itself excluded.
 
-    Fewer than ``k + 1`` points give infinity: such a cloud has certainly not converged.
-
-    Parameters
-    ----------
-    points_m
-        (N, 3) in the aligned world frame.
-    k
-        Which neighbour.
-    region
-        ``"box"`` keeps only the points in the paper's box (section III-A).
-    target_m, box_half_extent_m
-        The middle of that box and half its side, in metres.
+    ``stop`` says which neighbour, and whether only points in the paper's box (section III-A) count. Fewer than k + 1 points
+    give infinity: such a cloud has certainly not converged.
     """
-    points = np.asarray(points_m, dtype=float).reshape(-1, 3)
-    if region == "box":
-        points = points[(np.abs(points - np.asarray(target_m)) <= box_half_extent_m).all(axis=1)]
+    k, points = config.stop.knn_neighbours, np.asarray(points_m, dtype=float).reshape(-1, 3)
+    if config.stop.knn_region == "box":
+        offset_m = np.abs(points - np.asarray(config.target_m))
+        points = points[(offset_m <= config.shared.box_half_extent_m).all(axis=1)]
     if len(points) < k + 1:
         return np.inf
     return float(np.percentile(neighbour_distances(points, k)[:, -1], 95))

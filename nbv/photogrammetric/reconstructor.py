@@ -30,7 +30,7 @@ from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
-from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
+from nbv.types import Capture, Cloud, Floats, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.
 LEAST_BASELINE_ANGLE_DEG = 40.0
@@ -63,10 +63,10 @@ class LazyCloud:
         return self._make().normals
 
 
-class PhotogrammetricReconstructor:
+class PhotogrammetricReconstructor(Reconstructor):
     """Sparse model after every capture, dense cloud at the end.
 
-    Implements ``nbv.types.Reconstructor``. Only photographs and the vehicle's telemetry go in. As long as the models of
+    Only photographs and the vehicle's telemetry go in. As long as the models of
     the photographs so far are known nothing is reconstructed; what was left out is made up for, photograph by photograph
     as it would have been, as soon as something is asked that the store does not hold.
 

@@ -17,11 +17,11 @@ from nbv.geometry.frames import look_at
 from nbv.memory import give_back_freed_memory
 from nbv.rocks import Rock
 from nbv.scene import Renderer, Sensor
-from nbv.types import Capture, Floats, Viewpoint
+from nbv.types import Camera, Capture, Floats, Viewpoint
 
 
-class Studio:
-    """Implements ``nbv.types.Camera`` for one rock in one replicate.
+class Studio(Camera):
+    """Renders one rock in one replicate.
 
     Parameters
     ----------

@@ -6,13 +6,13 @@ from nbv.flight.telemetry import TelemetryErrors
 from nbv.mission.fidelity import MissionContext
 from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import PhotographViewpoints
-from nbv.types import Capture, Floats, Viewpoint
+from nbv.types import Camera, Capture, Floats, Viewpoint
 
 _NO_GROUND_M = -1e6  # a hand that holds a camera may be anywhere
 
 
-class PhotographCamera:
-    """Implements `nbv.types.Camera` over the photographs of a set that may be taken, which ``viewpoints`` are of.
+class PhotographCamera(Camera):
+    """Over the photographs of a set that may be taken, which ``viewpoints`` are of; none can be aimed anew.
 
     Telemetry reports the reference's pose, with the errors that the configuration's ``telemetry`` says (drawn as in any
     mission; they are added to the true pose, where a vehicle's take it away from the reported one).
@@ -33,9 +33,3 @@ class PhotographCamera:
         reported = self._errors.true_pose(photograph.camera_from_world, viewpoint.id, time_s)
         self.taken.append(photograph.name)
         return Capture(f"{viewpoint.id}.png", viewpoint, reported, self._set.image(photograph.name))
-
-    def aim_at(self, target_m: tuple[float, float, float]) -> None:
-        """What was photographed cannot be aimed anew."""
-
-    def close(self) -> None:
-        """Nothing to give back."""

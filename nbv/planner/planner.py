@@ -44,17 +44,6 @@ class Plan:
         return None if self.decision is None else self.pool.viewpoint(self.decision.ranking.top)
 
 
-def density_d95_m(model: SparseModel, config: MissionConfig) -> float:
-    """Of the sparse points that ``stop`` counts: the 95th percentile of the distance to the k-th neighbour (m)."""
-    return knn_d95_m(
-        model.points_m,
-        k=config.stop.knn_neighbours,
-        region=config.stop.knn_region,
-        target_m=config.target_m,
-        box_half_extent_m=config.shared.box_half_extent_m,
-    )
-
-
 def suffices(model: SparseModel, d95_m: float, config: MissionConfig) -> bool:
     """Whether the photographs so far will do.
 
@@ -140,7 +129,7 @@ class Planner:
             vehicle_heading_rad=vehicle_heading_rad,
             captures_used=used,
             adaptive_budget=self.config.adaptive_budget,
-            d95_m=density_d95_m(model, self.config),
+            d95_m=knn_d95_m(model.points_m, self.config),
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)

@@ -123,7 +123,7 @@ class IncrementalModel:
 
     # ------------------------------------------------------------------------------------------ bootstrap
 
-    def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "", judge_pose: Judge | None = None) -> str:
+    def bootstrap(self, judge: JudgeSeed, judge_pose: Judge | None) -> str:
         """Build the seed model from all images so far; returns "" or why there is none.
 
         Up to three initial pairs are tried until ``judge`` accepts the model. With ``judge_pose``, where more than a
@@ -237,12 +237,7 @@ class IncrementalModel:
 
     # --------------------------------------------------------------------------------------------- update
 
-    def update(
-        self,
-        new_id: int,
-        judge: Judge = lambda reconstruction, image_id: "",
-        judge_turn: Judge | None = None,
-    ) -> dict[int, str]:
+    def update(self, new_id: int, judge: Judge, judge_turn: Judge | None) -> dict[int, str]:
         """Register image ``new_id`` and retry every earlier unregistered image.
 
         With ``judge_turn`` what is left out is tried again, from few matches; both judges must keep it.

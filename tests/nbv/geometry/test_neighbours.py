@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from nbv.config import MissionConfig
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners
 from nbv.geometry.neighbours import knn_d95_m, nearest_neighbours
+
+ALL = MissionConfig()
 
 
 @pytest.mark.parametrize("k", [1, 5])
@@ -27,19 +30,19 @@ def grid(n, spacing_m):
 
 def test_the_fifth_neighbour_of_a_cubic_grid():
     """Inside and on faces 5 neighbours are at one spacing; only on the 12 edges the 5th is farther."""
-    assert knn_d95_m(grid(20, 0.1)) == pytest.approx(0.1)
+    assert knn_d95_m(grid(20, 0.1), ALL) == pytest.approx(0.1)
 
 
 def test_too_few_points_have_not_converged():
-    assert [np.isinf(knn_d95_m(np.zeros((count, 3)))) for count in (0, 5, 6)] == [True, True, False]
+    assert [np.isinf(knn_d95_m(np.zeros((count, 3)), ALL)) for count in (0, 5, 6)] == [True, True, False]
 
 
 def test_the_box_keeps_only_points_near_the_target():
     near = grid(8, 0.1) + np.array([-0.35, -0.35, 0.45])
     far = np.random.default_rng(0).uniform(5, 50, (400, 3))
     cloud = np.concatenate([near, far])
-    assert knn_d95_m(cloud) > 1.0
-    assert knn_d95_m(cloud, region="box") == knn_d95_m(near)
+    assert knn_d95_m(cloud, ALL) > 1.0
+    assert knn_d95_m(cloud, ALL.changed(stop={"knn_region": "box"})) == knn_d95_m(near, ALL)
 
 
 def plainly(pairs: np.ndarray, seen: np.ndarray) -> np.ndarray:
