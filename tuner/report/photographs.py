@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
@@ -17,7 +18,6 @@ from tuner.report.style import (
     LIGHT,
     MARKERS,
     SEQUENTIAL,
-    Illustration,
     colour,
     embed,
     look,
@@ -52,7 +52,8 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
         ceiling=photographs.halves.f_score[MIDDLE],
         middle=100 * THRESHOLD_FRACTIONS[MIDDLE],
         error_percent=100 * photographs.reference_error_m / photographs.height_m,
-        figures=[_cameras(views), _errors(photographs, reference)],
+        cameras=embed(_cameras(views)),
+        errors=embed(_errors(photographs, reference), "png"),
         rows=[
             (100 * fraction, *values)
             for fraction, *values in zip(
@@ -89,7 +90,8 @@ def _cannot(views: Coverage) -> list[str]:
     return [*lines, "Another light, wind, lens or place of the object: they are as they were."]
 
 
-def _cameras(views: Coverage) -> Illustration:
+def _cameras(views: Coverage) -> Figure:
+    """Where the photographs were taken, seen from the object; azimuths at which nobody stood are shaded."""
     with look():
         figure = new_figure(9.6, 3.2)
         axes = figure.subplots()
@@ -101,16 +103,10 @@ def _cameras(views: Coverage) -> Illustration:
         )
         figure.colorbar(dots, ax=axes, label="distance, units", format="%.1f")
         axes.set(xlim=(0, 360), xticks=range(0, 361, 60), xlabel="azimuth, °", ylabel="elevation, °")
-    return embed(
-        figure,
-        "cameras",
-        "viewpoints by azimuth and elevation",
-        "Where the photographs were taken, seen from the object. Shaded: azimuths wider than 30° at which nobody stood.",
-        title="Cameras",
-    )
+    return figure
 
 
-def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
+def _errors(photographs: PhotographSet, reference: Reference) -> Figure:
     """The reference from four sides, coloured by its error."""
     limit = 100 * THRESHOLD_FRACTIONS[-1]
     error = 100 * reference.error_m / photographs.height_m
@@ -126,27 +122,12 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
             toward = points[:, 0] * np.cos(azimuth) + points[:, 1] * np.sin(azimuth)
             across = -points[:, 0] * np.sin(azimuth) + points[:, 1] * np.cos(azimuth)
             order = np.argsort(toward)
-            dots = axes.scatter(
-                across[order],
-                points[order, 2],
-                c=error[order],
-                cmap=SEQUENTIAL,
-                norm=Normalize(0, limit),
-                s=0.6,
-                lw=0,
-            )
+            shown = {"cmap": SEQUENTIAL, "norm": Normalize(0, limit), "s": 0.6, "lw": 0}
+            dots = axes.scatter(across[order], points[order, 2], c=error[order], **shown)
             axes.set_aspect("equal")
             axes.set_title(title)
         figure.colorbar(dots, ax=panels, label="error, % of height")
-    return embed(
-        figure,
-        "reference",
-        "the dense reference from four sides, coloured by its error",
-        "The dense reference. A point's error is its distance to the cloud of the half of the photographs that is farther "
-        "from it: where it is large one half alone did not see that surface.",
-        title="Where the reference is weak",
-        form="png",
-    )
+    return figure
 
 
 def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:

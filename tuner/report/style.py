@@ -6,7 +6,6 @@ import base64
 import contextlib
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -67,32 +66,13 @@ def marker(index: int) -> str:
     return MARKERS[index % len(MARKERS)]
 
 
-@dataclass(frozen=True)
-class Illustration:
-    """A figure ready for a page: embedded image, alternative text and caption."""
-
-    name: str  # file name without ending
-    source: str  # data URI
-    alt: str
-    caption: str
-    title: str = ""
-    width_px: int = 1000  # largest shown width
-
-
-def embed(
-    figure: Figure, name: str, alt: str, caption: str, *, title: str = "", form: Literal["svg", "png"] = "svg"
-) -> Illustration:
-    """Turn a figure into an ``Illustration``.
-
-    Each SVG is an image of its own (data URI), so identifiers of two figures cannot clash in one page.
-    """
+def embed(figure: Figure, form: Literal["svg", "png"] = "svg") -> str:
+    """A figure as a data URI: each SVG is an image of its own, so that identifiers of two cannot clash in one page."""
     buffer = io.BytesIO()
     with look():
         figure.savefig(buffer, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None)
-    encoded = base64.b64encode(buffer.getvalue()).decode()
     kind = "image/svg+xml" if form == "svg" else "image/png"
-    width_px = round(figure.get_figwidth() * 104)
-    return Illustration(name, f"data:{kind};base64,{encoded}", alt, caption, title, width_px)
+    return f"data:{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def save_figure(figure: Figure, directory: Path, name: str) -> Path:
