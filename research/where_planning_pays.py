@@ -84,7 +84,7 @@ def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> f
     caster = RayCaster(rock.vertices_m, rock.faces)
     world = world_of(rock, known(rock_name), Store())
     seen = visible(caster, world.samples_m, world.sample_normals, views, config, OBSERVABLE_MAX_INCIDENCE_DEG)
-    centers_m = np.array([arrival_position(view, config.flight, rock.sha256, 0) for view in views])
+    centers_m = np.array([arrival_position(view, config.flight, (rock.sha256, 0)) for view in views])
     orbit = replace(world, viewpoint_ids=tuple(view.id for view in views), sample_seen=seen)
     chance = sample_probability(orbit, list(range(len(views))), centers_m, config)
     return float(predicted_metrics(orbit, chance, config)["observable"]["f_score_48mm"])

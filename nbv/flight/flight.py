@@ -45,12 +45,12 @@ class Flight:
     """
 
     def __init__(self, config: MissionConfig, rock_sha256: str, replicate: int) -> None:
-        self._rock_sha256, self._replicate = rock_sha256, replicate
+        self._key = (rock_sha256, replicate)
         self._wind = config.wind
         self._space = Airspace(
             config.flight,
             config.target_m,
-            mean_wind_m_s(config.wind, rock_sha256, replicate),
+            mean_wind_m_s(config.wind, self._key),
             _keep_outs(config, rock_sha256),
         )
         home = np.array(config.flight.home_m, dtype=float)
@@ -86,9 +86,9 @@ class Flight:
 
     def fly_to(self, viewpoint: Viewpoint) -> Floats:
         """Fly to a viewpoint, around the rock if need be, and settle; returns the actual position (3,)."""
-        arrived = arrival_position(viewpoint, self._limits, self._rock_sha256, self._replicate)
+        arrived = arrival_position(viewpoint, self._limits, self._key)
         if self._wind.gust_m_s > 0:
-            arrived += sway_m(self._wind, self._rock_sha256, self._replicate, viewpoint.id)
+            arrived += sway_m(self._wind, self._key, viewpoint.id)
             arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
         for obstacle in self._space.obstacles:  # a viewpoint on a neighbour is taken from above it
             if np.hypot(*(arrived[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:

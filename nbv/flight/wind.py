@@ -15,27 +15,20 @@ CALM = (0.0, 0.0)
 VERTICAL_GUST = 0.5  # of a horizontal one: MIL-F-8785C, sigma_w / sigma_u = 0.177 ** 0.4 at the ground
 
 
-def mean_wind_m_s(wind: WindConfig, rock_sha256: str, replicate: int) -> tuple[float, float]:
-    """Where the air moves, east and north; the bearing is uniform, drawn per (rock, replicate)."""
+def mean_wind_m_s(wind: WindConfig, key: tuple[str, int]) -> tuple[float, float]:
+    """Where the air moves, east and north; the bearing is uniform, drawn per ``key``, (rock's SHA-256, replicate)."""
     if wind.mean_speed_m_s == 0:
         return CALM
-    bearing = keyed_rng("wind", rock_sha256, replicate).uniform(0, 2 * math.pi)
+    bearing = keyed_rng("wind", *key).uniform(0, 2 * math.pi)
     return wind.mean_speed_m_s * math.cos(bearing), wind.mean_speed_m_s * math.sin(bearing)
 
 
-def sway_m(wind: WindConfig, rock_sha256: str, replicate: int, viewpoint_id: str) -> Floats:
+def sway_m(wind: WindConfig, key: tuple[str, int], viewpoint_id: str) -> Floats:
     """(3,) how far gusts have pushed the vehicle at a photograph, beyond the arrival error.
 
     A gust u moves a vehicle with rotor drag k and a position loop of stiffness w**2 by k u / w**2, ``sway_s`` times u.
-
-    Parameters
-    ----------
-    wind
-        Its gusts and the vehicle's answer to them.
-    rock_sha256, replicate, viewpoint_id
-        Key of the draw.
     """
-    normal = keyed_rng("gust", rock_sha256, replicate, viewpoint_id).standard_normal(3)
+    normal = keyed_rng("gust", *key, viewpoint_id).standard_normal(3)
     return wind.gust_m_s * wind.sway_s * normal * (1.0, 1.0, VERTICAL_GUST)
 
 

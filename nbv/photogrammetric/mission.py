@@ -55,7 +55,7 @@ class PhotogrammetricFidelity(Fidelity):
             camera_shell(config),
         ]
         with self.context.stopwatch.timed("evaluation"):
-            found = remember_json(store, "evaluations", evaluate, code=__name__, inputs=inputs)
+            found = remember_json(store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
         if self._evaluation is None:
             self._evaluation = Evaluation(
                 found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]

@@ -87,4 +87,5 @@ class Studio(Camera):
     def _see(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         if self._renderer is None:
             self._renderer = self._make_renderer(self._sensor.drawn)
-        return self._sensor.photograph(self._renderer, true_pose, self._rock, self._replicate, viewpoint.id)
+        key = (self._rock.sha256, self._replicate, viewpoint.id)
+        return self._sensor.photograph(self._renderer, true_pose, key)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig, SceneConfig
 from nbv.random_streams import keyed_rng
-from nbv.rocks.rock import Rock
 from nbv.scene.lens import Lens
 from nbv.scene.view import Renderer, grey_levels, linear_from_srgb
 from nbv.types import Floats, Floats32
@@ -39,24 +38,17 @@ class Sensor:
         return self._lens.drawn
 
     def photograph(
-        self, renderer: Renderer, camera_from_world: Floats, rock: Rock, replicate: int, viewpoint_id: str
+        self, renderer: Renderer, camera_from_world: Floats, key: tuple[str, int, str]
     ) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB seen from ``camera_from_world`` (4, 4); a function of its arguments alone.
+        """(H, W, 3) RGB seen from ``camera_from_world`` (4, 4), where the camera really is; a function of its arguments alone.
 
-        Parameters
-        ----------
-        renderer
-            Draws the scene with the camera `drawn`.
-        camera_from_world
-            (4, 4) where the camera really is.
-        rock, replicate, viewpoint_id
-            Key of the random draws.
+        ``renderer`` draws the scene with the camera `drawn`; ``key``, (rock's SHA-256, replicate, viewpoint's id), is that of
+        the random draws.
         """
-        key = (rock.sha256, replicate, viewpoint_id)
         image = self.exposed(
             renderer.rgb(camera_from_world), camera_from_world, keyed_rng("exposure and motion", *key)
         )
-        image = add_sensor_noise(image, self._scene, noise_rng(*key))
+        image = add_sensor_noise(image, self._scene, keyed_rng("sensor noise", *key))
         return compressed(image, self._config.jpeg_quality) if self._config.jpeg_quality else image
 
     def exposed(
@@ -114,11 +106,6 @@ def compressed(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     )
     decoded = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     return decoded.astype(np.uint8, copy=False)
-
-
-def noise_rng(rock_sha256: str, replicate: int, viewpoint_id: str) -> np.random.Generator:
-    """The noise generator of one photograph."""
-    return keyed_rng("sensor noise", rock_sha256, replicate, viewpoint_id)
 
 
 def add_sensor_noise(

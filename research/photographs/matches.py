@@ -38,7 +38,7 @@ def rendered(rock: Rock, config: MissionConfig) -> tuple[Floats, list[np.ndarray
     ring = config.with_values({"seed.count": VIEWS, "seed.lowest_deg": 22.0, "seed.radius_m": 3.5})
     at = np.array([v.position_m for v in seed_viewpoints(ring)])
     poses = [look_at(p, np.array(config.target_m)) for p in at]
-    return at, [sensor.photograph(renderer, pose, rock, 0, f"{k}") for k, pose in enumerate(poses)]
+    return at, [sensor.photograph(renderer, pose, (rock.sha256, 0, f"{k}")) for k, pose in enumerate(poses)]
 
 
 def taken(photographs: PhotographSet, camera: CameraConfig) -> tuple[Floats, list[np.ndarray]]:

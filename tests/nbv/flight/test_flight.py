@@ -101,7 +101,7 @@ def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
 def test_arrival_error_is_within_tolerance_and_spread() -> None:
     viewpoints = raw_candidates(MissionConfig())
     errors = np.array(
-        [arrival_position(v, LIMITS, "rock", r) - v.position_m for v in viewpoints for r in range(20)]
+        [arrival_position(v, LIMITS, ("rock", r)) - v.position_m for v in viewpoints for r in range(20)]
     )
     assert np.abs(errors).max() <= LIMITS.arrival_tolerance_m
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=0.01)

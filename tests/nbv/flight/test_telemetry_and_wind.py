@@ -112,19 +112,19 @@ def test_a_long_leg_takes_its_length_over_the_ground_speed() -> None:
 
 def test_the_wind_blows_one_way_all_through_a_replicate() -> None:
     wind = WindConfig(mean_speed_m_s=3.0)
-    drawn = {mean_wind_m_s(wind, "rock", replicate) for replicate in range(6)}
-    assert len(drawn) == 6 and mean_wind_m_s(wind, "rock", 0) == mean_wind_m_s(wind, "rock", 0)
+    drawn = {mean_wind_m_s(wind, ("rock", replicate)) for replicate in range(6)}
+    assert len(drawn) == 6 and mean_wind_m_s(wind, ("rock", 0)) == mean_wind_m_s(wind, ("rock", 0))
     assert all(math.hypot(*w) == pytest.approx(3.0) for w in drawn)
 
 
 def test_gusts_move_the_camera_by_what_the_hover_gives() -> None:
     wind = WindConfig(gust_m_s=1.0, sway_s=0.2)
-    moved = np.array([sway_m(wind, "rock", 0, f"v{i}") for i in range(3000)])
+    moved = np.array([sway_m(wind, ("rock", 0), f"v{i}") for i in range(3000)])
     np.testing.assert_allclose(moved.std(axis=0), [0.2, 0.2, 0.1], rtol=0.05)
     view = raw_candidates(MissionConfig())[0]
     windy = MissionConfig().with_values({"wind.gust_m_s": 1.0, "wind.sway_s": 0.2})
     off = Flight(windy, "rock", 0).fly_to(view) - Flight(MissionConfig(), "rock", 0).fly_to(view)
-    np.testing.assert_allclose(off, sway_m(wind, "rock", 0, view.id))
+    np.testing.assert_allclose(off, sway_m(wind, ("rock", 0), view.id))
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -13,9 +13,10 @@ from scene_helpers import SMALL_CAMERA
 from nbv.config import MissionConfig, SceneConfig, SensorConfig
 from nbv.errors import UserError
 from nbv.geometry.frames import look_at
+from nbv.random_streams import keyed_rng
 from nbv.scene import Sensor
 from nbv.scene.lens import Lens
-from nbv.scene.sensor import add_sensor_noise, compressed, noise_rng
+from nbv.scene.sensor import add_sensor_noise, compressed
 from nbv.scene.view import srgb_from_linear
 
 TARGET = np.array([0.0, 0.0, 0.8])
@@ -43,7 +44,7 @@ def linear(image: np.ndarray) -> np.ndarray:
 def test_standard_deviation_is_as_configured(value):
     config = SceneConfig(read_noise_dn=2.0, shot_noise_dn=3.0)
     grey = np.full((400, 400, 3), value, np.uint8)
-    error = add_sensor_noise(grey, config, noise_rng("a", 0, "seed_00")).astype(float) - value
+    error = add_sensor_noise(grey, config, keyed_rng("sensor noise", "a", 0, "seed_00")).astype(float) - value
     expected = np.sqrt(2.0**2 + 3.0**2 * value / 255 + 1 / 12)  # the last term is rounding
     assert error.std() == pytest.approx(expected, rel=0.01)
     assert abs(error.mean()) < 0.03
@@ -59,15 +60,21 @@ def test_standard_deviation_is_as_configured(value):
 def test_a_photograph_depends_on_its_key_alone(raycast, ball, effects):
     sensor = Sensor(config(**effects))
     views = ["seed_00", "cand_017", "seed_03"]
-    forwards = {v: sensor.photograph(raycast, POSE, ball, 2, v) for v in views}
+    forwards = {v: sensor.photograph(raycast, POSE, (ball.sha256, 2, v)) for v in views}
     np.random.seed(1)  # noqa: NPY002  (a global generator must not matter)
-    backwards = {v: Sensor(config(**effects)).photograph(raycast, POSE, ball, 2, v) for v in reversed(views)}
+    backwards = {
+        v: Sensor(config(**effects)).photograph(raycast, POSE, (ball.sha256, 2, v)) for v in reversed(views)
+    }
     for v in views:
         assert np.array_equal(forwards[v], backwards[v])
     assert not np.array_equal(forwards["seed_00"], forwards["seed_03"])
-    assert not np.array_equal(forwards["seed_00"], sensor.photograph(raycast, POSE, ball, 3, "seed_00"))
+    assert not np.array_equal(
+        forwards["seed_00"], sensor.photograph(raycast, POSE, (ball.sha256, 3, "seed_00"))
+    )
     other = dataclasses.replace(ball, sha256="f" * 64)
-    assert not np.array_equal(forwards["seed_00"], sensor.photograph(raycast, POSE, other, 2, "seed_00"))
+    assert not np.array_equal(
+        forwards["seed_00"], sensor.photograph(raycast, POSE, (other.sha256, 2, "seed_00"))
+    )
 
 
 def test_by_default_a_photograph_is_the_picture_and_noise(raycast, ball):
@@ -75,8 +82,8 @@ def test_by_default_a_photograph_is_the_picture_and_noise(raycast, ball):
     assert sensor.drawn == SMALL_CAMERA
     clean = raycast.rgb(POSE)
     copy = clean.copy()
-    photograph = sensor.photograph(raycast, POSE, ball, 2, "seed_00")
-    noise = noise_rng(ball.sha256, 2, "seed_00")
+    photograph = sensor.photograph(raycast, POSE, (ball.sha256, 2, "seed_00"))
+    noise = keyed_rng("sensor noise", ball.sha256, 2, "seed_00")
     assert np.array_equal(photograph, add_sensor_noise(clean, SceneConfig(), noise))
     assert np.array_equal(clean, copy)  # the input is left alone
 
@@ -139,7 +146,7 @@ def test_noise_is_not_blurred_and_jpeg_comes_last(raycast, ball):
     loud = Sensor(moving.with_values({"scene.read_noise_dn": 8.0}))
     raw = Sensor(moving.with_values({"scene.read_noise_dn": 8.0, "sensor.jpeg_quality": 0}))
     quiet = Sensor(moving.with_values({**QUIET, "sensor.jpeg_quality": 0}))
-    views = [s.photograph(raycast, POSE, ball, 0, "seed_00") for s in (loud, raw, quiet)]
+    views = [s.photograph(raycast, POSE, (ball.sha256, 0, "seed_00")) for s in (loud, raw, quiet)]
     assert np.array_equal(views[0], compressed(views[1], 80))
     noise = views[1].astype(float) - views[2]
     neighbours = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
