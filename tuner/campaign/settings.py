@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import functools
 import itertools
+import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,6 @@ from nbv.mission.function import Keep
 from tuner.campaign.declaration import setting, settings_of
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
-from tuner.campaign.storage import require_no_password
 from tuner.missions.external import MissionFile, external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.exact_costs import Exact, exact_cost
@@ -42,6 +42,7 @@ from tuner.problem.worlds import World, are_drawn, training_rock, with_families,
 from tuner.samplers.base import SAMPLER_NAMES
 from tuner.samplers.design import initial_design_size
 
+PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"  # of the environment
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
 _DEFAULT_SPACE = "gate_weights_and_pool"
@@ -452,3 +453,19 @@ class CampaignSettings:
         known = settings_of(type(self))
         tree = {name: declared.to_yaml(getattr(self, name)) for name, declared in known.items()}
         return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}
+
+
+def require_no_password(storage: str | None) -> None:
+    """Raise `UserError`, without showing it, where a storage's URL holds a password: settings are kept and shown."""
+    if storage is None or "://" not in storage:
+        return
+    # As SQLAlchemy reads it, to which / ? and # before the first @ are part of a password.
+    place = storage.partition("://")[2]
+    user, at, _ = place.partition("@")
+    names = [name.lower() for name, _ in urllib.parse.parse_qsl(place.partition("?")[2])]
+    in_query = any("pass" in name and name != "passfile" for name in names)
+    if in_query or (at and user.partition(":")[2] and not place.startswith("/")):
+        raise UserError(
+            f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
+            "in the environment, also for a resume"
+        )

@@ -24,6 +24,7 @@ from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
+from tuner.campaign.settings import PASSWORD_VARIABLE, require_no_password
 
 JOURNAL_FILE = "study.journal"
 _AWAY = (optuna.exceptions.StorageInternalError, SQLAlchemyError)  # raised where a database goes away
@@ -34,7 +35,6 @@ T = TypeVar("T")
 OWNER = "coordinator"  # attribute of the study
 # Seconds until the database notices that a machine is gone.
 _KEEPALIVES = ("tcp_keepalives_idle = 20", "tcp_keepalives_interval = 10", "tcp_keepalives_count = 3")
-PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"
 
 
 class DatabaseAwayError(UserError):
@@ -284,19 +284,3 @@ class CoordinatorLock:
             with contextlib.suppress(sa.exc.SQLAlchemyError):
                 connection.invalidate()  # its end, not its return to the pool, frees the lock
                 connection.close()
-
-
-def require_no_password(storage: str | None) -> None:
-    """Raise `UserError`, without showing it, where a storage's URL holds a password: settings are kept and shown."""
-    if storage is None or "://" not in storage:
-        return
-    # As SQLAlchemy reads it, to which / ? and # before the first @ are part of a password.
-    place = storage.partition("://")[2]
-    user, at, _ = place.partition("@")
-    names = [name.lower() for name, _ in urllib.parse.parse_qsl(place.partition("?")[2])]
-    in_query = any("pass" in name and name != "passfile" for name in names)
-    if in_query or (at and user.partition(":")[2] and not place.startswith("/")):
-        raise UserError(
-            f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
-            "in the environment, also for a resume"
-        )
