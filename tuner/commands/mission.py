@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -147,18 +146,7 @@ def explain(
         output.print(f"{said} (best scores: {best})", highlight=False, soft_wrap=True)
     said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
     output.print(said, highlight=False, soft_wrap=True)
-    steps = [
-        {
-            "step": entry.iteration + 1,
-            "scorer": entry.scorer,
-            "why": entry.reason,
-            "gate": entry.gate_details,
-            "chosen": entry.chosen,
-            "best": entry.top,
-        }
-        for entry in trace
-    ]
-    answer_json({"mission": mission, "gate": dataclasses.asdict(gate), "steps": steps})
+    answer_json({"mission": mission, "gate": gate, "steps": trace})
 
 
 @app.command()

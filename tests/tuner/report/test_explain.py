@@ -26,6 +26,9 @@ def test_a_gates_decisions_beside_its_thresholds(gatetune, tmp_path: Path) -> No
     assert {step["scorer"] for step in steps} == {"covis", "b-aware"}  # both sides of the gate are seen
     text = gatetune("mission", "explain", tmp_path / "m")[1]
     for step, record in zip(steps, trace):
-        assert f"step {step['step']}: {record.scorer} chose {record.chosen}, since {step['why']}" in text
-        assert step["gate"]["f_b"] == record.gate_details["f_b"] and step["best"] == record.top
+        assert (
+            f"step {step['iteration'] + 1}: {record.scorer} chose {record.chosen}, since {step['reason']}"
+            in text
+        )
+        assert step["gate_details"]["f_b"] == record.gate_details["f_b"] and step["top"] == record.top
     assert "gate.budget_fraction 0.5, gate.d95_m 0.249 m" in text
