@@ -16,7 +16,7 @@ from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 
-# What nbv.photogrammetric.cached_stages keeps of whole missions; the rest of the store is parts that missions share.
+# What nbv.photogrammetric keeps of whole missions; the rest of the store is parts that missions share.
 SEQUENCE_KINDS = ("sequence-models", "clouds", "evaluations")
 
 

@@ -11,8 +11,7 @@ handed from the mission down to the stages; no algorithm opens one.
 Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue``) and are not part of it.
 """
 
-from nbv.cache.addressing import address, code_digest, digest
-from nbv.cache.remembering import remember, remember_json
+from nbv.cache.addressing import address, code_digest, digest, remember, remember_json
 from nbv.cache.store import Arrays, Store, home
 
 __all__ = ["Arrays", "Store", "address", "code_digest", "digest", "home", "remember", "remember_json"]

@@ -1,4 +1,4 @@
-"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below."""
+"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `remember`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import functools
 import hashlib
 import json
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from nbv.cache.store import Arrays, Store
 from nbv.provenance import MISSION_LIBRARIES, versions
 
 _PACKAGE = Path(__file__).resolve().parents[1]  # nbv/
@@ -40,6 +42,48 @@ def digest(*parts: Any) -> str:
 def address(code: str, *inputs: Any) -> str:
     """The key of what the module or package ``code`` makes of ``inputs`` (each as `digest` takes it)."""
     return digest(code, code_digest(code), *inputs)
+
+
+def remember(
+    store: Store | None,
+    kind: str,
+    make: Callable[[], Arrays],
+    *,
+    code: str,
+    inputs: Sequence[Any],
+) -> Arrays:
+    """What ``make`` gives, from the store if it is there.
+
+    Parameters
+    ----------
+    store
+        ``None``: nothing is read or written.
+    kind
+        What it is, for ``gatetune cache info``.
+    make
+        Makes it; what it raises is raised, and nothing is kept.
+    code
+        The module or package that makes it (``nbv.cache.addressing.code_digest``).
+    inputs
+        Everything else that decides it, each as `nbv.cache.digest` takes it.
+    """
+    if store is None:
+        return make()
+    key = address(code, *inputs)
+    entry = store.get(kind, key)
+    if entry is None:
+        entry = make()
+        store.put(kind, key, entry)
+    return entry
+
+
+def remember_json(store: Store | None, kind: str, make: Callable[[], Any], **more: Any) -> Any:
+    """`remember` for a JSON value, with the same ``code`` and ``inputs``."""
+
+    def packed() -> Arrays:
+        return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}
+
+    return json.loads(remember(store, kind, packed, **more)["json"].tobytes())
 
 
 @functools.cache

@@ -79,7 +79,7 @@ class Recorder:
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""
-        self._count(report)
+        self.registered_images = len(report.model.camera_names)
         if self.registered_images < self.images:
             self.notes.append("unregistered_seed")
         facts = {
@@ -110,7 +110,7 @@ class Recorder:
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
         """The photograph of the planned view is in the model, or could not be registered."""
-        self._count(report)
+        self.registered_images = len(report.model.camera_names)
         if not report.registered:
             self.notes.append("unregistered_image")
         record = self._record(plan, report)
@@ -138,9 +138,6 @@ class Recorder:
     def returning(self) -> None:
         """The last photograph has been taken."""
         self._log("dense", {})
-
-    def _count(self, report: UpdateReport) -> None:
-        self.registered_images = len(report.model.camera_names)
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -77,23 +77,3 @@ class Correspondences:
             return matches
         ground = match_pair(a.descriptors[first:], b.descriptors[second:], GROUND_MATCH_RATIO)
         return np.concatenate([matches, ground + np.array([first, second], np.uint32)])
-
-
-def pairs_near(
-    pairs: Mapping[tuple[int, int], VerifiedPair], image_ids: Sequence[int]
-) -> dict[tuple[int, int], VerifiedPair]:
-    """Of ``pairs``, those of these images and of the images that they were matched with.
-
-    Registration and triangulation need those of the images themselves; the others let tracks that the new
-    observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
-    pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
-    """
-    own = set(image_ids)
-    near = own | {i for ids in pairs if not own.isdisjoint(ids) for i in ids}
-    chosen = {ids: pair for ids, pair in pairs.items() if not near.isdisjoint(ids)}
-    held = {i for ids in chosen for i in ids}
-    for ids, pair in pairs.items():
-        if not held.issuperset(ids):
-            chosen[ids] = pair
-            held.update(ids)
-    return chosen

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from nbv.config import MissionConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.colmap import database_cache, files_of, model_of
-from nbv.sparse.correspondences import pairs_near
 from nbv.sparse.matching import VerifiedPair
 from nbv.stopwatch import Stopwatch
 
@@ -352,3 +351,23 @@ class IncrementalModel:
         cameras = {CAMERA_ID: colmap_camera(self.camera)}
         ids = [CAMERA_ID] * len(self.names)
         return database_cache(self.names, self.keypoints_px, cameras, ids, pairs)
+
+
+def pairs_near(
+    pairs: Mapping[tuple[int, int], VerifiedPair], image_ids: Sequence[int]
+) -> dict[tuple[int, int], VerifiedPair]:
+    """Of ``pairs``, those of these images and of the images that they were matched with.
+
+    Registration and triangulation need those of the images themselves; the others let tracks that the new
+    observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
+    pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
+    """
+    own = set(image_ids)
+    near = own | {i for ids in pairs if not own.isdisjoint(ids) for i in ids}
+    chosen = {ids: pair for ids, pair in pairs.items() if not near.isdisjoint(ids)}
+    held = {i for ids in chosen for i in ids}
+    for ids, pair in pairs.items():
+        if not held.issuperset(ids):
+            chosen[ids] = pair
+            held.update(ids)
+    return chosen

@@ -15,7 +15,7 @@ from sparse_world import CAMERA, CONFIG, LabelledPoints, mission, ring_captures,
 
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.colmap import to_sparse_model
-from nbv.sparse.correspondences import pairs_near
+from nbv.sparse.mapper import pairs_near
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
