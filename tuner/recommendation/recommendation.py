@@ -164,4 +164,6 @@ class Recommendation:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> Recommendation:
         """Return the inverse of ``to_dict``, after JSON too; ``ValueError`` where it is not."""
+        if set(tree) != {field.name for field in dataclasses.fields(Recommendation)}:
+            raise ValueError("of another version")
         return msgspec.convert(tree, Recommendation)
