@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,25 +91,9 @@ class UpdateReport:
     message: str = ""  # why not, or what was noticed (e.g. the alignment residual)
 
 
-class Cloud(Protocol):
-    """Dense points in the world frame: a `PointCloud`, or one that is made when its points are first asked for."""
-
-    @property
-    def points_m(self) -> Floats:
-        """(N, 3)."""
-
-    @property
-    def colors(self) -> NDArray[np.uint8] | None:
-        """(N, 3) RGB."""
-
-    @property
-    def normals(self) -> Floats | None:
-        """(N, 3)."""
-
-
 @dataclass(frozen=True)
 class PointCloud:
-    """A `Cloud` in memory."""
+    """Dense points in the world frame."""
 
     points_m: Floats  # (N, 3)
     colors: NDArray[np.uint8] | None = None  # (N, 3) RGB
@@ -116,6 +101,35 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points_m)
+
+
+class LazyCloud:
+    """A point cloud that is made when its points are first asked for.
+
+    A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
+    known never makes its cloud. ``make`` is called at most once and may raise `MissionFailure`.
+    """
+
+    def __init__(self, make: Callable[[], PointCloud]) -> None:
+        self._make = functools.cache(make)
+
+    @property
+    def points_m(self) -> Floats:
+        """(N, 3) world frame."""
+        return self._make().points_m
+
+    @property
+    def colors(self) -> NDArray[np.uint8] | None:
+        """(N, 3) RGB."""
+        return self._make().colors
+
+    @property
+    def normals(self) -> Floats | None:
+        """(N, 3)."""
+        return self._make().normals
+
+
+Cloud = PointCloud | LazyCloud
 
 
 @dataclass(frozen=True)

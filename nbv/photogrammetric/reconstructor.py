@@ -11,13 +11,11 @@ sequence is therefore replayed from its seed model before it goes on, at the pri
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, address, digest
 from nbv.config import MissionConfig
@@ -30,37 +28,11 @@ from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
-from nbv.types import Capture, Cloud, Floats, PointCloud, Reconstructor, SparseModel, UpdateReport
+from nbv.types import Capture, Cloud, LazyCloud, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.
 LEAST_BASELINE_ANGLE_DEG = 40.0
 FEWEST_SEEDS = 3  # that a model can be aligned by
-
-
-class LazyCloud:
-    """A `Cloud` that is made when its points are first asked for.
-
-    A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
-    known never makes its cloud. ``make`` is called at most once and may raise `MissionFailure`.
-    """
-
-    def __init__(self, make: Callable[[], PointCloud]) -> None:
-        self._make = functools.cache(make)
-
-    @property
-    def points_m(self) -> Floats:
-        """(N, 3) world frame."""
-        return self._make().points_m
-
-    @property
-    def colors(self) -> NDArray[np.uint8] | None:
-        """(N, 3) RGB."""
-        return self._make().colors
-
-    @property
-    def normals(self) -> Floats | None:
-        """(N, 3)."""
-        return self._make().normals
 
 
 class PhotogrammetricReconstructor(Reconstructor):

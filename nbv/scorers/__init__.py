@@ -7,7 +7,7 @@ configuration may name stand in `nbv.config.registry`.
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
 from nbv.scorers.matchable import expected_gain_percent
-from nbv.scorers.registry import PAPER_SCORERS, find_scorer, rank_candidates
+from nbv.scorers.registry import PAPER_SCORERS, rank_candidates
 from nbv.scorers.scorer import Scorer, SharedTerms, box_points
 
 __all__ = [
@@ -18,6 +18,5 @@ __all__ = [
     "SharedTerms",
     "box_points",
     "expected_gain_percent",
-    "find_scorer",
     "rank_candidates",
 ]

@@ -5,17 +5,11 @@ from __future__ import annotations
 from nbv.config import SCORERS, MissionConfig
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.scorer import Scorer, SharedTerms, shared_terms
+from nbv.scorers.scorer import SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
 # Ranked in every mission, whatever it flies: the traces say what either would have chosen.
 PAPER_SCORERS = (COVIS.name, B_AWARE.name)
-
-
-def find_scorer(name: str) -> Scorer:
-    """The scorer called ``name``; ``UserError`` if there is none."""
-    found: Scorer = SCORERS.load(name)
-    return found
 
 
 class Rankings(dict[str, Ranking]):
@@ -36,7 +30,7 @@ class Rankings(dict[str, Ranking]):
             self[name]
 
     def __missing__(self, name: str) -> Ranking:
-        ranking = self[name] = find_scorer(name).rank(self._terms, self._pool, self._config)
+        ranking = self[name] = SCORERS.load(name).rank(self._terms, self._pool, self._config)
         return ranking
 
 

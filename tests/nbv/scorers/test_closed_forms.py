@@ -16,7 +16,7 @@ from nbv.config import SCORERS, BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum
-from nbv.scorers import PAPER_SCORERS, box_points, find_scorer, rank_candidates
+from nbv.scorers import PAPER_SCORERS, box_points, rank_candidates
 from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
 from nbv.scorers.scorer import angular_penalty, movement, novelty
 from nbv.types import PlanningState, SparseModel
@@ -199,7 +199,7 @@ def test_an_empty_box_is_a_mission_failure() -> None:
 
 
 def test_every_name_stands_for_a_scorer_of_that_name() -> None:
-    assert {name: find_scorer(name).name for name in SCORERS} == {name: name for name in SCORERS}
+    assert {name: SCORERS.load(name).name for name in SCORERS} == {name: name for name in SCORERS}
 
 
 def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
