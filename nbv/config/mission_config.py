@@ -156,7 +156,7 @@ class MissionConfig:
         A field that was added since version 1 and has its default is left out: a mission flown before the
         field existed is the same mission.
         """
-        tree = {**_without_unused_additions(self, self.to_dict()), **RETIRED}
+        tree = {**canonical(self), **RETIRED}
         text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -185,19 +185,15 @@ class MissionConfig:
 
 
 def canonical(section: Any) -> dict[str, Any]:
-    """A configuration, or a part of one, as a dictionary to form digests of: see `MissionConfig.digest`."""
-    return _without_unused_additions(section, dataclasses.asdict(section))
+    """A configuration, or a part of one, as a dictionary to form digests of.
 
-
-def _without_unused_additions(section: Any, tree: dict[str, Any]) -> dict[str, Any]:
-    """``tree``, the dictionary of ``section``, less what was added since version 1 and has its default."""
+    Without what was added since version 1 and has its default: see `MissionConfig.digest`.
+    """
     kept = {}
     for f in dataclasses.fields(section):
         value = getattr(section, f.name)
-        if "added" in f.metadata and value == _default(f):
-            continue
-        nested = dataclasses.is_dataclass(value)
-        kept[f.name] = _without_unused_additions(value, tree[f.name]) if nested else tree[f.name]
+        if "added" not in f.metadata or value != _default(f):
+            kept[f.name] = canonical(value) if dataclasses.is_dataclass(value) else value
     return kept
 
 
