@@ -78,11 +78,11 @@ app.command(
     name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
 )(evaluate.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
-app.add_typer(studies.app, name="study", help="How noisy the objective is.")
+app.add_typer(studies.app, name="study", help="How noisy missions are; which parameters matter.")
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
-    photographs.app, name="photographs", help="Sets of real photographs: import, list and show them."
+    photographs.app, name="photographs", help="Sets of real photographs: import them; how few are enough?"
 )
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
 app.command(name="doctor", short_help="Is this machine fit for missions, and what mends it?")(doctor.doctor)

@@ -26,7 +26,10 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_flown
+from tuner.evaluation.baselines import TUNED
 from tuner.evaluation.baselines import label as strategy_label
+from tuner.evaluation.comparison import MIN_ROCKS
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.objective import COUNTS
@@ -143,7 +146,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for what in ("evaluation*", "confirmation*")
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
-    why, command = next_answer(facts, evaluated=any(name.startswith("evaluation") for name in measured))
+    why, command = next_answer(facts, evaluated=_rocks_measured(facts))
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -295,8 +298,22 @@ def _gate_answer(facts: CampaignFacts) -> str:
     return gate_words(records, strategy_label(config.gate.kind), len(traces))
 
 
-def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
-    """``(why, command)``: the one thing to do now; an empty command means to stop."""
+def _rocks_measured(facts: CampaignFacts) -> int:
+    """On how many rocks evaluations have flown this very recommendation."""
+    best, rocks = facts.recommendation, set[str]()
+    for page in facts.campaign.directory.glob(f"evaluation*/{REPORT_FILE}"):
+        with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
+            plan = EvaluationPlan.load(page.parent)
+            if best and plan.strategies.get(TUNED) == facts.settings.config(best.values):
+                rocks.update(plan.rocks)
+    return len(rocks)
+
+
+def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
+    """``(why, command)``: the one thing to do now; an empty command means to stop.
+
+    ``evaluated``: rocks that the campaign has not seen, on which the recommendation was measured.
+    """
     best, status, s, place = facts.recommendation, facts.status, facts.settings, place_word(facts.settings)
     run = shlex.quote(str(facts.campaign.directory))
     resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
@@ -308,8 +325,10 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
         return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
     if status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
+    if evaluated >= (MIN_ROCKS if s.mission is None else min(MIN_ROCKS, len(s.mission.held_out) or 1)):
+        return f"Stop: it has been measured on {counted(evaluated, f'held-out {place}')}.", ""
     if evaluated:
-        return f"Stop: it has been measured on held-out {place}s.", ""
+        return f"Measure it on more {place}s: {counted(evaluated, place)} cannot speak for others.", evaluate
     if best.limit is not None and not best.limit.kept:
         return f"Fly more, or ask for less: nothing flown is likely to keep {limit_words(best.limit)}.", more
     if best.keep_default:

@@ -54,7 +54,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     said = sure_answer(facts)
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
     assert said[-2].startswith("Never flown side by side")
-    assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
+    assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
@@ -62,15 +62,16 @@ def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None
     facts = better(campaign, values=default, runner_up=None)
     answer = use_answer(facts)
     assert answer["kept"] == [] and answer["sentence"].startswith("Keep the default")
-    why, command = next_answer(facts, evaluated=False)
+    why, command = next_answer(facts, evaluated=0)
     assert why.startswith("Stop") and command == ""
 
 
 def test_what_next_follows_the_state(campaign: Campaign) -> None:
     facts = better(campaign)
-    assert next_answer(facts, evaluated=True)[1] == ""
+    assert "1 rock cannot speak for others" in next_answer(facts, evaluated=1)[0]
+    assert next_answer(facts, evaluated=3)[1] == ""
     wide = facts.settings.space.parameters[1]
     edge = better(campaign, values={**facts.default, wide.path: wide.high})
     assert "d95" in bounds_text(edge) and not bounds_text(facts)
     facts.status = dataclasses.replace(facts.status, budget=10)
-    assert "campaign resume" in next_answer(facts, evaluated=False)[1]
+    assert "campaign resume" in next_answer(facts, evaluated=0)[1]
