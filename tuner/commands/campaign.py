@@ -91,7 +91,8 @@ def run(
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
     from tuner.campaign.settings_file import SETTINGS_FILE, asked_fields, asked_settings
-    from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
+    from tuner.missions.external import load_mission_file
+    from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, refuse_code_of_file
 
     if "overrides" in given:
         given["overrides"] = parse_overrides(given["overrides"])
@@ -111,14 +112,17 @@ def run(
         campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
         ready = executor_at(where, campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission)
         return fly(campaign, ready, show_pair=quick)
-    refuse_code_of_file(str(fields.get("fidelity") or DEFAULT_FIDELITY), given.get("fidelity"), str(settings))
-    load(MODEL)
-    asked = asked_settings(fields, str(settings or "command line"), working)
-    note_dense_stage(fields.get("overrides") or {}, asked.overrides)
-    from tuner.campaign.begin import begin_campaign
-
+    flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
+    refuse_code_of_file(flown, given.get("fidelity"), str(settings))
+    own = load_mission_file(Path(given["mission"])) if "mission" in given else None
     # Before anything is written: a wrong address leaves no campaign behind.
-    with executor_at(where, asked.fidelity, workers, timeout_s, asked.mission) as ready:
+    with executor_at(where, flown if own is None else EXTERNAL, workers, timeout_s, own) as ready:
+        ready.begin()
+        load(MODEL)
+        asked = asked_settings(fields, str(settings or "command line"), working)
+        note_dense_stage(fields.get("overrides") or {}, asked.overrides)
+        from tuner.campaign.begin import begin_campaign
+
         fly(begin_campaign(directory, asked), ready, show_pair=quick)
 
 

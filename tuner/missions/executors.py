@@ -39,6 +39,9 @@ class Executor(abc.ABC):
     def capacity(self) -> int:
         """Missions at a time; it may change."""
 
+    def begin(self) -> None:  # noqa: B027  most have nothing to do
+        """Get ready while the caller does other things; otherwise the first mission waits for it."""
+
     @abc.abstractmethod
     def submit(self, job: MissionJob) -> None:
         """Start ``job`` and return at once."""
@@ -126,7 +129,7 @@ class LocalProcessExecutor(Executor):
         return self._workers
 
     def begin(self) -> None:
-        """Let the server import now, while the caller does other things; otherwise the first mission waits for it."""
+        """Let the server import now."""
         self._server = self._server or self._start_server()
 
     def submit(self, job: MissionJob) -> None:
