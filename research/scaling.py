@@ -53,7 +53,7 @@ from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
 from tuner.missions.job import RESULT_FILE, MissionJob, Trial  # noqa: E402
-from tuner.problem.observations import Observation, Pending  # noqa: E402
+from tuner.problem.observations import Observation  # noqa: E402
 from tuner.problem.search_space import ours  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.samplers.base import (  # noqa: E402
@@ -273,7 +273,7 @@ def value(name: str, width: int, missions: int, seed: int) -> list[dict[str, Any
     )
     sampler, rng = make_sampler("gp", settings), np.random.default_rng(seed)
     history: list[Observation] = []
-    flying: dict[int, tuple[float, Pending]] = {}
+    flying: dict[int, tuple[float, Observation]] = {}
     queue: list[tuple[float, int]] = []
     number, clock = 0, 0.0
     marks: dict[int, dict[str, Any]] = {int(share * missions): {} for share in MARKS}

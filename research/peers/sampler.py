@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from nbv.errors import UserError
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Parameter, Values
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal
@@ -188,7 +188,7 @@ class PeerSampler:
     own_design: bool = False
     _told: dict[int, str] = field(default_factory=dict, repr=False)
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """The peer's proposal, or the next point of the common initial design.
 
         Raises

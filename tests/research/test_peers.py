@@ -17,7 +17,7 @@ import research.peers.sampler as peers
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from research.peers.sampler import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
-from tuner.problem.observations import Observation, Pending
+from tuner.problem.observations import Observation
 from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import SamplerSettings
 
@@ -79,7 +79,7 @@ def test_the_peer_chooses_the_rock_and_hears_each_mission_once() -> None:
 def test_a_resumed_sampler_is_told_everything_again() -> None:
     settings = synthetic.sampler_settings(0, 4)
     history = synthetic.random_design(9, 0.05, 0)
-    pending = [Pending(9, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
+    pending = [Observation(9, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
     first, second = fake(settings), fake(settings)
     before = first.ask(history, pending)
     again = second.ask(history, pending)  # the process is shared: it has to forget the first sampler
@@ -177,7 +177,7 @@ def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
     default = MIXED.default(MissionConfig())
     settings = SamplerSettings(MIXED, default, ("r0", "r1"), 3, 5, 2)
     assert real(name, settings).ask([], []).values == default
-    history, pending = mixed_history(11), [Pending(11, default, "r1", 1)]
+    history, pending = mixed_history(11), [Observation(11, default, "r1", 1)]
     proposals = [real(name, settings).ask(history, pending) for _ in range(2)]
     units = [MIXED.to_unit(p.values) for p in proposals]
     for proposal in proposals:

@@ -25,7 +25,7 @@ from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, CoordinatorLock, Journal, open_storage, patiently
 from tuner.missions.job import Trial
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.worlds import World
 from tuner.samplers.optuna import distributions
 
@@ -319,10 +319,10 @@ class Ledger:
             if t.status
         ]
 
-    def pending(self, trials: Sequence[Trial], known: int) -> list[Pending]:
+    def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
-            Pending(t.number, t.values, t.rock, t.replicate, t.condition)
+            Observation(t.number, t.values, t.rock, t.replicate, condition=t.condition)
             for i, t in enumerate(trials)
             if not t.status or i >= known
         ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import dataclasses
 import functools
@@ -38,7 +37,7 @@ from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.problem.worlds import World, are_drawn, training_rock, with_families, worlds_over
+from tuner.problem.worlds import World, are_drawn, require_rocks, training_rock, with_families, worlds_over
 from tuner.samplers.base import SAMPLER_NAMES
 from tuner.samplers.design import initial_design_size
 
@@ -249,14 +248,10 @@ class CampaignSettings:
             declared.check(getattr(self, name))
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
-        if not self.rocks:
-            raise UserError("the campaign has no rocks; name at least one")
+        require_rocks(self.rocks)
         require_distinct(self.conditions)
         if self.mission is None:
             with_families(self.rocks)
-        twice = [rock for rock, count in collections.Counter(self.rocks).items() if count > 1]
-        if twice:
-            raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
         require_fidelity(self.fidelity)
         require_no_password(self.storage)
         self._check_mission()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 
 from nbv.errors import UserError
-from nbv.mission.result import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import Executor
 from tuner.missions.fly import JobList, fly
-from tuner.missions.job import MissionJob
+from tuner.missions.job import MissionJob, landed
 from tuner.missions.long_runs import Stop
 from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 
@@ -42,8 +41,5 @@ def fly_showcase(campaign: Campaign, executor: Executor) -> None:
 
 def was_flown(job: MissionJob) -> bool:
     """Return whether the job's directory holds a finished mission of the job's configuration."""
-    try:
-        result = MissionResult.load(job.directory)
-    except UserError:
-        return False
-    return result.config_digest == job.config.digest() and result.status != "failed"
+    trial = landed(job)
+    return trial is not None and trial.status != "failed"

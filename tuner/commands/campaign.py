@@ -257,7 +257,7 @@ def fly(
     """
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.registry import ignored_by
+    from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 
     settings = campaign.settings
     if campaign.status().finished < settings.budget:
@@ -267,8 +267,8 @@ def fly(
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )
-    if note := ignored_by(settings.fidelity, settings.conditions):
-        output.print(note)
+    if is_geometric(settings.fidelity):
+        output.print(GEOMETRIC_NOTE)
     if campaign.learned is not None:
         output.print(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"

@@ -17,6 +17,7 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import Interval, mean_interval
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
@@ -114,9 +115,7 @@ def enough_plans(
             **(overrides or {}),
         }
     )
-    planner = tuned or base.with_values(
-        {"gate.kind": "matchable", **{f"matchable.weights.{t}": 0.0 for t in ("nov", "move", "ang")}}
-    )
+    planner = tuned or baseline("matchable").config(base)
     strategies = {}
     for number in kept:
         ring = base.with_values({"seed.count": number, "stop.adaptive_budget": 0})

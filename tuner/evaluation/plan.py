@@ -5,7 +5,6 @@ The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/NN_ROCK_rK`` (``
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import functools
 from collections.abc import Mapping
@@ -30,7 +29,7 @@ from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration
-from tuner.problem.worlds import World
+from tuner.problem.worlds import World, require_rocks
 
 PLAN_FILE = "evaluation.yaml"
 FORMAT_VERSION = 3  # 2 might call its fidelity a runner
@@ -57,11 +56,7 @@ class EvaluationPlan:
     def __post_init__(self) -> None:
         if not self.strategies:
             raise UserError("no strategy to evaluate; name at least one")
-        if not self.rocks:
-            raise UserError("no rock to evaluate on; name at least one")
-        if len(set(self.rocks)) != len(self.rocks):
-            twice = next(rock for rock, n in collections.Counter(self.rocks).items() if n > 1)
-            raise UserError(f"rock {twice!r} is named twice; name each rock once")
+        require_rocks(self.rocks)
         require_distinct(self.conditions)
         require_fidelity(self.fidelity)
         if self.replicates < 1:

@@ -53,25 +53,13 @@ class MissionJob:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form for a worker."""
-        return {
-            "id": self.id,
-            "config": self.config.to_dict(),
-            "rock": self.rock,
-            "replicate": self.replicate,
-            "directory": str(self.directory),
-            "keep": self.keep,
-            "fidelity": self.fidelity,
-        }
+        return {**vars(self), "config": self.config.to_dict(), "directory": str(self.directory)}
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        fields = {
-            **tree,
-            "config": configuration_from_dict(tree["config"]),
-            "directory": Path(tree["directory"]),
-        }
-        return MissionJob(**fields)
+        config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
+        return MissionJob(**{**tree, "config": config, "directory": directory})
 
     def trial(self, **ended: Any) -> Trial:
         """Return the trial of this job that ``ended`` so."""

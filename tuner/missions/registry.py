@@ -10,12 +10,11 @@ import functools
 import hashlib
 import importlib
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from nbv.cache import code_digest
-from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import is_photographed
@@ -40,24 +39,8 @@ EXTERNAL = "external"  # flies the missions of mission files, which are not ours
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
     "predicted, accuracy is taken as 100 %, distances are absent, and features, matching and the ground-truth gate have "
-    "nothing to act on."
+    "nothing to act on, nor has what a condition says of scene, sensor, telemetry, target and relief."
 )
-
-
-# What has nothing to act on where there are no photographs.
-_GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry", "target")
-
-
-def ignored_by(fidelity: str, conditions: Sequence[Condition]) -> str:
-    """Return what missions of this fidelity ignore of the conditions, as a sentence; empty where that is nothing."""
-    if not is_geometric(fidelity):
-        return ""
-    found = []
-    for condition in conditions:
-        parts = [section for section in condition.values if section in _GEOMETRIC_IGNORES]
-        parts += ["relief"] if condition.values.get("ground", {}).get("relief_m") else []
-        found += [f"{', '.join(parts)} of {condition.name}"] if parts else []
-    return f"Geometric missions ignore {'; '.join(found)}." if found else ""
 
 
 def is_geometric(name: str) -> bool:

@@ -26,13 +26,14 @@ PLANNERS = (
 
 @dataclass(frozen=True)
 class Observation:
-    """One finished mission: one configuration on one rock with one replicate."""
+    """One mission as samplers see it, finished or in flight: one configuration on one rock with one replicate."""
 
     number: int  # trial number in the ledger
     values: Mapping[str, Any]  # tuned parameters by path
     rock: str
     replicate: int
-    outcome: float | None  # oriented so that larger is better; None: failed, i.e. infeasible
+    # Oriented so that larger is better; None: in flight, or failed, i.e. infeasible.
+    outcome: float | None = None
     raw: float | None = None  # the metric as measured
     reason: str = ""  # why it failed
     # Outcome of a second objective, oriented alike; None: none asked for, or missing.
@@ -43,22 +44,6 @@ class Observation:
     def feasible(self) -> bool:
         """Whether the mission produced the objective's metric."""
         return self.outcome is not None
-
-    @functools.cached_property
-    def world(self) -> World:
-        """The world in which it was flown."""
-        return World(self.rock, self.condition)
-
-
-@dataclass(frozen=True)
-class Pending:
-    """One mission in flight."""
-
-    number: int
-    values: Mapping[str, Any]
-    rock: str
-    replicate: int
-    condition: str = IDEAL
 
     @functools.cached_property
     def world(self) -> World:
@@ -83,7 +68,7 @@ class Proposal:
 
 
 class Mission(Protocol):
-    """What a block is chosen by: a ledger's trial, an observation or a pending mission."""
+    """What a block is chosen by: a ledger's trial or an observation."""
 
     @property
     def values(self) -> Mapping[str, Any]:
@@ -145,7 +130,7 @@ def distinct_configurations(space: SearchSpace, missions: Sequence[Observation])
     return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
 
 
-def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Block]]:
+def blocks_flown(space: SearchSpace, missions: Sequence[Observation]) -> dict[Key, set[Block]]:
     """Return the (world, replicate) blocks that each configuration has flown, or is flying."""
     flown: dict[Key, set[Block]] = collections.defaultdict(set)
     for mission in missions:

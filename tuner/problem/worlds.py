@@ -94,6 +94,15 @@ def with_families(rocks: Iterable[str]) -> list[str]:
     return found
 
 
+def require_rocks(rocks: Sequence[str]) -> None:
+    """Raise `UserError` where there is none, or one is named twice."""
+    if not rocks:
+        raise UserError("there are no rocks; name at least one")
+    for rock in rocks:
+        if rocks.count(rock) > 1:
+            raise UserError(f"rock {rock!r} is named twice; name each rock once")
+
+
 def are_drawn(rocks: Sequence[str]) -> bool:
     """Return whether the places are families."""
     return any(family_of(rock) for rock in rocks)

@@ -31,7 +31,7 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import MIN_ROCKS
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
-from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.objective import COUNTS
 from tuner.problem.observations import configuration_key, short
 from tuner.problem.search_space import Parameter, ours
@@ -353,8 +353,7 @@ def _warnings(facts: CampaignFacts) -> list[str]:
     best, s, status = facts.recommendation, facts.settings, facts.status
     out = []
     if is_geometric(s.fidelity):
-        ignored = ignored_by(s.fidelity, s.conditions)
-        out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them. {ignored}")
+        out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them.")
     if status.remaining:
         out.append(_stop_reason(facts))
     if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:

@@ -16,7 +16,7 @@ import numpy as np
 
 from nbv.config.registry import Registry
 from tuner.problem.exact_costs import Exact
-from tuner.problem.observations import Observation, Pending, Proposal, next_block
+from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import Place, World, worlds_of
 from tuner.samplers.design import sobol_point
@@ -47,7 +47,7 @@ class Sampler(Protocol):
         """Its name in ``tuner.samplers.base.SAMPLER_NAMES``."""
         ...
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return the next configuration, given all finished missions and those in flight."""
         ...
 
@@ -80,7 +80,7 @@ def derived_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
 
 
-def missions_asked(history: Sequence[Observation | Pending], pending: Sequence[Pending]) -> int:
+def missions_asked(history: Sequence[Observation], pending: Sequence[Observation]) -> int:
     """Return how many missions have been asked for: the number of the next one."""
     return len(history) + len(pending)
 
@@ -94,8 +94,11 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
 
 
 def in_flight(
-    settings: SamplerSettings, history: Sequence[Observation], flying: Sequence[Pending], proposal: Proposal
-) -> Pending:
+    settings: SamplerSettings,
+    history: Sequence[Observation],
+    flying: Sequence[Observation],
+    proposal: Proposal,
+) -> Observation:
     """Return a proposal as a pending mission, for the proposal after it.
 
     Parameters
@@ -109,14 +112,14 @@ def in_flight(
     """
     number = missions_asked(history, flying)
     world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
-    return Pending(number, proposal.values, world.rock, replicate, world.condition)
+    return Observation(number, proposal.values, world.rock, replicate, condition=world.condition)
 
 
 def ask_many(
     sampler: Sampler,
     settings: SamplerSettings,
     history: Sequence[Observation],
-    pending: Sequence[Pending],
+    pending: Sequence[Observation],
     count: int,
 ) -> list[Proposal]:
     """Return ``count`` proposals, each knowing those before; made at once where the sampler can.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tuner.problem.observations import Block, Observation, Pending, Proposal, configuration_key
+from tuner.problem.observations import Block, Observation, Proposal, configuration_key
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     Sampler,
@@ -28,12 +28,12 @@ class BesideDefault:
         """That of ``inner``."""
         return self.inner.name
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Propose the default where it is missing, else what ``inner`` proposes."""
         return self.ask_many(history, pending, 1)[0]
 
     def ask_many(
-        self, history: Sequence[Observation], pending: Sequence[Pending], count: int
+        self, history: Sequence[Observation], pending: Sequence[Observation], count: int
     ) -> list[Proposal]:
         """Return ``count`` proposals, each knowing those before."""
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
@@ -51,7 +51,7 @@ class BesideDefault:
             proposals += found
         return proposals
 
-    def _without_default(self, missions: Sequence[Observation | Pending]) -> Block | None:
+    def _without_default(self, missions: Sequence[Observation]) -> Block | None:
         """Return the first block on which the default is missing; None after verification has begun."""
         s = self.settings
         if s.budget is not None and missions_asked(missions, ()) >= VERIFICATION_BEGINS * s.budget:

@@ -18,7 +18,7 @@ from tuner.acquisition.constrained import (
 from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
 from tuner.problem.exact_costs import ExactCost
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import (
@@ -59,12 +59,12 @@ class GPSampler:
     model: SurrogateSettings | None = None  # of the surrogate; None: by the number of parameters
     verify: bool = True
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Propose the maximiser of the acquisition, or the next point of the initial design."""
         return self.ask_many(history, pending, 1)[0]
 
     def ask_many(
-        self, history: Sequence[Observation], pending: Sequence[Pending], count: int
+        self, history: Sequence[Observation], pending: Sequence[Observation], count: int
     ) -> list[Proposal]:
         """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn.
 
@@ -114,7 +114,7 @@ class GPSampler:
         models: tuple[Outcome, ...],
         constraint: Constraint | None,
         history: Sequence[Observation],
-        flying: Sequence[Pending],
+        flying: Sequence[Observation],
         gain: float,
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""

@@ -17,7 +17,7 @@ from optuna.distributions import (
 )
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
@@ -30,7 +30,7 @@ class OptunaSampler:
     settings: SamplerSettings
     name: str  # tpe or optuna-gp
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return Optuna's suggestion."""
         number = missions_asked(history, pending)
         if number < self.settings.initial:
@@ -55,7 +55,7 @@ class OptunaSampler:
             )
         return optuna.samplers.GPSampler(seed=seed, n_startup_trials=initial)
 
-    def _replay(self, history: Sequence[Observation], pending: Sequence[Pending]) -> list[FrozenTrial]:
+    def _replay(self, history: Sequence[Observation], pending: Sequence[Observation]) -> list[FrozenTrial]:
         feasible = [o for o in history if o.outcome is not None]
         worlds = [o.world for o in feasible]
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
@@ -63,14 +63,14 @@ class OptunaSampler:
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
         known, flying = distributions(self.settings.space), {p.number for p in pending}
 
-        def replayed(mission: Observation | Pending) -> FrozenTrial:
+        def replayed(mission: Observation) -> FrozenTrial:
             value = value_of.get(mission.number)
             state = TrialState.FAIL if value is None else TrialState.COMPLETE
             if mission.number in flying:
                 state = TrialState.RUNNING
             return create_trial(state=state, value=value, params=dict(mission.values), distributions=known)
 
-        missions: list[Observation | Pending] = [*history, *pending]
+        missions: list[Observation] = [*history, *pending]
         return [replayed(mission) for mission in sorted(missions, key=lambda m: m.number)]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import Observation, Proposal
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
 
 
@@ -18,7 +18,7 @@ class SobolSampler:
     settings: SamplerSettings
     name: str = "sobol"
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return the next point of the sequence."""
         return initial_proposal(self.settings, missions_asked(history, pending), self.name)
 
@@ -30,7 +30,7 @@ class RandomSampler:
     settings: SamplerSettings
     name: str = "random"
 
-    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return a fresh uniform draw."""
         number = missions_asked(history, pending)
         if number == 0:

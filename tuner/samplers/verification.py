@@ -18,7 +18,6 @@ from tuner.acquisition.constrained import Constraint
 from tuner.problem.observations import (
     Block,
     Observation,
-    Pending,
     Proposal,
     blocks_flown,
     configuration_key,
@@ -35,7 +34,7 @@ from tuner.surrogate.posterior import KnownOutcome
 def verification(
     model: RockMeanGP,
     history: Sequence[Observation],
-    pending: Sequence[Pending],
+    pending: Sequence[Observation],
     replicates: int,
     expected_gain: float,
     *,
@@ -82,7 +81,7 @@ def verification(
         if len(configurations) > JOINT:
             configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
         values = configurations[int(model.posterior(configurations).mean.argmax())]
-    missions: list[Observation | Pending] = [*history, *pending]
+    missions: list[Observation] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.worlds, replicates, own, missions, values)
     why = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
@@ -95,7 +94,7 @@ def verification(
 def _worth_confirming(
     model: RockMeanGP,
     history: Sequence[Observation],
-    pending: Sequence[Pending],
+    pending: Sequence[Observation],
     replicates: int,
     constraint: Constraint,
     exact: KnownOutcome,
@@ -132,7 +131,7 @@ def _unseen_block(
     worlds: Sequence[World],
     replicates: int,
     own: Collection[Block],
-    missions: Sequence[Observation | Pending],
+    missions: Sequence[Observation],
     values: Values,
 ) -> Block | None:
     """Return the next block of a configuration that has flown ``own``, in a world it has flown least; None if there is none."""

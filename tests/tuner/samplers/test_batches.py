@@ -12,7 +12,7 @@ from botorch.sampling import SobolQMCNormalSampler
 from tuner.acquisition.constrained import Constraint, two_models
 from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import LogNoisyImprovement
-from tuner.problem.observations import Observation, Pending
+from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
 from tuner.surrogate.model import RockMeanGP
@@ -52,7 +52,7 @@ def test_values_are_those_of_botorch() -> None:
 @pytest.mark.parametrize(("flying", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
 def test_half_a_batch_is_by_the_acquisition(flying: int, by_acquisition: int) -> None:
     history = synthetic.random_design(24, 0.1, 0)
-    pending = [Pending(24 + i, v, "r0", 0) for i, v in enumerate(positions(flying, 4))]
+    pending = [Observation(24 + i, v, "r0", 0) for i, v in enumerate(positions(flying, 4))]
     proposals = gp.GPSampler(synthetic.sampler_settings(0, 4)).ask_many(history, pending, 12)
     assert [("log_nei" in p.why) for p in proposals].count(True) == by_acquisition
     assert len({tuple(p.values.values()) for p in proposals}) == 12

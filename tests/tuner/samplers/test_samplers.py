@@ -11,7 +11,7 @@ import synthetic
 
 from tuner.acquisition.draws import draw
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation, Pending
+from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
 from tuner.samplers.base import SAMPLER_NAMES, make_sampler
 from tuner.surrogate.model import RockMeanGP
@@ -29,7 +29,7 @@ def test_pending_missions_push_the_next_proposal_away() -> None:
     history = synthetic.random_design(16, 0.02, 0)
     sampler = make_sampler("gp", synthetic.sampler_settings(0, 4))
     first = sampler.ask(history, [])
-    flying = [Pending(16, first.values, "r0", 0)]
+    flying = [Observation(16, first.values, "r0", 0)]
     second = sampler.ask(history, flying)
     apart = np.linalg.norm(synthetic.SPACE.to_unit(first.values) - synthetic.SPACE.to_unit(second.values))
     assert apart > 0.02

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import synthetic
 
-from tuner.problem.observations import Observation, Pending
+from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
@@ -33,10 +33,10 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
     assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
     assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been flown once, 1 never
     blocks = [("r0", 0)]
-    flying: list[Pending] = []
+    flying: list[Observation] = []
     while (proposal := verification(model_of(history), history, flying, 2, expected_gain=0.0)) is not None:
         blocks.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
-        flying.append(Pending(4 + len(flying), GOOD, *blocks[-1]))
+        flying.append(Observation(4 + len(flying), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
     assert sorted(blocks) == [(rock, k) for rock in ROCKS for k in range(2)]
 
