@@ -21,7 +21,7 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.campaign.transfer import learn_from
-from tuner.missions.external.trust import trust
+from tuner.missions.external.program import trust
 from tuner.missions.long_runs import exclusive
 
 

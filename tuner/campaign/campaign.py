@@ -36,7 +36,7 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
     with_mission_file,
 )
-from tuner.missions.external.trust import require_trusted, trust
+from tuner.missions.external.program import require_trusted, trust
 from tuner.missions.job import Trial
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file

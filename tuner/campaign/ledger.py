@@ -302,22 +302,9 @@ class Ledger:
 
     def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
         """Return the finished missions as the samplers and the surrogate see them."""
-        sign, second = self._settings.objective.sign, self._settings.second
-        return [
-            Observation(
-                t.number,
-                t.values,
-                t.rock,
-                t.replicate,
-                None if t.raw is None else sign * t.raw,
-                t.raw,
-                t.reason,
-                None if second is None or t.second is None else second.sign * t.second,
-                t.condition,
-            )
-            for t in (self.trials() if trials is None else trials)
-            if t.status
-        ]
+        objective, second = self._settings.objective, self._settings.second
+        asked = self.trials() if trials is None else trials
+        return [t.observation(objective, t.raw, second) for t in asked if t.status]
 
     def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""

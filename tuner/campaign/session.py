@@ -19,7 +19,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.reproducibility_check import ReproducibilityCheck
 from tuner.missions.executors import Executor
-from tuner.missions.external.trust import trust
+from tuner.missions.external.program import trust
 from tuner.missions.fly import fly
 from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.long_runs import Stop, long_run

@@ -74,8 +74,7 @@ def _missions_of(
         if values is None or not t.status:
             continue
         raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
-        outcome = None if raw is None else objective.sign * raw
-        own.append(Observation(t.number, values, t.rock, t.replicate, outcome, raw, condition=t.condition))
+        own.append(dataclasses.replace(t, values=values).observation(objective, raw))
     measured = sum(o.feasible for o in own)
     if measured < MIN_OBSERVATIONS:
         raise UserError(

@@ -7,6 +7,7 @@ mission per strategy, distances in mm, shares in percent.
 from __future__ import annotations
 
 import collections
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -42,9 +43,7 @@ class MetricRow:
     def on(self, surface: str) -> MetricRow:
         """The same row on another surface, ``whole`` or ``observable``."""
         rest = self.key.partition(".")[2]
-        return MetricRow(
-            self.group, self.label, f"{surface}.{rest}", self.unit, self.higher_is_better, self.decimals
-        )
+        return dataclasses.replace(self, key=f"{surface}.{rest}")
 
 
 _DISTANCES, _AT_48, _AT_80 = "Dense cloud vs. GT", "Thresholded @ 48 mm", "Thresholded @ 80 mm"

@@ -20,6 +20,7 @@ from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
@@ -175,6 +176,32 @@ class Trial:
     def value(self, key: str) -> float | None:
         """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
         return self.measured(Objective(key))
+
+    def observation(
+        self, objective: Objective, raw: float | None, second: Objective | None = None
+    ) -> Observation:
+        """Return this mission as samplers and surrogates see it.
+
+        Parameters
+        ----------
+        objective
+            Says which way ``raw`` is better.
+        raw
+            The objective as measured; None where the mission failed or has none.
+        second
+            The campaign's second objective, where there is one.
+        """
+        return Observation(
+            self.number,
+            self.values,
+            self.rock,
+            self.replicate,
+            None if raw is None else objective.sign * raw,
+            raw,
+            self.reason,
+            None if second is None or self.second is None else second.sign * self.second,
+            self.condition,
+        )
 
     @property
     def infrastructure_failure(self) -> bool:

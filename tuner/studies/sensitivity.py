@@ -78,13 +78,8 @@ def campaign_sensitivity(directory: Path, metric: str | None = None) -> Sensitiv
     objective = campaign.settings.objective
     if metric is not None and metric != objective.metric:
         objective = Objective(metric, direction_of(metric))
-    missions = []
-    for t in campaign.trials():
-        if (value := t.measured(objective)) is not None:
-            outcome = objective.sign * value
-            missions.append(
-                Observation(t.number, t.values, t.rock, t.replicate, outcome, value, condition=t.condition)
-            )
+    measured = [(t, t.measured(objective)) for t in campaign.trials()]
+    missions = [t.observation(objective, value) for t, value in measured if value is not None]
     return sensitivity(campaign.settings.space, missions, objective)
 
 

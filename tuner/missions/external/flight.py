@@ -2,32 +2,49 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import signal
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+import trimesh
+from scipy.spatial import KDTree
 
+from nbv.cache import Store
+from nbv.config import preset
 from nbv.errors import MissionFailure, UserError
+from nbv.evaluation import evaluate_cloud
+from nbv.geometry.frames import align_umeyama
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-from tuner.missions.external.mission_file import ExternalConfig, MissionFile
+from nbv.rocks import Rock, frame_of_file, load_rock
+from nbv.safe_files import read_bytes
+from nbv.types import Floats, PointCloud
+from tuner.missions.external.mission_file import ExternalConfig, MissionFile, Score
 from tuner.missions.external.program import (
     LOG_FILE,
     REQUEST_FILE,
     RESULT_FILE,
+    Camera,
+    Cloud,
     Request,
     Result,
     read_result,
     run_program,
     seed_of,
 )
-from tuner.missions.external.scoring import score_cloud
 
 OUTPUT = "output"  # the mission's own folder, in its directory
+MAX_CLOUD_BYTES = 2 * 1024**3
+_OVERLAP_SAMPLES = 20_000
+_NEAR = 0.1  # of the mesh's height
+_LEAST_OVERLAP = 0.1  # share of points
 _LAST_BYTES, _LAST_LETTERS = 4096, 160
 
 
@@ -128,3 +145,76 @@ def _tidy(output: Path) -> None:
             shutil.rmtree(entry, ignore_errors=True)
         elif entry.name not in (REQUEST_FILE, RESULT_FILE, LOG_FILE):
             entry.unlink()
+
+
+def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[dict[str, Any], str, str]:
+    """Measure a cloud against its instance's mesh: a file beside the mission file, or a rock's name.
+
+    Returns the metrics, a warning where cloud and mesh hardly overlap, and the mesh's hash.
+
+    With cameras the cloud is first aligned by the least-squares similarity from estimated to reported centres (Umeyama,
+    PAMI 1991). It is then in the mesh's own frame and moved with the mesh to where `nbv.rocks.import_mesh` puts that, or
+    there already (``frame: rock``).
+
+    Raises
+    ------
+    MissionFailure
+        The cloud cannot be read (``machine_error``), aligned or measured.
+    UserError
+        There is no such mesh, or no such parameter.
+    """
+    mesh, score, store = request.instance["mesh"], mission.score or Score(), Store()
+    file = mission.folder / mesh
+    rock = load_rock(str(file) if file.is_file() else mesh, store)
+    config = preset("campaign").with_values(score.set)
+    points_m = _read_points(Path(request.output, cloud.path))
+    if cloud.cameras:
+        points_m = _aligned(points_m, cloud.cameras)
+    if file.is_file() and score.frame == "mesh":
+        points_m = frame_of_file(file).apply(points_m)
+    warning = _hardly_overlap(points_m, rock, mesh)
+    try:
+        found = evaluate_cloud(PointCloud(points_m), rock, config, store).metrics
+    except MissionFailure as error:
+        raise MissionFailure(error.reason, "; ".join(filter(None, (error.message, warning)))) from error
+    return found, warning, rock.sha256
+
+
+def _hardly_overlap(points_m: Floats, rock: Rock, mesh: str) -> str:
+    """Return a sentence where hardly any of the cloud (N, 3) is near the mesh, or of the mesh near the cloud."""
+    cloud, surface = (some[:: max(1, len(some) // _OVERLAP_SAMPLES)] for some in (points_m, rock.vertices_m))
+    reach_m = _NEAR * float(np.ptp(rock.vertices_m[:, 2]))
+    near = [
+        float(np.isfinite(KDTree(there).query(here, distance_upper_bound=reach_m)[0]).mean())
+        for here, there in ((cloud, surface), (surface, cloud))
+    ]
+    if min(near) >= _LEAST_OVERLAP:
+        return ""
+    return (
+        f"cloud and mesh hardly overlap: {100 * near[0]:.0f} % of the cloud is near {mesh}, {100 * near[1]:.0f} % of that near "
+        "the cloud; put both into one frame (docs/how-to/your-mission.md)"
+    )
+
+
+def _read_points(path: Path) -> Floats:
+    """Return the (N, 3) finite vertices of a PLY."""
+    try:
+        content = io.BytesIO(read_bytes(path, MAX_CLOUD_BYTES))
+        points = np.asarray(trimesh.load(content, file_type="ply", process=False).vertices, dtype=float)
+        points = points[np.isfinite(points).all(axis=1)]
+    except Exception as error:  # a parser's own families of errors
+        why = str(error) if isinstance(error, UserError) else f"{path} is no PLY ({type(error).__name__})"
+        raise MissionFailure("machine_error: cloud_unreadable", why) from error
+    if len(points) == 0:
+        raise MissionFailure("cloud_empty", f"{path} has no points")
+    return points
+
+
+def _aligned(points: Floats, cameras: Mapping[str, Camera]) -> Floats:
+    """Return (N, 3) points of the cloud's frame where the reported camera centres put them."""
+    reported = np.array([camera.reported for camera in cameras.values()])
+    estimated = np.array([camera.estimated for camera in cameras.values()])
+    try:
+        return align_umeyama(reported, estimated).apply(points)
+    except ValueError as error:  # fewer than three, or all in one place
+        raise MissionFailure("not_aligned", str(error)) from error

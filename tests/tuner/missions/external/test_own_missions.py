@@ -114,7 +114,7 @@ def measured(monkeypatch):
         seen.update(points_m=cloud.points_m, rock=rock, config=config)
         return Evaluation({"observable": {"f_score_48mm": 50.0}}, {}, lambda: cloud)
 
-    monkeypatch.setattr("tuner.missions.external.scoring.evaluate_cloud", evaluate)
+    monkeypatch.setattr("tuner.missions.external.flight.evaluate_cloud", evaluate)
     return seen
 
 
