@@ -110,7 +110,7 @@ def _config(path: Path) -> None:
 
 
 def _mission_file(path: Path) -> None:
-    from tuner.missions.external import load_mission_file
+    from tuner.missions.external.mission_file import load_mission_file
 
     load_mission_file(path)
 

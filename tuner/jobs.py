@@ -27,7 +27,7 @@ from tuner.report.records import records_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tuner.missions.external import MissionFile
+    from tuner.missions.external.mission_file import MissionFile
 
 __all__ = ["evaluate", "frame", "reproduce", "tune"]
 

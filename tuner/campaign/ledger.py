@@ -309,7 +309,7 @@ class Ledger:
     def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
-            Observation(t.number, t.values, t.rock, t.replicate, condition=t.condition)
+            t.observation(self._settings.objective, None)
             for i, t in enumerate(trials)
             if not t.status or i >= known
         ]

@@ -29,7 +29,7 @@ from nbv.mission.function import Keep
 from tuner.campaign.declaration import setting, settings_of
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
-from tuner.missions.external import MissionFile, external_config, load_mission_file
+from tuner.missions.external.mission_file import MissionFile, external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of, require_share

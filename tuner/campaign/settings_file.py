@@ -23,7 +23,7 @@ from nbv.safe_files import read_yaml
 from tuner.campaign.declaration import require_settings, settings_of, values_of
 from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.missions.external import MissionFile, load_mission_file
+from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, is_geometric
 from tuner.problem.objective import Direction, asked_objective, reached
 from tuner.problem.search_space import ours

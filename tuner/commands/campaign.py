@@ -91,7 +91,7 @@ def run(
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
     from tuner.campaign.settings_file import SETTINGS_FILE, asked_fields, asked_settings
-    from tuner.missions.external import load_mission_file
+    from tuner.missions.external.mission_file import load_mission_file
     from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, refuse_code_of_file
 
     if "overrides" in given:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tuner.evaluation.flying import EvaluationEvent
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
-    from tuner.missions.external import MissionFile
+    from tuner.missions.external.mission_file import MissionFile
 
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
 output = Console(markup=False, emoji=False)

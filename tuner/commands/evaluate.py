@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.evaluation.flying import EvaluationRun
     from tuner.evaluation.of_campaign import CampaignEvaluation
-    from tuner.missions.external import MissionFile
+    from tuner.missions.external.mission_file import MissionFile
 
 
 MarginOption = Annotated[

@@ -232,8 +232,8 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
     """
     import tempfile
 
-    from tuner.missions.external import external_config, load_mission_file
     from tuner.missions.external.flight import run_external_mission
+    from tuner.missions.external.mission_file import external_config, load_mission_file
 
     found = load_mission_file(mission)
     config, instance = external_config(found, {}), next(iter(found.instances))

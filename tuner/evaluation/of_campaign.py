@@ -32,7 +32,7 @@ from tuner.evaluation.baselines import (
     tuned_configs,
 )
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.external import external_config
+from tuner.missions.external.mission_file import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.search_space import Configuration, ours

@@ -24,7 +24,7 @@ from nbv.config import (
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require
-from tuner.missions.external import configuration_from_dict
+from tuner.missions.external.mission_file import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 from tuner.problem.observations import MAX_REPLICATES, mission_key

@@ -28,11 +28,19 @@ from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
 if TYPE_CHECKING:
-    from tuner.missions.external import MissionFile
+    from tuner.missions.external.mission_file import MissionFile
 
 
 class Executor(abc.ABC):
-    """Runs missions, each once and at most ``capacity`` at a time; who is done with it closes it."""
+    """Runs missions, each once and at most ``capacity`` at a time; who is done with it closes it.
+
+    A mission that takes longer than ``timeout_s`` is killed and recorded as ``timeout``.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        if not timeout_s > 0:
+            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        self._timeout_s = timeout_s
 
     @property
     @abc.abstractmethod
@@ -97,7 +105,7 @@ class LocalProcessExecutor(Executor):
     workers
         Missions at a time, at least 1.
     timeout_s
-        A mission that takes longer is killed and recorded as ``timeout``.
+        As in `Executor`.
     preload
         Fidelities whose modules the server imports before it forks.
     """
@@ -111,10 +119,8 @@ class LocalProcessExecutor(Executor):
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
         require(workers, MAX_WORKERS, "workers")
-        if not timeout_s > 0:
-            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        super().__init__(timeout_s)
         self._workers = workers
-        self._timeout_s = timeout_s
         self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
         self._attempts: dict[str, _Attempt] = {}
         self._ready: list[Trial] = []

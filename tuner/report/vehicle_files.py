@@ -15,7 +15,7 @@ from nbv.provenance import git_revision, versions
 from tuner.bridges.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.missions.external import ExternalConfig
+from tuner.missions.external.mission_file import ExternalConfig
 from tuner.problem.observations import short
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation

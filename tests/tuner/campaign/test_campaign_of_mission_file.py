@@ -15,7 +15,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.jobs import tune
-from tuner.missions.external import external_config, load_mission_file
+from tuner.missions.external.mission_file import external_config, load_mission_file
 
 FLY = """
 import math

@@ -48,14 +48,12 @@ class DaskExecutor(Executor):
     client
         Connected; closed with this executor, and with it the cluster that was started for it.
     timeout_s
-        A mission that takes longer is killed and recorded as ``timeout``.
+        As in `Executor`.
     """
 
     def __init__(self, client: Client, timeout_s: float = 3600.0) -> None:
-        if not timeout_s > 0:
-            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        super().__init__(timeout_s)
         self._client = client
-        self._timeout_s = timeout_s
         self._attempts: dict[str, _Attempt] = {}
         self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
         self._rocks: dict[str, tuple[str, Future]] = {}  # hash and content

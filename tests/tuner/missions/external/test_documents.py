@@ -9,7 +9,7 @@ import yaml
 
 from nbv.errors import UserError
 from tuner.missions.executors import limit_s
-from tuner.missions.external import MissionFile, load_mission_file
+from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.external.program import read_result, seed_of
 
 FILE = {
