@@ -13,8 +13,8 @@ import yaml
 
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation import Evaluation
-from tuner.missions.external.flight import run_external_mission
 from tuner.missions.external import program
+from tuner.missions.external.flight import run_external_mission
 from tuner.missions.external.mission_file import external_config, load_mission_file
 
 FILE = {
