@@ -31,7 +31,6 @@ from tuner.surrogate.posterior import FREEDOM, KnownOutcome, probability_positiv
 from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64
-_BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 Allowed = Callable[[Floats], Bools]
 Outcome = RockMeanGP | KnownOutcome
 
@@ -192,8 +191,8 @@ def propose_constrained(
             baseline = prune_inferior_points(model.model, model.inputs(kept if len(kept) else near[:1]))
             flying = None if flying is None else flying[known(flying[:, : model.space.dimension].numpy())]
             baseline = baseline if flying is None else torch.unique(torch.cat([baseline, flying]), dim=0)
-            acquisition: AcquisitionFunction = _WithinKnownLimit(
-                LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed), known, model
+            acquisition: AcquisitionFunction = LogNoisyImprovement(
+                model.model, baseline, MONTE_CARLO_SAMPLES, seed
             )
         elif isinstance(first, KnownOutcome):
             acquisition = _saving(first, constraint, model, flying)
@@ -234,17 +233,3 @@ def _with_probability(
         prune_baseline=True,
         cache_root=False,
     )
-
-
-class _WithinKnownLimit(AcquisitionFunction):
-    """An acquisition's values where a limit is known to be kept."""
-
-    def __init__(self, acquisition: AcquisitionFunction, allowed: Allowed, model: RockMeanGP) -> None:
-        super().__init__(acquisition.model)
-        self._acquisition, self._allowed, self._dimension = acquisition, allowed, model.space.dimension
-
-    def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """Return (b,) values of (b, 1, inputs)."""
-        kept = torch.from_numpy(self._allowed(X.detach()[:, 0, : self._dimension].numpy()))
-        value: torch.Tensor = torch.where(kept, self._acquisition(X), _BROKEN)
-        return value

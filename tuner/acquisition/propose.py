@@ -19,7 +19,7 @@ from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from nbv.types import Bools, Floats
 from tuner.problem.search_space import Values
-from tuner.surrogate.fit import EXACT_MISSIONS, Feasibility
+from tuner.surrogate.fit import EXACT_MISSIONS
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 
@@ -37,6 +37,7 @@ FEW, MORE_POINTS = 64, 8192  # of what an exact limit allows
 LOCAL_POINTS = 256  # near the best configurations so far, where improvement is likeliest
 _JITTER = 1e-6  # of the variance: configurations in flight may be nearly alike
 _SMALLEST_VARIANCE = 1e-8
+_BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 
 
 def propose(
@@ -91,8 +92,7 @@ def maximise(
         Says of (n, d) positions which may be proposed; None: all.
     """
     d = model.space.dimension
-    if model.feasibility is not None:
-        acquisition = _TimesFeasibility(acquisition, model.feasibility, d)
+    acquisition = _WhereAllowed(acquisition, model, allowed)
     discrete = model.space.discrete_dimensions
     points = starting_points(model, seed, near_to=near)
     if discrete:
@@ -150,18 +150,22 @@ def only_allowed(model: RockMeanGP, points: Floats, allowed: Callable[[Floats], 
     return found if len(found) else points
 
 
-class _TimesFeasibility(AcquisitionFunction):
-    """The logarithm of an acquisition value times the probability that the mission ends well (Gardner et al., ICML 2014)."""
+class _WhereAllowed(AcquisitionFunction):
+    """The logarithm of an acquisition value where it is allowed, times the probability that the mission ends well."""
 
-    def __init__(self, acquisition: AcquisitionFunction, feasibility: Feasibility, dimension: int) -> None:
+    def __init__(
+        self, acquisition: AcquisitionFunction, model: RockMeanGP, allowed: Callable[[Floats], Bools] | None
+    ) -> None:
         super().__init__(acquisition.model)
-        self._acquisition, self._feasibility, self._dimension = acquisition, feasibility, dimension
+        self._acquisition, self._allowed = acquisition, allowed
+        self._feasibility, self._dimension = model.feasibility, model.space.dimension
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """Return (b,) values of (b, 1, inputs)."""
-        chance = self._feasibility.log_chance(X[..., 0, : self._dimension])
-        value: torch.Tensor = self._acquisition(X) + chance
-        return value
+        """Return (b,) values of (b, 1, inputs); the probability is a factor as of Gardner et al., ICML 2014."""
+        x, value = X[..., 0, : self._dimension], self._acquisition(X)
+        if self._allowed is not None:
+            value = torch.where(torch.from_numpy(self._allowed(x.detach().numpy())), value, _BROKEN)
+        return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 
 def best_flown(model: RockMeanGP, count: int) -> Floats:

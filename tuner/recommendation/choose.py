@@ -22,7 +22,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Block, Observation, blocks_flown, changes, configuration_key
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World, are_drawn, conditions_of, rocks_of, worlds_of
-from tuner.recommendation.limit import limit_of, on_next_rocks
+from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import Recommendation, RockRow, RunnerUp
 from tuner.surrogate.model import RockMeanGP
@@ -154,12 +154,10 @@ def recommend(
         elsewhere = next_rock(of_worlds, values, default)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
-        next_rocks = {}
-        if exact is not None or constraint.is_share:
-            outcomes = [o.second if exact is None else o.outcome for o in own]
-            no_worse = None if elsewhere is None else elsewhere.no_worse
-            next_rocks = on_next_rocks(constraint, values, outcomes, no_worse)
-        kept_limit = limit_of(constraint, second, limit, values, default, kept, next_rocks)
+        asked = exact is not None or constraint.is_share
+        outcomes = [o.second if exact is None else o.outcome for o in own] if asked else None
+        no_worse = None if elsewhere is None else elsewhere.no_worse
+        kept_limit = limit_of(constraint, second, limit, values, default, kept, outcomes, no_worse)
     return Recommendation(
         values=values,
         mean=mean,

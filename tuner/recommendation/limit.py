@@ -26,7 +26,8 @@ def limit_of(
     values: Mapping[str, Any],
     default: Mapping[str, Any],
     kept: bool,
-    next_rocks: Mapping[str, Any],
+    own: Sequence[float | None] | None,
+    no_worse: float | None,
 ) -> Limit:
     """Return how the recommended configuration keeps the limit on the training worlds, and on the next rock.
 
@@ -42,17 +43,27 @@ def limit_of(
         The recommended and the default values.
     kept
         Whether any configuration flown can be taken to keep the limit.
-    next_rocks
-        `on_next_rocks`, or nothing.
+    own
+        What the missions that flew the recommended values had of it, where one failed None; None: say nothing of rocks
+        never flown.
+    no_worse
+        Probability that the values are no worse than the default on the next rock, where it is known.
     """
     belief, sign = constraint.model.posterior([values, default]), second.sign
     probability, of_default = constraint.probability([values, default])
-    mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
-    interval = interval_95(mean, sd)
+    mean, default_mean, sd = sign * float(belief.mean[0]), sign * float(belief.mean[1]), float(belief.sd[0])
+    interval, next_rocks, flown = interval_95(mean, sd), None, None
     if constraint.is_share:
-        share = constraint.shares([values])[0]
-        low, high = share.interval_95
-        mean, sd, interval = 100.0 * share.share, 100.0 * share.sd, (100.0 * low, 100.0 * high)
+        next_rocks, default_mean = (
+            constraint.shares([values])[0],
+            constraint.shares([default])[0].share * 100.0,
+        )
+        low, high = next_rocks.interval_95
+        mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)
+        measured = [y for y in own or () if y is not None]
+        flown = (sum(y > 0.0 for y in measured), len(measured))
+    elif own is not None:
+        next_rocks = _next_rocks(constraint, values)
     return Limit(
         metric=second.metric,
         direction=second.direction,
@@ -64,51 +75,28 @@ def limit_of(
         interval_95=interval,
         probability=float(probability),
         default_probability=float(of_default),
-        default_mean=100.0 * constraint.shares([default])[0].share
-        if constraint.is_share
-        else sign * float(belief.mean[1]),
-        **next_rocks,
+        default_mean=default_mean,
+        next_rock_keeps=None if next_rocks is None else next_rocks.share,
+        next_rock_no_worse=None if next_rocks is None else no_worse,
+        next_hundred=None if next_rocks is None else next_rocks.of_the_next(),
+        flown=flown,
     )
 
 
-def on_next_rocks(
-    constraint: Constraint, values: Mapping[str, Any], own: Sequence[float | None], no_worse: float | None
-) -> dict[str, Any]:
-    """Return what a `Limit` says of rocks never flown, by its fields.
-
-    Parameters
-    ----------
-    constraint
-        The limit and the surrogate of what has it.
-    values
-        The recommended values.
-    own
-        What the missions that flew them had of it; None: failed.
-    no_worse
-        Probability that they are no worse than the default on the next rock, where it is known.
-    """
-    model, flown = constraint.model, None
+def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelief:
+    """Return the belief about the share of rocks never flown on which ``values`` keep the limit of a mean."""
+    model = constraint.model
     assert isinstance(model, RockMeanGP)
-    if constraint.is_share:
-        share = constraint.shares([values])[0]
-        measured = [y for y in own if y is not None]
-        flown = (sum(y > 0.0 for y in measured), len(measured))
-    elif are_drawn(rocks_of(model.worlds)):  # every block is a rock
-        belief, one = model.posterior([values]), model.one_mission_sd
-        rocks = (one / max(float(belief.sd[0]), 1e-9)) ** 2
-        z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
-        share = ShareBelief(float(special.stdtr(PRIOR_ROCKS + rocks, z)), rocks)
-    else:  # as if so many of the training rocks kept it
-        share = ShareBelief(next_rock_keeps(model, values, constraint.at_least), len(rocks_of(model.worlds)))
-    return {
-        "next_rock_keeps": share.share,
-        "next_rock_no_worse": no_worse,
-        "next_hundred": share.of_the_next(),
-        "flown": flown,
-    }
+    rocks = rocks_of(model.worlds)
+    if not are_drawn(rocks):  # as if so many of the training rocks kept it
+        return ShareBelief(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
+    belief, one = model.posterior([values]), model.one_mission_sd  # every block is a rock
+    flown = (one / max(float(belief.sd[0]), 1e-9)) ** 2
+    z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
+    return ShareBelief(float(special.stdtr(PRIOR_ROCKS + flown, z)), flown)
 
 
-def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
+def _next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
     """Return the probability that the mean of ``values`` on a rock never flown is ``at_least`` that; larger is better.
 
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
