@@ -147,7 +147,7 @@ class MissionServer:
         status = EXIT_FAILED
         try:
             os.setsid()
-            _die_with_parent()
+            _when_parent_ends(signal.SIGKILL)  # none outlives a server that was killed outright
             signal.set_wakeup_fd(-1)
             for number in (signal.SIGINT, signal.SIGCHLD):
                 signal.signal(number, signal.SIG_DFL)
@@ -225,9 +225,9 @@ def _kill_group(pid: int) -> None:
             kill(pid, signal.SIGKILL)
 
 
-def _die_with_parent() -> None:
-    """Ask Linux to kill this mission should the server be killed outright."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+def _when_parent_ends(number: signal.Signals) -> None:
+    """Ask Linux to send this process a signal when its parent has ended, however that ends."""
+    ctypes.CDLL(None).prctl(1, number)  # PR_SET_PDEATHSIG
 
 
 def _thread_count() -> int:
@@ -241,8 +241,9 @@ def main(arguments: list[str]) -> int:
     """Run ``python -m tuner.missions.server``."""
     single_thread_environment()
     if arguments == ["--job"]:
-        _die_with_parent()
+        _when_parent_ends(signal.SIGKILL)
         return run_job(json.loads(sys.stdin.read()))
+    _when_parent_ends(signal.SIGCONT)  # a server that somebody stopped wakes up, and ends its missions
     MissionServer(arguments).serve()
     os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
 from in_process import InProcessExecutor
 
@@ -85,6 +86,27 @@ def test_a_server_that_stands_still_is_noticed(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(executors, "_SILENCE_LIMIT_AFTER_KILL_S", 2.0)
     with LocalProcessExecutor(1, 2.0, preload=("fake_missions:fake_mission",)) as executor:
         assert hang_until(lambda server: os.kill(server, signal.SIGSTOP), executor, tmp_path).status == "ok"
+
+
+COORDINATOR = """
+import pathlib, sys
+from test_executors import job
+from tuner.missions.executors import LocalProcessExecutor
+executor = LocalProcessExecutor(1)
+executor.submit(job(pathlib.Path(sys.argv[1]), "hang"))
+while True:
+    executor.wait_any(1.0)
+"""
+
+
+def test_no_mission_outlives_a_killed_coordinator_though_its_server_was_stopped(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    with subprocess.Popen([sys.executable, "-c", COORDINATOR, tmp_path], env=environment) as coordinator:
+        while not (missions := psutil.Process(coordinator.pid).children(recursive=True)[1:]):
+            time.sleep(0.05)
+        psutil.Process(coordinator.pid).children()[0].suspend()
+        coordinator.kill()
+    assert not psutil.wait_procs(missions, timeout=20.0)[1]
 
 
 @pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
