@@ -566,8 +566,9 @@ def main() -> int:
             make_seeds(Path(place))
             print(*run_case(target, case(target, int(number)), Path(place)), sep="\n")
         return 0
-    table = fuzz(given.target or list(TARGETS), 60 * given.minutes, given.cases, given.out)
-    print((given.out / "fuzz.csv").read_text())
+    out = given.out.absolute()  # cases change the working directory
+    table = fuzz(given.target or list(TARGETS), 60 * given.minutes, given.cases, out)
+    print((out / "fuzz.csv").read_text())
     return int(any(counts[o] for counts in table.values() for o in OUTCOMES[2:]))
 
 
