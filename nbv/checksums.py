@@ -18,8 +18,13 @@ def with_checksum(tree: Mapping[str, Any]) -> dict[str, Any]:
     return {**plain, CHECKSUM: checksum_of(plain)}
 
 
-def require_checksum(tree: Any, source: str) -> None:
-    """`UserError` where ``tree`` has a checksum and it is not that of the rest; older documents have none."""
+def require_checksum(tree: Any, source: str, *, always: bool = False) -> None:
+    """`UserError` where ``tree`` has a checksum and it is not that of the rest; older documents have none.
+
+    ``always``: also where it has none. YAML that was cut off is YAML still.
+    """
+    if always and CHECKSUM not in tree:
+        raise UserError(f"{source} was cut off: its checksum is missing; restore it")
     if isinstance(tree, dict) and CHECKSUM in tree:
         rest = {key: value for key, value in tree.items() if key != CHECKSUM}
         if checksum_of(rest) != tree[CHECKSUM]:

@@ -159,7 +159,7 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
         if not isinstance(tree, Mapping):
             raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
-        require_checksum(tree, str(path))
+        require_checksum(tree, str(path), always=True)
         return _checked(tree["settings"], str(path)), tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error

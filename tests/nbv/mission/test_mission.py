@@ -10,6 +10,7 @@ from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.catalogue import forget_loaded
+from nbv.sparse.reconstructor import SparseReconstructor
 
 ROCK = "boulder"
 BUDGET = 2
@@ -76,14 +77,13 @@ def test_the_run_directory_holds_what_it_promises(flown, config):
 @pytest.mark.slow
 def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path, monkeypatch):
     result, directory, _ = flown  # filled the store
-    again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
+    with monkeypatch.context() as patch:  # the seeds' model comes from the store
+        patch.delattr(SparseReconstructor, "bootstrap")
+        again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     forget_loaded()
     without = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
     assert not (tmp_path / "home").exists()  # nothing was read or written
-    assert (
-        again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3
-    )  # it really came from the store
     for other in ("cached", "uncached"):
         assert (tmp_path / other / "dense.ply").read_bytes() == (directory / "dense.ply").read_bytes()
         assert (tmp_path / other / "sparse/0/points3D.bin").read_bytes() == (

@@ -80,8 +80,14 @@ def test_a_ledger_cut_in_half_is_named(copy):
 
 def test_changed_settings_are_named(copy):
     path = copy / "campaign.yaml"
-    path.write_text(path.read_text().replace("budget: 5", "budget: 6"))
+    text = path.read_text()
+    path.write_text(text.replace("budget: 5", "budget: 6"))
     with pytest.raises(UserError, match=r"campaign\.yaml was changed since it was written"):
+        Campaign.open(copy, fidelity=FIDELITY)
+    path.write_text(
+        text[: text.index("  sampler:")]
+    )  # valid YAML, whose other settings would have their defaults
+    with pytest.raises(UserError, match=r"campaign\.yaml was cut off: its checksum is missing"):
         Campaign.open(copy, fidelity=FIDELITY)
 
 
