@@ -7,7 +7,7 @@ import contextlib
 import json
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -146,7 +146,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for what in ("evaluation*", "confirmation*")
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
-    why, command = next_answer(facts, evaluated=_rocks_measured(facts))
+    why, command = next_answer(facts, evaluated=_rocks_measured(facts, measured))
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -298,13 +298,16 @@ def _gate_answer(facts: CampaignFacts) -> str:
     return gate_words(records, strategy_label(config.gate.kind), len(traces))
 
 
-def _rocks_measured(facts: CampaignFacts) -> int:
-    """On how many rocks evaluations have flown this very recommendation."""
+def _rocks_measured(facts: CampaignFacts, measured: Sequence[str]) -> int:
+    """On how many rocks the evaluations among the folders ``measured`` have flown this very recommendation."""
     best, rocks = facts.recommendation, set[str]()
-    for page in facts.campaign.directory.glob(f"evaluation*/{REPORT_FILE}"):
+    if best is None:
+        return 0
+    tuned = facts.settings.config(best.values)
+    for name in (name for name in measured if name.startswith("evaluation")):
         with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
-            plan = EvaluationPlan.load(page.parent)
-            if best and plan.strategies.get(TUNED) == facts.settings.config(best.values):
+            plan = EvaluationPlan.load(facts.campaign.directory / name)
+            if plan.strategies.get(TUNED) == tuned:
                 rocks.update(plan.rocks)
     return len(rocks)
 
