@@ -22,7 +22,7 @@ from nbv.errors import UserError
 from nbv.safe_files import read_yaml
 
 Values = dict[str, Any]
-UNITS_OF_KNN = "in COLMAP's units there, in metres here; the same number is another distance"
+COLMAP_UNITS = "it is in COLMAP's units there, whose length in metres is unknown before the flight"
 _SHARED = ("nov", "move", "ang")
 REPAIR = "repair_weighted_covisibility"
 BASELINE_AWARE = "baseline_aware_repair_weighted_covisibility"
@@ -93,7 +93,7 @@ SCORING = (
     _kept(f"{BASELINE_AWARE}.theta_high_deg", 45.0, _UNUSED_THERE),
     Key("hybrid.gate_mode", "heuristic"),
     Key("hybrid.heuristic.budget_fraction_threshold", 0.4, "gate.budget_fraction"),
-    Key("hybrid.heuristic.knn_p95_threshold", 0.14, "gate.d95_m"),
+    _kept("hybrid.heuristic.knn_p95_threshold", 0.14, COLMAP_UNITS),
     _kept("hybrid.oracle.gt_mesh_path", "", "the true surface is the rock's own here"),
     Key("hybrid.oracle.n_gt_samples", 30000, "gate.oracle_samples"),
     Key("hybrid.oracle.coverage_threshold_m", 0.02, "gate.oracle_threshold_m"),
@@ -119,7 +119,7 @@ MISSION = (
     Key("image_budget", 40, "stop.adaptive_budget"),
     _kept("max_image_budget", 55, "a hard limit that the budget never reaches"),
     Key("stopping_criterion", "image_budget"),
-    Key("knn_distance_threshold", 0.003, "stop.knn_threshold_m"),
+    _kept("knn_distance_threshold", 0.003, COLMAP_UNITS),
     _kept("raw_candidate_count", 800, "of the mode fibonacci"),
     Key("target_candidate_count", 200, "pool.max_candidates"),
     Key("candidate_radius_m", 3.5, "pool.radius_m"),
@@ -174,7 +174,7 @@ SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "
 
 # What flies there, by scorer name or by gate mode of the hybrid, and here.
 SCORER_OF_GATE = {"covis": "covisibility", "b-aware": BASELINE_AWARE}
-MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle", "learned": "learned_switch"}
+MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle"}
 CRITERION_OF_OURS = {"budget": "image_budget", "knn": "knn_distance", "both": "both"}
 
 
@@ -266,7 +266,7 @@ def write_scoring(
             remarks.append(Remark(path, text, partly=True))
     heuristic, scorer = config.gate.kind == "hyb-h", config.gate.geometry_scorer
     remarks += _remarks(
-        ("gate.d95_m", heuristic, UNITS_OF_KNN),
+        ("gate.d95_m", heuristic, _stays(values, "hybrid.heuristic.knn_p95_threshold")),
         (
             "stop.knn_region",
             heuristic and config.stop.knn_region != "all",
@@ -277,7 +277,6 @@ def write_scoring(
             heuristic and scorer != "b-aware",
             f"{scorer} does not exist there: B-aware flies",
         ),
-        ("gate.learned_policy", config.gate.kind == "learned", _OTHER_POLICIES),
     )
     return {key.path: values[key.path] for key in SCORING if values.get(key.path) is not None}, remarks
 
@@ -330,6 +329,7 @@ def write_mission(
     values, seed, stop = _direct(config, MISSION, theirs), config.seed, config.stop
     values["ring_image_count"] = seed.total
     remarks = _seeds_of_one_turn(config, values) if seed.count else []
+    by_distance = stop.criterion in ("both", "knn")
     own_rings = not seed.count and bool(seed.ring_radii_m or seed.ring_bearings_deg)
     remarks += _remarks(
         ("seed.ring_radii_m", own_rings, "theirs has one radius, and every ring begins in the north"),
@@ -345,7 +345,12 @@ def write_mission(
             "theirs does not ask what the next view would add",
         ),
         ("stop.predicted_percent", stop.criterion == "predicted", "theirs predicts no completeness"),
-        ("stop.knn_threshold_m", stop.criterion in ("both", "knn"), UNITS_OF_KNN),
+        ("stop.knn_threshold_m", by_distance, _stays(values, "knn_distance_threshold")),
+        (
+            "stop.criterion",
+            by_distance and values["stopping_criterion"] != CRITERION_OF_OURS[stop.criterion],
+            f"{stop.criterion} asks for that distance, so stopping_criterion stays {values['stopping_criterion']}",
+        ),
     )
     values["image_budget"] = config.adaptive_budget
     values["seed_planner_mode"], values["phase2_planner_mode"] = "stratified", "hybrid"
@@ -355,7 +360,8 @@ def write_mission(
     # Down is positive there: the upper limit of height is the lower one of z, and the other way round.
     values["min_altitude_ned"] = -config.pool.max_altitude_m
     values["max_altitude_ned"] = -config.pool.min_altitude_m
-    values["stopping_criterion"] = CRITERION_OF_OURS.get(stop.criterion, "image_budget")
+    if not by_distance:
+        values["stopping_criterion"] = CRITERION_OF_OURS["budget"]
     values["position_tolerance_z"] = values["position_tolerance_xy"]
     values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
     return {key.path: values[key.path] for key in MISSION}, remarks
@@ -375,6 +381,11 @@ def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
         return []
     text = f"{config.seed.count} seeds about the target are written as rings of {counts}: other azimuths"
     return [Remark("seed.count", text, partly=True)]
+
+
+def _stays(values: Values, key: str) -> str:
+    """What is said of a distance that is not written: a file has it in units that only its mission knows."""
+    return f"{key} stays {values[key]:g}: {COLMAP_UNITS}"
 
 
 def _remarks(*about: tuple[str, bool, str]) -> list[Remark]:

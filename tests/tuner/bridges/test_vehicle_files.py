@@ -45,7 +45,6 @@ OTHER_SCORING = {
     "baseline_aware_repair_weighted_covisibility.theta_target_deg": 30.0,
     "hybrid.gate_mode": "oracle",
     "hybrid.heuristic.budget_fraction_threshold": 0.6,
-    "hybrid.heuristic.knn_p95_threshold": 0.2,
     "hybrid.oracle.n_gt_samples": 20000,
     "hybrid.oracle.coverage_threshold_m": 0.03,
     "hybrid.oracle.quality_credit_weight": 0.5,
@@ -60,7 +59,6 @@ OTHER_MISSION = {
     "rock_center_z": -0.5,
     "image_budget": 20,
     "stopping_criterion": "both",
-    "knn_distance_threshold": 0.1,
     "target_candidate_count": 150,
     "candidate_radius_m": 3.0,
     "candidate_min_spacing_m": 0.4,
@@ -167,6 +165,36 @@ def test_what_cannot_be_said_there_is_reported(change, key):
 
 
 @pytest.mark.parametrize(
+    "onto", [{}, {"hybrid.heuristic.knn_p95_threshold": 0.4, "knn_distance_threshold": 0.4}]
+)
+@pytest.mark.parametrize(
+    ("write", "change", "key", "lost"),
+    [
+        (
+            write_scoring,
+            {"gate.kind": "hyb-h", "gate.d95_m": 0.599},
+            "hybrid.heuristic.knn_p95_threshold",
+            ["gate.d95_m"],
+        ),
+        (
+            write_mission,
+            {"stop.criterion": "knn", "stop.knn_threshold_m": 0.2},
+            "knn_distance_threshold",
+            ["stop.knn_threshold_m", "stop.criterion"],
+        ),
+    ],
+)
+def test_a_distance_in_unknown_units_is_never_written(write, change, key, lost, onto):
+    """Their code would read our metres as COLMAP's units; a criterion that needs the distance stays theirs too."""
+    values, remarks = write(ours(change), onto)
+    published_or_theirs = {entry.path: entry.default for entry in (*SCORING, *MISSION)} | onto
+    assert values[key] == published_or_theirs[key]
+    said = {remark.key: remark.text for remark in remarks}
+    assert f"{key} stays {values[key]:g}" in said[lost[0]] and set(lost) <= set(said)
+    assert values.get("stopping_criterion", "image_budget") == "image_budget"
+
+
+@pytest.mark.parametrize(
     ("text", "match"),
     [
         ("scorer: {weights: {novelti: 1}}", "did you mean weights.novelty"),
@@ -182,9 +210,10 @@ def test_a_mistake_in_a_file_is_one_line(text, match, tmp_path):
     assert "\n" not in str(error.value)
 
 
-def test_gates_that_only_fly_here_cannot_be_written():
-    with pytest.raises(UserError, match="greedy-oracle"):
-        write_scoring(preset("paper").with_values({"gate.kind": "greedy-oracle"}))
+@pytest.mark.parametrize("kind", ["greedy-oracle", "learned"])
+def test_gates_that_only_fly_here_cannot_be_written(kind):
+    with pytest.raises(UserError, match=kind):
+        write_scoring(preset("paper").with_values({"gate.kind": kind}))
 
 
 def test_seeds_of_one_turn_are_written_as_rings() -> None:
