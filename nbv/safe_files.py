@@ -13,12 +13,13 @@ import functools
 import io
 import json
 import os
+import re
 import stat
 import uuid
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
@@ -37,8 +38,38 @@ _INT_BOUND = 2**63
 _SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class UniqueKeyLoader(_SafeLoader):  # type: ignore[misc]
-    """SafeLoader that refuses a key given twice, where YAML would keep the last one silently."""
+# What a plain scalar is by YAML 1.2's core schema (section 10.3.2), and the characters that it may begin with: `no`, `on`,
+# `1_000`, `12:30` and dates are texts. Merge keys (`<<`) are kept of YAML 1.1, as other readers of 1.2 do.
+_CORE_SCHEMA = {
+    "null": (r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    "bool": (r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    "int": (r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", list("-+0123456789")),
+    "float": (
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+    "merge": ("<<", ["<"]),
+}
+
+
+class CoreLoader(_SafeLoader):  # type: ignore[misc]
+    """SafeLoader with YAML 1.2's core schema that refuses a key given twice, where YAML would keep the last one silently."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
+
+
+class CoreDumper(yaml.SafeDumper):
+    """SafeDumper that also quotes what is a text in YAML 1.1 and none in 1.2, such as ``1e-6``."""
+
+
+for _kind, (_pattern, _first) in _CORE_SCHEMA.items():
+    for _class in (CoreLoader, CoreDumper):
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(f"(?:{_pattern})\\Z"), _first)
+
+
+def _whole_number(loader: Any, node: yaml.ScalarNode) -> int:
+    text = loader.construct_scalar(node)
+    return int(text, 0 if text[:2] in ("0o", "0x") else 10)  # 010 is ten; PyYAML reads octal
 
 
 def _unique_mapping(loader: Any, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -56,7 +87,8 @@ def _unique_mapping(loader: Any, node: yaml.MappingNode, deep: bool = False) -> 
     return mapping
 
 
-UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+CoreLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+CoreLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
 def require(count: float, limit: float, what: str) -> None:
@@ -156,7 +188,7 @@ def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """The tree in ``text``; keys given twice are refused.
+    """The tree in ``text`` by YAML 1.2's core schema; keys given twice are refused.
 
     Raises
     ------
@@ -166,7 +198,7 @@ def parse_yaml(text: str, source: str) -> Any:
     require(len(text), TEXT_BYTES, f"the size of {source} in characters")
     try:
         _check_events(text, source)
-        tree = yaml.load(text, Loader=UniqueKeyLoader)
+        tree = yaml.load(text, Loader=CoreLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" line {mark.line + 1}" if mark is not None else ""
@@ -175,6 +207,11 @@ def parse_yaml(text: str, source: str) -> Any:
         raise UserError(f"{source}: not YAML ({_first_line(error)}); mend it") from error
     _check_tree(tree, source, TREE_NODES)
     return tree
+
+
+def to_yaml(tree: Any, **style: Any) -> str:
+    """``tree`` as YAML that readers of 1.1 and of 1.2 read alike; ``style`` as `yaml.dump` has it."""
+    return str(yaml.dump(tree, Dumper=CoreDumper, sort_keys=False, **style))
 
 
 def read_yaml(path: Path) -> Any:
@@ -304,6 +341,8 @@ def _check_tree(tree: Any, source: str, nodes: int) -> None:
         if isinstance(node, (dict, list)):
             if depth >= TREE_DEPTH:
                 require(depth + 1, TREE_DEPTH, f"{source}: the depth")
+            if isinstance(node, dict) and (odd := [key for key in node if not isinstance(key, str)]):
+                raise UserError(f"{source}: the key {str(odd[0])[:40]} is not a text; quote it")
             children = [*node, *node.values()] if isinstance(node, dict) else node
             stack += [(child, depth + 1) for child in children]
         elif isinstance(node, str):

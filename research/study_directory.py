@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, cast
 
-import yaml
-
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import read_yaml
+from nbv.safe_files import read_yaml, to_yaml
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import Executor
@@ -95,7 +93,7 @@ class StudySettings(ABC):
         try:
             directory.mkdir(parents=True, exist_ok=True)
             tree = {"format": FORMAT_VERSION, **self.to_dict()}
-            write_atomic(path, yaml.safe_dump(tree, sort_keys=False))
+            write_atomic(path, to_yaml(tree))
         except OSError as error:
             raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
 

@@ -22,12 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
-from nbv.safe_files import write_atomic
+from nbv.safe_files import to_yaml, write_atomic
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
@@ -69,7 +68,7 @@ class RunDirectory:
 
     def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
         """Save a configuration as YAML."""
-        write_atomic(self.root / name, yaml.safe_dump(tree, sort_keys=False))
+        write_atomic(self.root / name, to_yaml(tree))
 
     def write_json(self, name: str, value: Any) -> None:
         """Save ``value`` as NAME in the directory's root."""

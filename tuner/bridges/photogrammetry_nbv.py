@@ -15,11 +15,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.safe_files import read_yaml
+from nbv.safe_files import read_yaml, to_yaml
 
 Values = dict[str, Any]
 COLMAP_UNITS = "it is in COLMAP's units there, whose length in metres is unknown before the flight"
@@ -220,7 +218,7 @@ def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
     for part in reversed(prefix):
         tree = {part: tree}
     comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
-    return comment + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
+    return comment + to_yaml(tree, default_flow_style=None, width=100)
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:

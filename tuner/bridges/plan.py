@@ -48,9 +48,10 @@ class Home:
         across_m = _EQUATOR_M / math.sqrt(1 - e2 * sine**2)
         along_m = across_m * (1 - e2) / (1 - e2 * sine**2)
         parallel_m = across_m * math.cos(math.radians(self.latitude_deg))
+        longitude_deg = self.longitude_deg + math.degrees(east_m / parallel_m)
         return (
             self.latitude_deg + math.degrees(north_m / along_m),
-            self.longitude_deg + math.degrees(east_m / parallel_m),
+            longitude_deg - 360 * round(longitude_deg / 360),  # -180 to 180
         )
 
 

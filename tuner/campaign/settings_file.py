@@ -12,14 +12,12 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.checksums import require_checksum, with_checksum
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS, PREDICTED
 from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import read_yaml
+from nbv.safe_files import read_yaml, to_yaml
 from tuner.campaign.declaration import require_settings, settings_of, values_of
 from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
@@ -167,7 +165,7 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
 
 def write_settings(directory: Path, tree: Mapping[str, Any]) -> None:
     """Write ``campaign.yaml`` with a checksum; ``OSError`` where it cannot be written."""
-    text = yaml.safe_dump(with_checksum(tree), sort_keys=False, allow_unicode=True)
+    text = to_yaml(with_checksum(tree), allow_unicode=True)
     write_atomic(directory / SETTINGS_FILE, text)
 
 

@@ -8,10 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import to_yaml, write_atomic
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import Executor
 from tuner.missions.fly import JobList, fly
@@ -111,6 +109,6 @@ def _claim(plan: EvaluationPlan, directory: Path) -> None:
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        write_atomic(directory / PLAN_FILE, yaml.safe_dump(plan.to_dict(), sort_keys=False))
+        write_atomic(directory / PLAN_FILE, to_yaml(plan.to_dict()))
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from markupsafe import Markup
 
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.provenance import git_revision
+from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
 from tuner.campaign.settings import CampaignSettings
@@ -184,7 +184,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         command_note=_command_note(s),
         provenance=_provenance(facts),
         settings_file=SETTINGS_FILE,
-        settings_yaml=yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
+        settings_yaml=to_yaml(s.to_dict(), allow_unicode=True),
         revision=git_revision(),
     )
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config import PRESETS, MissionConfig, Parameter, parameters
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
+from nbv.safe_files import to_yaml
 from tuner.bridges.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
@@ -65,7 +64,7 @@ def vehicle_files(
     config = campaign.settings.config(best.values)
     comment = "".join(f"# {line}\n" for line in _header(campaign, best, best.changed))
     if isinstance(config, ExternalConfig):
-        text = yaml.safe_dump(dict(config.values), sort_keys=False)
+        text = to_yaml(dict(config.values))
         return [VehicleFile(OURS, comment + text, best.changed, (), ())]
     text = "\n".join(commented_yaml(ours(config)))
     own = VehicleFile(OURS, f"{comment}{text}\n", best.changed, (), ())
@@ -155,7 +154,7 @@ def _rows(tree: Mapping[str, Any], prefix: str, preset: str) -> Iterator[tuple[s
         else:
             about = parameters()[f"{prefix}{name}"]
             flow = None if isinstance(value, list) else False  # a list in its line
-            text = yaml.safe_dump({name: value}, default_flow_style=flow).strip()
+            text = to_yaml({name: value}, default_flow_style=flow).strip()
             unit = f"{about.unit}; " if about.unit else ""
             yield f"{indent}{text}", f"{unit}{about.meaning} ({source_of(about, value, preset)})"
 

@@ -276,6 +276,13 @@ def test_no_leg_passes_through_the_target():
         assert clear(a, b, keep_out)
 
 
+@pytest.mark.parametrize("longitude_deg, east_m", [(179.99999, 5.0), (-179.99999, -5.0), (180.0, 0.0)])
+def test_a_route_across_180_degrees_stays_within_them(longitude_deg, east_m):
+    there = Home(-17.0, longitude_deg).place(east_m, 0.0)[1]
+    assert -180 <= there <= 180
+    assert (there - longitude_deg + 180) % 360 - 180 == pytest.approx(east_m / 106460, rel=1e-3, abs=1e-9)
+
+
 @pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 200.0), (math.nan, 0.0)])
 def test_a_home_that_is_no_place_is_refused(place):
     with pytest.raises(UserError, match="no place"):
