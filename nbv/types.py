@@ -147,6 +147,18 @@ class CandidatePool:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def select(self, keep: Ints, filtered: str) -> CandidatePool:
+        """The candidates ``keep`` (K,); ``filtered`` names the filter in ``counts``."""
+        return CandidatePool(
+            tuple(self.ids[i] for i in keep),
+            self.positions_m[keep],
+            self.headings_rad[keep],
+            self.azimuths_deg[keep],
+            self.elevations_deg[keep],
+            tuple(self.bands[i] for i in keep),
+            {**self.counts, filtered: len(keep)},
+        )
+
     def viewpoint(self, index: int) -> Viewpoint:
         """The candidate at ``index``."""
         x, y, z = (float(v) for v in self.positions_m[index])

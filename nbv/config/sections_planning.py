@@ -154,8 +154,16 @@ class PoolConfig(Section):
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
     azimuth_sectors: int = code(8, "mission file", "sectors by whose captures candidates are ordered")
     max_candidates: int = code(200, "mission file", "candidates that are scored, at most")
+    min_register_chance: float = ours(
+        0.0,
+        "least chance to register that a candidate must have; where none has it, the likeliest is left",
+        least=0.0,
+        most=1.0,
+        added=True,
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._need_positive("radius_m")
         self._need_elevations("lateral_elevations_deg", "upper_elevations_deg")
         self._need_at_least(0, "lateral_count", "upper_count")
@@ -219,9 +227,12 @@ class Weights(Section):
     nov: float = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
     move: float = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move")
     ang: float = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang")
+    register: float = ours(
+        0.0, "weight of the chance that the photograph registers", label="weight W_reg", added=True
+    )
 
     def __post_init__(self) -> None:
-        self._need_at_least(0, "main", "nov", "move", "ang")
+        self._need_at_least(0, "main", "nov", "move", "ang", "register")
 
 
 @dataclass(frozen=True)
@@ -330,6 +341,14 @@ class GateConfig(Section):
         "d95 above which Hyb-H flies the geometry scorer",
         label="KNN distance d95",
         symbol="d95",
+    )
+    bridge_below: float = ours(
+        0.0,
+        "share of the photographs so far that are registered, below which the next view lies between those and the others; "
+        "0: never",
+        least=0.0,
+        most=1.0,
+        added=True,
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = ours(
         "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"

@@ -4,6 +4,7 @@ Two of them see the ground truth and are upper references, not planners: they sa
 """
 
 from nbv.gates.base import Gate, Oracle, gate_class, make_gate
+from nbv.gates.bridging import bridge
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
 
@@ -11,6 +12,7 @@ __all__ = [
     "Gate",
     "GroundTruthOracle",
     "Oracle",
+    "bridge",
     "gate_class",
     "gate_features",
     "make_gate",

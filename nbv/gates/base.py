@@ -59,6 +59,7 @@ class Gate(ABC):
     """
 
     sees_ground_truth: ClassVar[bool] = False  # True: an upper reference, not deployable
+    bridges: ClassVar[bool] = True  # False: a control, which cares for no unregistered photograph
 
     config: MissionConfig
     rock_sha256: str = ""

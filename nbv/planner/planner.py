@@ -13,11 +13,12 @@ import numpy as np
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.gates import Gate, make_gate
+from nbv.gates import Gate, bridge, make_gate
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.prediction import predict
+from nbv.scorers.registration import registrable
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -133,11 +134,13 @@ class Planner:
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
+        pool = registrable(pool, model, self.config)
         converged = suffices(model, state.d95_m, self.config)
         if converged or len(pool) == 0:
             return Plan(state, converged, pool)
         rankings = rank_candidates(state, pool, self.config)
-        decision = self.gate.decide(state, pool, rankings)
+        decision = bridge(state, pool, rankings, self.config) if self.gate.bridges else None
+        decision = decision or self.gate.decide(state, pool, rankings)
         if stop.min_gain_percent > 0:
             view_m = pool.positions_m[decision.ranking.top]
             gain = expected_gain_percent(model.points_m, view_m, visited, self.config)

@@ -12,6 +12,7 @@ from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import wrap_angle
 from nbv.geometry.frustum import in_frustum
+from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
 
@@ -25,6 +26,7 @@ class SharedTerms:
     nov: Floats  # (C,)
     move: Floats  # (C,)
     ang: Floats  # (C,)
+    register: Floats | None  # (C,) chance to register; None where no scorer weighs it
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class Scorer:
         main, w = self.main_term(terms, pool, config), self.weights(config)
         scores = w.main * main + w.nov * terms.nov - w.move * terms.move - w.ang * terms.ang
         unweighted = {"main": main, "nov": terms.nov, "move": terms.move, "ang": terms.ang}
+        if w.register and terms.register is not None:
+            scores = scores + w.register * terms.register
+            unweighted["register"] = terms.register
         return Ranking(self.name, falling(scores), scores, unweighted)
 
 
@@ -68,6 +73,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
         ``no_points_in_box``: there is nothing to plan from.
     """
     shared, target = config.shared, np.array(config.target_m)
+    weighed = any(section.weights.register for section in (config.covis, config.b_aware, config.matchable))
     box = box_points(state.model, config)
     if len(box.points_m) == 0:
         raise MissionFailure(
@@ -82,6 +88,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
         move=movement(pool, state, shared.d_travel_m),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
+        register=registration_chance(state.model, pool.positions_m, config) if weighed else None,
     )
 
 
