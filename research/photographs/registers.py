@@ -44,7 +44,10 @@ def base_config(rock: str, seeds: int, views: int) -> MissionConfig:
     """``seeds`` on a ring and ``views``; on a set of photographs at their median elevation, as ``photographs enough`` flies."""
     name, _, condition = rock.partition("@")
     values: dict[str, Any] = {"seed.count": seeds, "stop.adaptive_budget": views, "seed.lowest_deg": 20.0}
-    values |= {"sparse.min_registered_seeds": 3, "sparse.ground_features": 0 if seeds >= FEWEST_BY_SIFT else 2000}
+    values |= {
+        "sparse.min_registered_seeds": 3,
+        "sparse.ground_features": 0 if seeds >= FEWEST_BY_SIFT else 2000,
+    }
     if is_photographed(name):
         views_of = PhotographSet.read(name).coverage
         values["seed.lowest_deg"] = round(float(np.clip(np.median(views_of.elevations_deg), 0.0, 60.0)), 1)
@@ -58,14 +61,18 @@ def arm(base: MissionConfig, name: str) -> MissionConfig:
     name, _, more = name.partition(";")
     kind, _, weights = name.partition(", ")
     if kind == "ring":
-        return base.with_values({"seed.count": base.seed.total + base.adaptive_budget, "stop.adaptive_budget": 0})
+        return base.with_values(
+            {"seed.count": base.seed.total + base.adaptive_budget, "stop.adaptive_budget": 0}
+        )
     values: dict[str, Any] = {"gate.kind": kind}
     zeros = {"paper": (), "novelty 0": ("nov",), "alone": OTHER_TERMS}[weights or "paper"]
     scorers = set(SCORERS.values()) if kind not in SCORERS else {SCORERS[kind]}
     values |= {f"{s}.weights.{term}": 0.0 for s in scorers for term in zeros}
     for item in more.split():
         path, _, value = item.partition("=")
-        values[path] = {"true": True, "false": False}.get(value) if value in ("true", "false") else float(value)
+        values[path] = (
+            {"true": True, "false": False}.get(value) if value in ("true", "false") else float(value)
+        )
         paths = [p.format(s) for p in (path,) for s in sorted(scorers)] if "{}" in path else [path]
         if "{}" in path:
             values.update(dict.fromkeys(paths, values.pop(path)))
@@ -74,7 +81,9 @@ def arm(base: MissionConfig, name: str) -> MissionConfig:
 
 def fly(asked: argparse.Namespace) -> None:
     """Fly what is not there yet; keep planning states, not photographs."""
-    for k, name, rock in itertools.product(range(asked.first, asked.first + asked.replicates), asked.arm, asked.rock):
+    for k, name, rock in itertools.product(
+        range(asked.first, asked.first + asked.replicates), asked.arm, asked.rock
+    ):
         bare = rock.partition("@")[0]
         fidelity = "photographs" if is_photographed(bare) else asked.fidelity
         base = base_config(rock, asked.seeds, asked.views).with_values(dict(_values(asked.set)))
@@ -87,7 +96,14 @@ def fly(asked: argparse.Namespace) -> None:
             for cloud in where.glob("*.ply"):
                 cloud.unlink()
             (where / "arm.txt").write_text(f"{rock}\n{asked.seeds}\n{asked.views}\n{name}\n")
-            print(rock, name, k, result.status, result.metrics.get("observable", {}).get("f_score_48mm"), flush=True)
+            print(
+                rock,
+                name,
+                k,
+                result.status,
+                result.metrics.get("observable", {}).get("f_score_48mm"),
+                flush=True,
+            )
 
 
 def _values(items: Iterable[str]) -> Iterable[tuple[str, float]]:
@@ -123,13 +139,20 @@ def fit(asked: argparse.Namespace) -> None:
         chance = np.empty(len(truth))
         for group in np.unique(groups):
             held = groups == group
-            chance[held] = LogisticRegression(C=10.0).fit(features[~held], truth[~held]).predict_proba(features[held])[:, 1]
+            chance[held] = (
+                LogisticRegression(C=10.0)
+                .fit(features[~held], truth[~held])
+                .predict_proba(features[held])[:, 1]
+            )
         loss = float(-np.log(np.where(truth, chance, 1 - chance).clip(1e-6)).mean())
         print(f"angle {angle:g} octaves {octaves:g}: log loss {loss:.4f}")
         if loss < best[0]:
             model = LogisticRegression(C=10.0).fit(features, truth)
             fitted = dataclasses.replace(
-                shape, intercept=float(model.intercept_[0]), matches=float(model.coef_[0, 0]), cells=float(model.coef_[0, 1])
+                shape,
+                intercept=float(model.intercept_[0]),
+                matches=float(model.coef_[0, 0]),
+                cells=float(model.coef_[0, 1]),
             )
             best = loss, (fitted, chance)
     fitted, chance = best[1]
@@ -140,7 +163,9 @@ def fit(asked: argparse.Namespace) -> None:
     for low, high in itertools.pairwise(BINS):
         inside = (chance >= low) & (chance < high)
         if inside.any():
-            print(f"|{low:g} to {min(high, 1):g}|{inside.sum()}|{chance[inside].mean():.2f}|{truth[inside].mean():.2f}|")
+            print(
+                f"|{low:g} to {min(high, 1):g}|{inside.sum()}|{chance[inside].mean():.2f}|{truth[inside].mean():.2f}|"
+            )
 
 
 def row_of(facts: Sequence[str], result: MissionResult) -> dict[str, Any]:
@@ -153,7 +178,17 @@ def row_of(facts: Sequence[str], result: MissionResult) -> dict[str, Any]:
     return dict(
         zip(
             COLUMNS,
-            (rock, int(seeds), int(views), name, result.replicate, result.status, round(score, 2), images, registered)
+            (
+                rock,
+                int(seeds),
+                int(views),
+                name,
+                result.replicate,
+                result.status,
+                round(score, 2),
+                images,
+                registered,
+            )
             + (started, len(result.trace), planned),
         )
     )
@@ -168,15 +203,27 @@ def tell(asked: argparse.Namespace) -> None:
         for row in found:
             of.setdefault(row["arm"], {})[row["replicate"]] = row
         print(f"\n{rock}, {seeds} + {views}\n")
-        print("|plan|F-score by replicate|mean|worst|registered at the end, %|planned that registered when taken, %|over random|over the ring|")
+        print(
+            "|plan|F-score by replicate|mean|worst|registered at the end, %|planned that registered when taken, %|over random|over the ring|"
+        )
         print("|---|---|---:|---:|---:|---:|---|---|")
         for name, flown in of.items():
             scores = [flown[k]["f_score"] for k in sorted(flown)]
-            end = 100 * sum(r["registered"] for r in flown.values()) / max(1, sum(r["photographs"] for r in flown.values()))
+            end = (
+                100
+                * sum(r["registered"] for r in flown.values())
+                / max(1, sum(r["photographs"] for r in flown.values()))
+            )
             planned = sum(r["planned"] for r in flown.values())
-            when = f"{100 * sum(r['planned_registered'] for r in flown.values()) / planned:.0f}" if planned else ""
+            when = (
+                f"{100 * sum(r['planned_registered'] for r in flown.values()) / planned:.0f}"
+                if planned
+                else ""
+            )
             said = ", ".join(f"{v:.1f} ({flown[k]['registered']})" for k, v in zip(sorted(flown), scores))
-            over = "|".join(_over(flown, of.get(other, {}) if other != name else {}) for other in ("random", "ring"))
+            over = "|".join(
+                _over(flown, of.get(other, {}) if other != name else {}) for other in ("random", "ring")
+            )
             print(f"|{name}|{said}|{np.mean(scores):.1f}|{min(scores):.1f}|{end:.0f}|{when}|{over}|")
     if asked.csv:
         with asked.csv.open("w", newline="") as file:
@@ -186,7 +233,9 @@ def tell(asked: argparse.Namespace) -> None:
 
 
 def _over(flown: dict[int, dict[str, Any]], other: dict[int, dict[str, Any]]) -> str:
-    found = mean_interval({"set": [flown[k]["f_score"] - other[k]["f_score"] for k in sorted(flown.keys() & other.keys())]})
+    found = mean_interval(
+        {"set": [flown[k]["f_score"] - other[k]["f_score"] for k in sorted(flown.keys() & other.keys())]}
+    )
     if found is None:
         return ""
     return f"{found.mean:+.1f}" + ("" if found.low is None else f" [{found.low:+.1f}, {found.high:+.1f}]")
@@ -194,7 +243,9 @@ def _over(flown: dict[int, dict[str, Any]], other: dict[int, dict[str, Any]]) ->
 
 def main() -> None:
     """One of three commands."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(required=True)
     for name, function in (("fly", fly), ("fit", fit), ("tell", tell)):
         command = commands.add_parser(name)

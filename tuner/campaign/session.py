@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 from nbv.errors import UserError
+from nbv.mission import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.reproducibility_check import ReproducibilityCheck
@@ -30,7 +31,14 @@ from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
+# So many missions tell whether anything planned registers at all.
+FIRST_FEW = 6
+NOTHING_REGISTERS = (
+    f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
+    "again with more seeds (seed.count) or lower ones (seed.lowest_deg)"
+)
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
+_OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
 _TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
 FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
 SHARE = 4  # of the workers' number: proposals of one batch, and as many are kept
@@ -100,6 +108,7 @@ class _Session:
         self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
         self._to_retry: collections.deque[Trial] = collections.deque()
         self._in_flight: dict[str, Trial] = {}
+        self._in_vain: bool | None = None  # whether nothing planned registers; None: not known yet
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
         if mission is not None and not finished:
@@ -120,6 +129,8 @@ class _Session:
                 f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; mend the cause, then "
                 "resume",
             )
+        if self._nothing_registers(self._ledger.trials()):
+            return self._end("failing", "stopped", NOTHING_REGISTERS)
         if self._infrastructure_failures:
             return self._end(
                 "failing",
@@ -205,7 +216,7 @@ class _Session:
 
     def _next_trial(self) -> Trial | None:
         trials = self._ledger.trials()
-        if len(trials) >= self._settings.budget:
+        if len(trials) >= self._settings.budget or self._nothing_registers(trials):
             return None
         started = time.monotonic()
         if self._prefetches:
@@ -226,6 +237,18 @@ class _Session:
         if isinstance(config, UserError):
             return self._refuse(trial, config)
         return trial
+
+    def _nothing_registers(self, trials: Sequence[Trial]) -> bool:
+        """Return whether no planned photograph of the first few missions registered, and no tuned parameter can change that."""
+        few = [trial for trial in trials if trial.state == "complete"][:FIRST_FEW]
+        if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
+            return False
+        if self._in_vain is None:
+            traces = [MissionResult.load(t.path).trace for t in few if (t.path / "mission.json").is_file()]
+            self._in_vain = len(traces) == FIRST_FEW and all(
+                trace and not any(record.registered for record in trace) for trace in traces
+            )
+        return self._in_vain
 
     def _config(self, values: Mapping[str, Any], condition: str) -> Configuration | UserError:
         """Return the configuration of a proposal, or why there is none: some values may exclude one another."""

@@ -227,6 +227,26 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     assert "configuration_refused" in write_campaign_report(resumed).read_text()
 
 
+def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) -> None:
+    for k, (rocks, space, expected) in enumerate(
+        [
+            (
+                ("blind",),
+                load_search_space("gate"),
+                "no planned photograph registers in the first 6 missions",
+            ),
+            (("blind", "a"), load_search_space("gate"), "the budget is used"),  # on one rock it does
+            (("blind",), load_search_space("photographs"), "the budget is used"),  # seed.count may mend it
+        ]
+    ):
+        campaign = begin_campaign(tmp_path / str(k), settings(rocks=rocks, space=space, budget=8))
+        summary = fly_campaign(campaign, InProcessExecutor())
+        assert expected in summary.message
+        assert summary.status.finished == (8 if expected.startswith("the budget") else 6)
+        again = fly_campaign(Campaign.open(tmp_path / str(k), fidelity=FIDELITY), InProcessExecutor())
+        assert again.message == summary.message
+
+
 def test_what_the_machine_ended_is_neither_counted_nor_learned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
