@@ -175,23 +175,9 @@ def row_of(facts: Sequence[str], result: MissionResult) -> dict[str, Any]:
     images, registered = (int(result.costs.get(key, 0)) for key in ("images", "registered_images"))
     started = result.trace[0].n_registered if result.trace else registered
     score = 0.0 if result.status == "failed" else result.metric(F_SCORE)
-    return dict(
-        zip(
-            COLUMNS,
-            (
-                rock,
-                int(seeds),
-                int(views),
-                name,
-                result.replicate,
-                result.status,
-                round(score, 2),
-                images,
-                registered,
-            )
-            + (started, len(result.trace), planned),
-        )
-    )
+    measured = (round(score, 2), images, registered, started, len(result.trace), planned)
+    values = (rock, int(seeds), int(views), name, result.replicate, result.status, *measured)
+    return dict(zip(COLUMNS, values, strict=True))
 
 
 def tell(asked: argparse.Namespace) -> None:
