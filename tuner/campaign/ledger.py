@@ -4,7 +4,8 @@ It holds what was asked for, where that stands, and the objectives' values; what
 ``mission.json``. Parameters of a trial are the tuned ones only; rock, condition, replicate and the reason for the proposal are
 user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial is created running in
 one write and told once, with the attribute ``end``; finished trials are never touched again. A failed mission is a trial in
-state FAIL, without a value. One checksum per trial, of all that is known of it, and the missions' directories show that a
+state FAIL, without a value. A limit on the second objective is the trial's constraint, as Optuna has them: ``study.best_trial`` is
+the best single mission that kept it, on one rock. One checksum per trial, of all that is known of it, and the missions' directories show that a
 ledger was changed outside.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -223,18 +225,30 @@ class Ledger:
         end |= {"wall_s": round(ended.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")
         end["of_trial"] = self._checksum(number, frozen.params, frozen.user_attrs, value, end)
+        constraints = {} if value is None else self._constraints(also)
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
 
         def tell(again: bool) -> None:
             self._require_ours()
             if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
                 return  # the answer to the first try was lost
-            with self.together():  # the attribute before the state: finished trials are frozen
+            with self.together():  # the attributes before the state: finished trials are frozen
+                for key, constraint in constraints.items():
+                    self._storage.set_trial_system_attr(frozen._trial_id, key, constraint)
                 self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
                 self._storage.set_trial_state_values(frozen._trial_id, state, values)
 
         self._patiently(tell)
         return self._trial(self._read_back(frozen._trial_id))
+
+    def _constraints(self, measured: float | None) -> dict[str, Any]:
+        """Return the limit on the second objective as system attributes of a trial that measured so much of it."""
+        second, limit = self._settings.second, self._settings.limit
+        told = create_trial(state=TrialState.RUNNING)
+        if second is not None and limit is not None:
+            beyond = math.inf if measured is None else second.sign * (limit - measured)
+            told.set_constraint(second.metric, beyond)
+        return told.system_attrs
 
     def _checksum(
         self, number: int, params: Mapping[str, Any], entry: Mapping[str, Any], *ending: Any

@@ -597,6 +597,11 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
         ("conditions", ", ".join(condition.name for condition in s.conditions)),
         ("base configuration", s.base_config().digest()),
         ("sampler and seed", f"{s.sampler}, {s.seed}"),
+        (
+            "ledger",
+            "an Optuna study with one trial per mission: its study.best_trial is the best single mission"
+            f"{' that kept the limit' if s.limit is not None else ''}, on one {place_word(s)}, not what is recommended",
+        ),
         (f"{place_word(s)}s (SHA-256)", named or "not recorded"),
     ]
 

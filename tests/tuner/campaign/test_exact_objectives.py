@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import fake_campaigns
+import optuna
 import photograph_missions
 import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
+from tuner.report.campaign_page import write_campaign_report
 
 PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
 run = functools.partial(
@@ -45,6 +47,24 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.config(
         best.values
     )
+
+
+def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
+    """Without constraints the best is the mission with the fewest photographs, the worst of all models."""
+    storage = optuna.storages.JournalStorage(
+        optuna.storages.journal.JournalFileBackend(str(fewest.directory / "study.journal"))
+    )
+    study = optuna.load_study(study_name=fewest.settings.name, storage=storage)
+    kept = [t for t in fewest.trials() if t.second is not None and t.second >= 98.0]
+    assert 0 < len(kept) < len(fewest.trials())
+    assert study.best_value == min(t.raw for t in kept if t.raw is not None)
+    assert all(
+        list(trial.constraints.values()) == [pytest.approx(98.0 - mission.second)]
+        for trial, mission in zip(study.trials, fewest.trials(), strict=True)
+        if mission.second is not None
+    )
+    page = write_campaign_report(fewest).read_text()
+    assert "study.best_trial is the best single mission that kept the limit" in page
 
 
 def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
