@@ -1,4 +1,4 @@
-"""What the studies of adaptive plans share: generated rocks whose place and size are known, and plans to fly there."""
+"""What the studies of adaptive plans share: generated rocks whose size is roughly known, and plans to fly there."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.geometric.mission import GeometricFidelity
-from nbv.mission.belief import about
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.result import MissionResult
 from nbv.photogrammetric.mission import PhotogrammetricFidelity
-from nbv.rocks import load_rock
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 from nbv.types import Capture, Cloud, SparseModel, UpdateReport
 
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
 FIDELITIES: dict[str, Any] = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
-Listener = Callable[[Any, SparseModel], None]
+Listener = Callable[[Any, SparseModel, MissionConfig], None]  # what is believed comes last
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,
@@ -38,9 +35,9 @@ def rocks_of(split: str, per_family: int, first: int = 0) -> list[str]:
     return [f"{family}-{seed}" for seed in range(start, start + per_family) for family in FAMILIES]
 
 
-def known(rock: str, **values: Any) -> MissionConfig:
-    """The base configuration about a rock whose place and size are known: aim at its middle, crop beyond its ends."""
-    return about(preset("campaign").with_values({**BASE, **values}), load_rock(rock, Store()))
+def base(**values: Any) -> MissionConfig:
+    """The base configuration with some values changed."""
+    return preset("campaign").with_values({**BASE, **values})
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class _Kept:
 
     def _keep(self, report: UpdateReport) -> UpdateReport:
         self.model = report.model
-        self._listen(self._inner, report.model)
+        self._listen(self._inner, report.model, self.believed)
         return report
 
 
@@ -90,7 +87,7 @@ def fly(
     rock: str,
     fidelity: str = "geometric",
     replicate: int = 0,
-    listen: Listener = lambda reconstructor, model: None,
+    listen: Listener = lambda reconstructor, model, believed: None,
 ) -> Flown:
     """One mission in this process; nothing is written.
 
@@ -101,13 +98,11 @@ def fly(
     fidelity
         A name in `FIDELITIES`.
     listen
-        Called with the reconstructor and its model after the seeds and after every further photograph.
+        Called with the reconstructor, its model and what is believed, after the seeds and after every further photograph.
     """
     kept: list[Any] = []
 
     class Listening(FIDELITIES[fidelity]):  # type: ignore[misc]
-        load = staticmethod(load_rock)
-
         def __init__(self, context: MissionContext) -> None:
             super().__init__(context)
             self.reconstructor = _Kept(self.reconstructor, listen, self.believed)

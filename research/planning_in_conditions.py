@@ -4,7 +4,7 @@
     python -m research.planning_in_conditions tell field.csv
     python -m research.planning_in_conditions stop docs/results/data/stop_with_photographs.csv
 
-The vehicle knows how large the rock is. Where the condition has a target to be found, what it is told of the place is off by
+The vehicle knows how large a drawn rock is to `TargetConfig.size_error_percent`. Where the condition has a target to be found, what it is told of the place is off by
 the condition's error, and it finds the rock in its own photographs: a re-aimed orbit after the first `REAIM_AFTER`, the
 planned arms after their seeds. Scores are registered where telemetry errs, and a failed mission scores 0. ``tell`` pairs the
 arms rock by rock, with 95 % bootstrap intervals over rocks.
@@ -24,7 +24,7 @@ from nbv.config.conditions import Condition, load_condition
 from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.scorers.prediction import predict
 from nbv.types import Floats
-from research.adaptive_plans import FIDELITIES, fly, known
+from research.adaptive_plans import FIDELITIES, base, fly
 from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
 from research.where_planning_pays import PLANNED as UNBOUND
 
@@ -85,7 +85,7 @@ def mission(
         As `research.adaptive_plans.fly` has it.
     """
     values = arm_values(arm, count, percent)
-    flown = fly(under(known(rock, **values), condition_of(condition)), rock, fidelity)
+    flown = fly(under(base(**values), condition_of(condition)), rock, fidelity)
     result, costs = flown.result, flown.result.costs
     score = told = float("nan")
     if result.status == "failed":

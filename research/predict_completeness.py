@@ -25,7 +25,7 @@ from nbv.config import MissionConfig
 from nbv.geometric.completeness import predicted_metrics
 from nbv.scorers.prediction import Calibration, predict
 from nbv.types import Floats, SparseModel
-from research.adaptive_plans import fly, known, rocks_of
+from research.adaptive_plans import base, fly, rocks_of
 
 BINS = 10
 BOOTSTRAP = 1000
@@ -45,14 +45,14 @@ def states(rock: str) -> list[dict[str, Any]]:
     """Every orbit's end, and the adaptive plan after so many photographs."""
     rows: list[dict[str, Any]] = []
 
-    def look(plan: str, config: MissionConfig, reconstructor: Any, model: SparseModel) -> None:
+    def look(name: str, reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
         if len(model.camera_names) not in ON_THE_WAY:
             return
-        made = predict(model.points_m, model.camera_centers_m, config)
-        real = predicted_metrics(reconstructor._world, reconstructor.predicted(), config)["observable"]
+        made = predict(model.points_m, model.camera_centers_m, believed)
+        real = predicted_metrics(reconstructor._world, reconstructor.predicted(), believed)["observable"]
         values = (
             rock,
-            plan,
+            name,
             len(model.camera_names),
             real["completeness_48mm"] / 100.0,
             made.weakest,
@@ -61,11 +61,10 @@ def states(rock: str) -> list[dict[str, Any]]:
         )
         rows.append(dict(zip(HEAD, values, strict=True)))
 
-    for plan, planned in PLANS.items():
-        config = known(rock, **planned)
-        result = fly(config, rock, listen=functools.partial(look, plan, config)).result
+    for name, planned in PLANS.items():
+        result = fly(base(**planned), rock, listen=functools.partial(look, name)).result
         if result.status == "failed":
-            print(f"{rock} {plan}: {result.reason}", flush=True)
+            print(f"{rock} {name}: {result.reason}", flush=True)
     return rows
 
 

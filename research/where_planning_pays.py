@@ -6,10 +6,11 @@
     python -m research.where_planning_pays bounds --rock cleft-20000 breccia-20002
 
 ``curves`` flies geometric missions: an orbit for each number of photographs, and each planned arm once, to the end, with the
-score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. ``tell`` chooses
-the threshold on the training rocks of the file and reports it on the held-out ones: mean photographs at an equal share of
-rocks that reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds``
-says what keeps a rock from it.
+score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. The vehicle is
+told the height of each rock with an error (``target.size_error_percent``), and so is the control that goes by it: two rings of
+``level + slope ln(height / m)`` photographs. ``tell`` chooses the threshold, and level and slope, on the training rocks of the
+file and reports on the held-out ones: mean photographs at an equal share of rocks that reach ``--score``, with 95 % bootstrap
+intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds`` says what keeps a rock from it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import csv
 import functools
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,28 +29,29 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.geometric.completeness import predicted_metrics, sample_probability
-from nbv.geometric.world import _seen as visible
 from nbv.geometric.world import world_of
-from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
-from nbv.rocks import load_rock
+from nbv.mission.belief import aimed, told
+from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.scorers.prediction import predict
-from nbv.types import Floats, Ints, Viewpoint
+from nbv.types import Bools, Floats, Ints, SparseModel, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from research.adaptive_plans import fly, known, rocks_of
+from research.adaptive_plans import base, fly, rocks_of
 
 MOST = 48
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 MANY = (48, 64, 96)
 BOUNDS = ("rock", *(f"rings of {n}" for n in MANY), "every place", "greedy oracle")
 NUMBERS = range(12, MOST + 1)
-HEAD = ("rock", "arm", "value", *NUMBERS)
+HEAD = ("rock", "believed_m", "arm", "value", *NUMBERS)
 BOOTSTRAP = 4000
 OF_THE_ORBIT = 0.9
+TWO_RINGS = "rings at 10° and 35°"
+SLOPES = np.arange(0.0, 41.0, 5.0)  # photographs more on a rock 2.7 times as high
+LEVELS = np.arange(8.0, 48.1, 1.0)  # photographs of a rock 1 m high
 FIXED: dict[str, dict[str, Any]] = {
     "one ring at 10°": {},
-    "rings at 10° and 35°": {"seed.upper_share": 0.36, "seed.span_deg": 25.0},
+    TWO_RINGS: {"seed.upper_share": 0.36, "seed.span_deg": 25.0},
 }
 ORACLE = {
     "gate.kind": "greedy-oracle",
@@ -69,10 +70,10 @@ def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[i
     """Photographs flown, F-score at 48 mm and its prediction (percent), from the seeds to the last view."""
     steps: list[tuple[int, float, float]] = []
 
-    def look(reconstructor: Any, model: Any) -> None:
-        scores = predicted_metrics(reconstructor._world, reconstructor.predicted(), config)
-        told = predict(model.points_m, model.camera_centers_m, config).f_score_percent
-        steps.append((config.seed.total + len(steps), scores["observable"]["f_score_48mm"], told))
+    def look(reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
+        scores = predicted_metrics(reconstructor._world, reconstructor.predicted(), believed)
+        percent = predict(model.points_m, model.camera_centers_m, believed).f_score_percent
+        steps.append((config.seed.total + len(steps), scores["observable"]["f_score_48mm"], percent))
 
     fly(config, rock, listen=look)
     return iter(steps)
@@ -80,33 +81,38 @@ def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[i
 
 def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> float:
     """F-score at 48 mm of views that are all registered: as a geometric mission has it, without its sparse model."""
-    rock = load_rock(rock_name, Store())
-    caster = RayCaster(rock.vertices_m, rock.faces)
-    world = world_of(rock, known(rock_name), Store())
-    seen = visible(caster, world.samples_m, world.sample_normals, views, config, OBSERVABLE_MAX_INCIDENCE_DEG)
+    rock = load_coarse_rock(rock_name, Store())
+    truth = aimed(base(), rock)
+    world = world_of(rock, truth, Store())
+    seen = np.array([world.samples_seen(view.position_m, config.target_m) for view in views])
     centers_m = np.array([arrival_position(view, config.flight, (rock.sha256, 0)) for view in views])
-    orbit = replace(world, viewpoint_ids=tuple(view.id for view in views), sample_seen=seen)
-    chance = sample_probability(orbit, list(range(len(views))), centers_m, config)
-    return float(predicted_metrics(orbit, chance, config)["observable"]["f_score_48mm"])
+    chance = sample_probability(world, seen, centers_m, truth)
+    return float(predicted_metrics(world, chance, truth)["observable"]["f_score_48mm"])
+
+
+def believed(rock: str, **values: Any) -> MissionConfig:
+    """What a vehicle is told of a rock."""
+    return told(base(**values), load_coarse_rock(rock, Store()), 0)
 
 
 def curves(rock: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:
     """Rows as `HEAD` for one rock: by arm its ``f_score``, and of a planned arm what was ``predicted``."""
     rows: list[tuple[Any, ...]] = []
+    height_m = f"{2 * believed(rock).target_m[2]:.3f}"
 
     def add(arm: str, value: str, of: dict[int, float]) -> None:
-        rows.append((rock, arm, value, *(f"{of[n]:.3f}" if n in of else "" for n in NUMBERS)))
+        rows.append((rock, height_m, arm, value, *(f"{of[n]:.3f}" if n in of else "" for n in NUMBERS)))
 
     for arm in arms:
         if arm in FIXED:
-            configs = [known(rock, **{**FIXED[arm], "seed.count": count}) for count in COUNTS]
+            configs = [believed(rock, **{**FIXED[arm], "seed.count": count}) for count in COUNTS]
             add(arm, "f_score", {c.seed.total: of_views(rock, c, seed_viewpoints(c)) for c in configs})
             continue
         budget = MOST - seeds["seed.count"]
-        config = known(rock, **{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
+        config = base(**{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
         steps = list(after_every_photograph(config, rock))
         add(arm, "f_score", {n: score for n, score, _ in steps})
-        add(arm, "predicted", {n: told for n, _, told in steps})
+        add(arm, "predicted", {n: percent for n, _, percent in steps})
     return rows
 
 
@@ -114,10 +120,10 @@ def bounds(rock: str) -> tuple[Any, ...]:
     """A row as `BOUNDS`: what more photographs, a planner that sees the surface, and every place together bring a rock."""
     row: list[str] = []
     for count in MANY:
-        config = known(rock, **{**FIXED["rings at 10° and 35°"], "seed.count": count})
+        config = believed(rock, **{**FIXED[TWO_RINGS], "seed.count": count})
         row.append(f"{of_views(rock, config, seed_viewpoints(config)):.2f}")
     row.append(f"{of_views(rock, config, [*seed_viewpoints(config), *raw_candidates(config)]):.2f}")
-    config = known(rock, **{**SEEDS, **ORACLE, "stop.adaptive_budget": MOST - SEEDS["seed.count"]})
+    config = base(**{**SEEDS, **ORACLE, "stop.adaptive_budget": MOST - SEEDS["seed.count"]})
     row.append(f"{max(score for _, score, _ in after_every_photograph(config, rock)):.2f}")
     return (rock, *row)
 
@@ -130,7 +136,9 @@ class Curves:
 
     def __init__(self, rows: Iterable[dict[str, str]]) -> None:
         kinds: dict[str, ByArm] = {"f_score": {}, "predicted": {}}
+        self.believed_m: dict[str, float] = {}
         for row in rows:
+            self.believed_m[row["rock"]] = float(row["believed_m"])
             values = {n: float(row[str(n)]) for n in NUMBERS if row[str(n)]}
             kinds[row["value"]].setdefault(row["arm"], {})[row["rock"]] = values
         every, self.told = kinds.values()
@@ -158,6 +166,14 @@ class Curves:
             steps, told = sorted(self.of[arm][rock].items()), self.told[arm][rock]
             ends.append(next((step for step in steps if told[step[0]] >= threshold), steps[-1]))
         return np.array([n for n, _ in ends], dtype=float), np.array([f for _, f in ends])
+
+    def by_height(self, slope: float, score: float) -> tuple[Ints, Bools]:
+        """(L, R) photographs of two rings that go by what is believed of the height, by `LEVELS`, and who then has ``score``."""
+        believed_m = np.array([self.believed_m[rock] for rock in self.rocks])
+        wanted = LEVELS[:, None] + slope * np.log(believed_m)
+        count = np.array(COUNTS)[np.minimum(np.searchsorted(COUNTS, wanted), len(COUNTS) - 1)]
+        scores = np.array([self.at(TWO_RINGS, n) for n in COUNTS])
+        return count, scores[np.searchsorted(COUNTS, count), np.arange(len(self.rocks))] >= score
 
     def needed(self, arm: str, score: float) -> Floats:
         """(R,) photographs after which a rock first has ``score``; `MOST` where it never has: an end that knows the rock."""
@@ -209,37 +225,71 @@ def chosen_threshold(train: Curves, score: float) -> float:
     return best[1]
 
 
-def at_equal_share(curves: Curves, threshold: float, score: float, rocks: Ints) -> str:
-    """Photographs of the stopped mission and of the fewest fixed plan that brings as many of the rocks to ``score``."""
+def chosen_rule(train: Curves, score: float) -> tuple[float, float]:
+    """Level and slope of the two rings that go by the believed height, chosen as `chosen_threshold` is."""
+    everyone = np.arange(len(train.rocks))
+    most = max(float((train.at(*plan) >= score).mean()) for plan in train.orbits())
+    best = (np.inf, 0.0, 0.0)
+    for slope in SLOPES:
+        count, reached = train.by_height(float(slope), score)
+        for level, n, share in zip(LEVELS, count.mean(axis=1), reached.mean(axis=1), strict=True):
+            if share >= OF_THE_ORBIT * most:
+                best = min(best, (n / fewest(train, share, score, everyone)[1], float(level), float(slope)))
+    return best[1:]
+
+
+def fewest_by_height(count: Ints, reached: Bools, share: float) -> float:
+    """Mean photographs of the lowest level (L, R) that brings ``share`` of the R rocks to the score; else of the highest."""
+    enough = np.flatnonzero(reached.mean(axis=1) >= share - 1e-9)
+    return float(count[enough[0] if len(enough) else -1].mean())
+
+
+def at_equal_share(curves: Curves, threshold: float, slope: float, score: float, rocks: Ints) -> str:
+    """Photographs of the stopped mission, and of the fewest by height and of the fewest fixed plan with no smaller a share."""
     count, reached = curves.stopped("adaptive", threshold)
+    return against_controls(curves, "adaptive", count, reached >= score, slope, score, rocks)
 
-    def ratio(of: Ints) -> tuple[float, str, int]:
-        arm, fixed = fewest(curves, float((reached[of] >= score).mean()), score, of)
-        return float(count[of].mean() / fixed), arm, fixed
 
-    value, arm, fixed = ratio(rocks)
+def against_controls(
+    curves: Curves, name: str, count: Floats, reached: Bools, slope: float, score: float, rocks: Ints
+) -> str:
+    """(R,) photographs and who reaches the score, of the rocks (indices), against the controls at its share."""
+    by_height = curves.by_height(slope, score)
+
+    def ratios(of: Ints) -> tuple[float, float]:
+        share, mean = float(reached[of].mean()), float(count[of].mean())
+        tall = fewest_by_height(by_height[0][:, of], by_height[1][:, of], share)
+        return mean / tall, mean / fewest(curves, share, score, of)[1]
+
     rng = np.random.default_rng(0)
-    low, high = np.percentile(
-        [ratio(rocks[rng.integers(0, len(rocks), len(rocks))])[0] for _ in range(BOOTSTRAP)], [2.5, 97.5]
-    )
+    draws = [ratios(rocks[rng.integers(0, len(rocks), len(rocks))]) for _ in range(BOOTSTRAP)]
+    low, high = np.percentile(draws, [2.5, 97.5], axis=0)
+    of_height, of_fixed = ratios(rocks)
+    share, mean = reached[rocks].mean(), count[rocks].mean()
+    arm, fixed = fewest(curves, float(share), score, rocks)
     return (
-        f"{len(rocks)} rocks, share {(reached[rocks] >= score).mean():.2f}: adaptive {count[rocks].mean():.1f},"
-        f" {arm} {fixed}, {value:.2f} [{low:.2f}, {high:.2f}]"
+        f"{len(rocks)} rocks, share {share:.3f}: {name} {mean:.1f}; by height {mean / of_height:.1f}, "
+        f"{of_height:.2f} [{low[0]:.2f}, {high[0]:.2f}]; {arm} {fixed}, {of_fixed:.2f} [{low[1]:.2f}, {high[1]:.2f}]"
     )
 
 
 def tell(train: Curves, test: Curves, score: float) -> list[str]:
     """The comparison at equal share, then at equal number, as lines."""
     threshold, everyone = chosen_threshold(train, score), np.arange(len(test.rocks))
+    level, slope = chosen_rule(train, score)
     family = np.array([rock.rpartition("-")[0] for rock in test.rocks])
     lines = [f"{len(train.rocks)} train rocks: stop at a predicted {threshold:g} %"]
-    lines.append(f"all: {at_equal_share(test, threshold, score, everyone)}")
+    lines.append(f"all: {at_equal_share(test, threshold, slope, score, everyone)}")
+    lines.append(f"rule of the train rocks: two rings of {level:g} + {slope:g} ln(believed height / m)")
+    of_rule = [values[np.searchsorted(LEVELS, level)] for values in test.by_height(slope, score)]
+    lines.append(f"all: {against_controls(test, 'rule', of_rule[0], of_rule[1], slope, score, everyone)}")
     for percent in np.arange(96.5, 99.01, 0.25):
-        lines.append(f"stop at {percent:g}: {at_equal_share(test, float(percent), score, everyone)}")
+        lines.append(f"stop at {percent:g}: {at_equal_share(test, float(percent), slope, score, everyone)}")
     for name in sorted(set(family)):
-        lines.append(f"{name}: {at_equal_share(test, threshold, score, np.flatnonzero(family == name))}")
+        own = np.flatnonzero(family == name)
+        lines.append(f"{name}: {at_equal_share(test, threshold, slope, score, own)}")
     lines.append(
-        f"without clefts: {at_equal_share(test, threshold, score, np.flatnonzero(family != 'cleft'))}"
+        f"without clefts: {at_equal_share(test, threshold, slope, score, np.flatnonzero(family != 'cleft'))}"
     )
     for plan, n in test.orbits():
         at = test.at(plan, n)

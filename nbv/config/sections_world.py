@@ -291,7 +291,7 @@ class TelemetryConfig(Section):
 
 @dataclass(frozen=True)
 class TargetConfig(Section):
-    """Error of the place where the target is believed before it is seen; zero by default: it is known."""
+    """Errors of what is believed of the target before it is seen; by default its place is known, a drawn rock's size roughly."""
 
     horizontal_sd_m: float = ours(
         0.0,
@@ -299,13 +299,21 @@ class TargetConfig(Section):
         why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
     vertical_sd_m: float = ours(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+    size_error_percent: float = ours(
+        20.0,
+        "largest error of the believed height and width of a rock drawn from a family (uniform), which is aimed at half "
+        "its believed height",
+        why="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
+        added=True,
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "horizontal_sd_m", "vertical_sd_m")
+        self._need(0 <= self.size_error_percent <= 50, "size_error_percent", "between 0 and 50")
 
     @property
     def is_known(self) -> bool:
-        """Whether what is believed is the truth."""
+        """Whether it is where it is believed to be."""
         return self.horizontal_sd_m == 0 and self.vertical_sd_m == 0
 
 

@@ -32,10 +32,9 @@ class GroundTruthSamples:
 
 
 def camera_shell(config: MissionConfig) -> Floats:
-    """(C, 3) the paper's seed rings and the unfiltered candidate rings: where a mission may photograph from.
+    """(C, 3) the paper's seed rings and the unfiltered candidate rings about the target: where a mission may photograph from.
 
-    Altitude limits and the layout of the seeds are left out on purpose, so that configurations which differ in them are
-    measured against the same observable surface.
+    They depend on nothing else, so that configurations are measured against the same observable surface.
     """
     return np.array([view.position_m for view in shell_viewpoints(config)])
 

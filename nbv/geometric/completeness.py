@@ -19,7 +19,7 @@ from nbv.evaluation.metric import (
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld
 from nbv.geometry.stereo_chance import reconstruction_probability
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 
 CHANCES_IN_REACH = 2.0
 
@@ -50,7 +50,7 @@ def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
 
 def sample_probability(
     world: GeometricWorld,
-    rows: Sequence[int],
+    seen: Bools,
     camera_centers_m: Floats,
     config: MissionConfig,
 ) -> Floats:
@@ -58,8 +58,8 @@ def sample_probability(
 
     Parameters
     ----------
-    rows, camera_centers_m
-        (V,) the views' rows in the world's tables, (V, 3) where they were really taken from.
+    seen, camera_centers_m
+        (V, S) which samples each view sees, (V, 3) where they were really taken from.
     """
     points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
     directions = camera_centers_m - np.array(config.target_m)
@@ -71,7 +71,6 @@ def sample_probability(
     cosine /= np.sqrt(squared)
     np.clip(cosine, -1.0, 1.0, out=cosine)
     incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
-    seen = world.sample_seen[list(rows)]
     return reconstruction_probability(
         seen, incidence, world.sample_contrast, directions, config.dense
     ).astype(np.float64)

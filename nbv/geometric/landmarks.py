@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.geometric.world import GeometricWorld
+from nbv.geometric.world import GeometricWorld, Point
 from nbv.random_streams import keyed_rng
-from nbv.types import Floats, Floats32, Ints
+from nbv.types import Floats, Floats32, Ints, Viewpoint
 
 ROCK_RATE = 0.7  # share of views in which a strong, well-lit landmark is detected
 GROUND_RATE = 0.9
@@ -60,15 +60,15 @@ class Landmarks:
         self.noise: Floats = noise[:, :3]  # (L, 3) of the point's position, standard normal
         self.error_px: Floats = 0.28 * np.exp(0.8 * noise[:, 3])  # (L,) reprojection error
 
-    def look(self, viewpoint_id: str, center_m: Floats) -> tuple[Ints, Floats32]:
-        """The landmarks (K,) that a view from ``center_m`` (3,) detects, and unit directions (K, 3) to it."""
+    def look(self, view: Viewpoint, aim_m: Point, center_m: Floats) -> tuple[Ints, Floats32]:
+        """The landmarks (K,) that a view, aimed at a point, detects from ``center_m`` (3,), and unit directions (K, 3) to it."""
         world = self._world
-        seen = np.flatnonzero(world.landmark_seen[world.index(viewpoint_id), : self.count])
+        seen = np.flatnonzero(world.landmarks_seen(view.position_m, aim_m)[: self.count])
         directions = center_m - world.landmarks_m[seen]
         directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
         cosine = np.einsum("ij,ij->i", directions, world.landmark_normals[seen])
         grazing = self._grazing[seen]
         chance = self._quality[seen] * np.clip((cosine - grazing) / (1.0 - grazing), 0.0, 1.0)
-        rng = keyed_rng("geometric-detection", *self._key, viewpoint_id)
+        rng = keyed_rng("geometric-detection", *self._key, view.id)
         detected = rng.random(self.count)[seen] < chance
         return seen[detected], directions[detected].astype(np.float32)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from nbv.cache import code_digest
-from nbv.config import TargetConfig, TelemetryConfig
+from nbv.config import MissionConfig, TelemetryConfig
 from nbv.geometric.completeness import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import world_of
@@ -19,10 +20,7 @@ from nbv.types import Camera, Capture, Cloud, Floats, Viewpoint
 
 
 class PoseCamera(Camera):
-    """No images: a photograph is where it was taken from.
-
-    Telemetry is exact and the target known here, whatever is configured.
-    """
+    """No images: a photograph is where it was taken from."""
 
     def __init__(self, target_m: tuple[float, float, float]) -> None:
         self._target_m = target_m
@@ -38,19 +36,26 @@ class PoseCamera(Camera):
 
 
 class GeometricFidelity(Fidelity):
-    """The mission's completeness is predicted."""
+    """The mission's completeness is predicted. Telemetry is exact and the target's place known, whatever is configured."""
 
     name = "geometric"
     load = staticmethod(load_coarse_rock)
     reconstructor: GeometricReconstructor
 
+    @staticmethod
+    def simulated(config: MissionConfig) -> MissionConfig:
+        """See `nbv.mission.fidelity.Fidelity`."""
+        known = replace(config.target, horizontal_sd_m=0.0, vertical_sd_m=0.0)
+        return config.changed(telemetry=TelemetryConfig(), target=known)
+
     def __init__(self, context: MissionContext) -> None:
         super().__init__(context)
-        config, rock = context.config, context.rock
-        self.believed = config.changed(telemetry=TelemetryConfig(), target=TargetConfig())
+        config, rock, aim_m = context.config, context.rock, self.believed.target_m
         self._world = world_of(rock, config, context.store)
-        self.camera = PoseCamera(config.target_m)
-        self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
+        self.camera = PoseCamera(aim_m)
+        self.reconstructor = GeometricReconstructor(
+            self._world, config, aim_m, rock.sha256, context.replicate
+        )
         self.facts = {"geometric_code": code_digest(__package__)}
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:

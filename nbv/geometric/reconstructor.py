@@ -12,7 +12,7 @@ from nbv.errors import MissionFailure
 from nbv.geometric.completeness import sample_probability
 from nbv.geometric.landmarks import Landmarks
 from nbv.geometric.tracks import Tracks
-from nbv.geometric.world import GeometricWorld
+from nbv.geometric.world import GeometricWorld, Point
 from nbv.types import Capture, Floats, Floats32, Ints, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
@@ -44,7 +44,7 @@ def forget_seed_models() -> None:
 
 
 class GeometricReconstructor(Reconstructor):
-    """Simulated, on a `GeometricWorld`; where the target is, is known here.
+    """Simulated, on a `GeometricWorld`.
 
     Detections are drawn per (rock, replicate, viewpoint, landmark) and matching limits and noise per
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
@@ -59,6 +59,8 @@ class GeometricReconstructor(Reconstructor):
         Landmarks and surface samples of the rock, and what each viewpoint sees of them.
     config
         The mission's configuration.
+    aim_m
+        (3,) what photographs are aimed at.
     rock_sha256, replicate
         Key of all random draws.
     """
@@ -67,10 +69,11 @@ class GeometricReconstructor(Reconstructor):
         self,
         world: GeometricWorld,
         config: MissionConfig,
+        aim_m: Point,
         rock_sha256: str,
         replicate: int,
     ) -> None:
-        self._world, self._config = world, config
+        self._world, self._config, self._aim_m = world, config, aim_m
         self._landmarks = Landmarks(world, config, rock_sha256, replicate)
         # With the seeds' poses, all that a seed model depends on.
         self._identity = (
@@ -102,7 +105,7 @@ class GeometricReconstructor(Reconstructor):
         return seed.report
 
     def _look(self, capture: Capture) -> tuple[Ints, Floats32]:
-        return self._landmarks.look(capture.viewpoint.id, capture.camera_center_m)
+        return self._landmarks.look(capture.viewpoint, self._aim_m, capture.camera_center_m)
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
@@ -188,8 +191,9 @@ class GeometricReconstructor(Reconstructor):
 
     def predicted(self) -> Floats:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
-        rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
-        return sample_probability(self._world, rows, self._centers_m(), self._config)
+        views = (capture.viewpoint.position_m for capture in self._captures)
+        seen = np.array([self._world.samples_seen(position_m, self._aim_m) for position_m in views])
+        return sample_probability(self._world, seen, self._centers_m(), self._config)
 
     def finish(self) -> PointCloud:
         """The surface samples that are more likely reconstructed than not."""

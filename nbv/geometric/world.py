@@ -1,6 +1,6 @@
 """What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
 
-Computed once per rock and set of viewpoints (seconds of ray casting) and kept in the store. Visibility is
+Points are computed once per rock and kept in the store, who sees them when a view is first flown. Visibility is
 resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
 a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
 A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
@@ -8,8 +8,9 @@ A buried rock is what is above ground; neighbours hide and shade, but have no la
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.cache import Arrays, Store, remember
-from nbv.config import MissionConfig, SeedConfig
-from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
+from nbv.config import CameraConfig, MissionConfig
+from nbv.evaluation.ground_truth import camera_shell, observable_mask
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
@@ -32,8 +33,7 @@ from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
-from nbv.types import Bools, Floats, Viewpoint
-from nbv.viewpoints import raw_candidates, seed_viewpoints, shell_viewpoints
+from nbv.types import Bools, Floats
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -47,32 +47,57 @@ SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
 
 
+MAX_LOOKS = 1_000  # views of one world that are kept in memory, 7 kB each
+Point = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class GeometricWorld:
-    """Arrays of one rock; V viewpoints, L landmarks, S surface samples.
+    """Arrays of one rock; L landmarks, S surface samples.
 
     Landmarks are sorted: rock, near ground, far ground (the last only matters to statistics over the
     whole sparse cloud).
     """
 
-    viewpoint_ids: tuple[str, ...]  # (V,)
     landmarks_m: Floats  # (L, 3)
     landmark_normals: Floats  # (L, 3)
     landmark_contrast: Floats  # (L,) local standard deviation of the shaded albedo, 0 to 1
-    landmark_seen: Bools  # (V, L) inside the image, front side, not hidden
     n_rock: int
     n_near: int  # rock and near ground
     samples_m: Floats  # (S, 3) of the whole surface, uniform by area
     sample_normals: Floats  # (S, 3)
     sample_contrast: Floats  # (S,)
-    sample_seen: Bools  # (V, S)
     observable: Bools  # (S,) what `nbv.evaluation` counts as observable
     sample_neighbours: NDArray[np.int32]  # (S, K) nearest samples, the sample itself first
     sample_distances_m: Floats  # (S, K)
+    caster: RayCaster  # of the rock and its neighbours
+    camera: CameraConfig
 
-    def index(self, viewpoint_id: str) -> int:
-        """Row of a viewpoint in the visibility tables."""
-        return self._rows[viewpoint_id]
+    @cached_property
+    def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
+        """(L,) landmarks that a camera at a nominal position, aimed at a point, has in its image, front side, not hidden."""
+        return self._remembered(self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG)
+
+    @cached_property
+    def samples_seen(self) -> Callable[[Point, Point], Bools]:
+        """(S,) samples, as `landmarks_seen` has it."""
+        return self._remembered(self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG)
+
+    def _remembered(
+        self, points_m: Floats, normals: Floats, max_incidence_deg: float
+    ) -> Callable[[Point, Point], Bools]:
+        starts = lifted(points_m, normals, LIFT_M)
+
+        def look(position_m: Point, aim_m: Point) -> Bools:
+            center = np.array(position_m)
+            seen = in_frustum(points_m, center[None], np.array(aim_m), self.camera)[:, 0] & (
+                points_m[:, 2] >= 0
+            )
+            ask = np.flatnonzero(seen)
+            seen[ask] = seen_from(center, starts[ask], normals[ask], self.caster, max_incidence_deg)
+            return seen
+
+        return lru_cache(MAX_LOOKS)(look)
 
     def reach_counts(self, t_m: float) -> NDArray[np.intp]:
         """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
@@ -89,10 +114,6 @@ class GeometricWorld:
         """(K, S) `sample_neighbours`: every sample's nearest (itself), every sample's second nearest, ..."""
         return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
 
-    @cached_property
-    def _rows(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.viewpoint_ids)}
-
 
 _WORLDS: dict[tuple[object, ...], GeometricWorld] = {}
 _MAX_WORLDS = 16
@@ -100,14 +121,11 @@ _MAX_WORLDS = 16
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     """The rock's world; from memory, since a campaign in one process comes back to it, from the store, or made."""
-    # All that is read here of the configuration, and a little more.
     key = (
         rock.sha256,
         config.camera,
         config.scene,
         config.ground,
-        config.seed,
-        config.pool,
         config.target_m,
         config.shared.box_half_extent_m,
     )
@@ -132,71 +150,24 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         list(config.target_m),
         config.shared.box_half_extent_m,
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
-        [[v.id, *v.position_m] for v in shell_viewpoints(config)],
+        camera_shell(config),
     ]
     if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
-    papers = replace(config, seed=SeedConfig())
-    if config.seed.second_turn or seed_viewpoints(config) != seed_viewpoints(papers):
-        return with_seeds(load_world(rock, papers, store), rock, config, around)
-    names = [f.name for f in fields(GeometricWorld)]
-
-    def build() -> Arrays:
-        world = build_world(rock, config, around)
-        return {name: np.asarray(getattr(world, name)) for name in names}
-
-    arrays = remember(store, "geometric-worlds", build, code=__name__, inputs=inputs)
+    caster = _caster(rock, around)
+    arrays = remember(
+        store, "geometric-worlds", lambda: _build(rock, config, caster), code=__name__, inputs=inputs
+    )
     plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
-    plain["viewpoint_ids"] = tuple(arrays["viewpoint_ids"].tolist())
-    return GeometricWorld(**{**arrays, **plain})
+    return GeometricWorld(**{**arrays, **plain, "caster": caster, "camera": config.camera})
 
 
-def with_seeds(
-    world: GeometricWorld, rock: Rock, config: MissionConfig, around: Surroundings | None = None
-) -> GeometricWorld:
-    """``world`` with the seeds of ``config`` in place of the paper's; what counts as observable stays.
-
-    Parameters
-    ----------
-    world
-        Of the paper's seeds.
-    rock, around
-        What it was made of.
-    config
-        Its ``seed``, camera and target.
-    """
-    caster = _caster(rock, around)
-    seeds = seed_viewpoints(config) + (
-        seed_viewpoints(config, second_turn=True) if config.seed.second_turn else []
-    )
-    pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
-
-    def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Bools) -> Bools:
-        return np.concatenate(
-            [_seen(caster, points_m, normals, seeds, config, max_incidence_deg), known[pool]]
-        )
-
-    return replace(
-        world,
-        viewpoint_ids=(*(v.id for v in seeds), *(v.id for v in raw_candidates(config))),
-        landmark_seen=seen(
-            world.landmarks_m, world.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG, world.landmark_seen
-        ),
-        sample_seen=seen(
-            world.samples_m, world.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG, world.sample_seen
-        ),
-    )
-
-
-def build_world(rock: Rock, config: MissionConfig, around: Surroundings | None = None) -> GeometricWorld:
-    """Landmarks, samples and visibility of one rock, by ray casting on its mesh and its neighbours'."""
-    caster = _caster(rock, around)
-    viewpoints = shell_viewpoints(config)
+def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
+    """Landmarks and samples of one rock, and which samples can be observed."""
     shade = _Shading(rock, config, caster)
 
     samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)
-    sample_seen = _seen(caster, samples, sample_normals, viewpoints, config, OBSERVABLE_MAX_INCIDENCE_DEG)
-    observable = sample_seen.sum(axis=0) >= MIN_OBSERVING_VIEWS
+    observable = observable_mask(caster, samples, sample_normals, camera_shell(config))
 
     on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)
     above = on_rock[:, 2] > 0
@@ -214,22 +185,19 @@ def build_world(rock: Rock, config: MissionConfig, around: Surroundings | None =
     lit = shade.light(ground, np.tile([0.0, 0.0, 1.0], (len(ground), 1)))
     ground_contrast = 0.15 * lit / max(config.scene.ambient + config.scene.sun_irradiance, 1e-9)
     distances, neighbours = cKDTree(samples).query(samples, k=SAMPLE_NEIGHBOURS)
-    return GeometricWorld(
-        viewpoint_ids=tuple(v.id for v in viewpoints),
-        landmarks_m=landmarks,
-        landmark_normals=normals,
-        landmark_contrast=np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
-        landmark_seen=_seen(caster, landmarks, normals, viewpoints, config, LANDMARK_MAX_INCIDENCE_DEG),
-        n_rock=len(on_rock),
-        n_near=n_near,
-        samples_m=samples,
-        sample_normals=sample_normals,
-        sample_contrast=shade.contrast(samples, sample_normals),
-        sample_seen=sample_seen,
-        observable=observable,
-        sample_neighbours=neighbours.astype(np.int32),
-        sample_distances_m=distances,
-    )
+    return {
+        "landmarks_m": landmarks,
+        "landmark_normals": normals,
+        "landmark_contrast": np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
+        "n_rock": np.array(len(on_rock)),
+        "n_near": np.array(n_near),
+        "samples_m": samples,
+        "sample_normals": sample_normals,
+        "sample_contrast": shade.contrast(samples, sample_normals),
+        "observable": observable,
+        "sample_neighbours": neighbours.astype(np.int32),
+        "sample_distances_m": distances,
+    }
 
 
 def _near_ground(half_extent_m: float) -> Floats:
@@ -280,25 +248,6 @@ def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Boo
     if open_below:  # cut off at the ground, so a ray from below has gone in without a crossing
         rests |= caster.crossings(rays) % 2 == 1
     return rests
-
-
-def _seen(
-    caster: RayCaster,
-    points_m: Floats,
-    normals: Floats,
-    viewpoints: list[Viewpoint],
-    config: MissionConfig,
-    max_incidence_deg: float,
-) -> Bools:
-    """(V, N) points in the image of each nominal view, facing it, above ground and not hidden by the rock."""
-    centers = np.array([v.position_m for v in viewpoints])
-    seen = in_frustum(points_m, centers, np.array(config.target_m), config.camera).T
-    seen &= points_m[:, 2] >= 0
-    starts = lifted(points_m, normals, LIFT_M)
-    for row, center in enumerate(centers):
-        ask = np.flatnonzero(seen[row])
-        seen[row, ask] = seen_from(center, starts[ask], normals[ask], caster, max_incidence_deg)
-    return seen
 
 
 class _Shading:

@@ -13,7 +13,7 @@ from nbv.types import SparseModel
 from nbv.viewpoints import raw_candidates
 
 LOWEST_TARGET_M = 0.3  # nobody believes the target's centre to lie deeper
-KNOWN_MARGIN_M = 0.1  # beyond the ends of a rock whose size is known
+KNOWN_MARGIN_M = 0.1  # beyond the ends of a rock as large as it may be
 # Beyond the found target's longest half extent. Never less than configured: in hard light the seed model shows a part of
 # the target, and a crop about that part cuts the rest off.
 BOX_MARGIN_M, CROP_MARGIN_M = 1.0, 0.5
@@ -21,17 +21,37 @@ ROUNDING_M = 1e-6
 
 
 def aimed(config: MissionConfig, rock: Rock) -> MissionConfig:
-    """`about` a drawn rock, whose height is its own; as it is about others, which are 1.6 m high, and where a target was chosen."""
-    if generated_name(rock.name) is None or config.target_m != MissionConfig().target_m:
+    """``config`` with a drawn rock where it really is, whose height is its own, for what measures a mission: nothing plans by it.
+
+    As it is for others, which are 1.6 m high, and where a target was chosen.
+    """
+    return about(config, *_size_m(rock)) if _is_drawn(config, rock) else config
+
+
+def told(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
+    """``config`` as the vehicle is told of a drawn rock: its size is off by ``target.size_error_percent``.
+
+    The error is uniform, one for height and width, drawn per (rock, replicate); crops leave room for it.
+    """
+    if not _is_drawn(config, rock):
         return config
-    return reaching_a_ring(about(config, rock))
+    error = config.target.size_error_percent / 100.0
+    drawn = 1.0 + error * keyed_rng("size-belief", rock.name, replicate).uniform(-1.0, 1.0)
+    height_m, half_width_m = (drawn * size_m for size_m in _size_m(rock))
+    return reaching_a_ring(about(config, height_m, half_width_m, 1.0 / (1.0 - error)))
 
 
-def about(config: MissionConfig, rock: Rock) -> MissionConfig:
-    """``config`` about a rock whose place and size are known: aimed at its middle, with crops beyond its ends."""
-    height_m = float(rock.vertices_m[:, 2].max())
-    half_m = max(float(np.abs(rock.vertices_m[:, :2]).max()), height_m / 2)
-    reach_m = round(half_m + KNOWN_MARGIN_M, 3)
+def _is_drawn(config: MissionConfig, rock: Rock) -> bool:
+    return generated_name(rock.name) is not None and config.target_m == MissionConfig().target_m
+
+
+def _size_m(rock: Rock) -> tuple[float, float]:
+    return float(rock.vertices_m[:, 2].max()), float(np.abs(rock.vertices_m[:, :2]).max())
+
+
+def about(config: MissionConfig, height_m: float, half_width_m: float, at_most: float = 1.0) -> MissionConfig:
+    """``config`` aimed at the middle of a rock of a size, with crops beyond its ends, were it ``at_most`` times as large."""
+    reach_m = round(at_most * max(half_width_m, height_m / 2) + KNOWN_MARGIN_M, 3)
     return config.changed(
         target_m=(0.0, 0.0, round(height_m / 2, 3)),
         dense={"crop_half_width_m": max(config.dense.crop_half_width_m, reach_m)},

@@ -14,7 +14,7 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, Oracle, gate_class, make_gate
-from nbv.mission.belief import aimed, believed
+from nbv.mission.belief import aimed, believed, told
 from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
@@ -60,6 +60,11 @@ class Fidelity(ABC):
         rock = self.context.rock
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
+    @staticmethod
+    def simulated(config: MissionConfig) -> MissionConfig:
+        """``config`` without the errors of the vehicle's knowledge that this fidelity leaves out."""
+        return config
+
     @abstractmethod
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """The metrics of the mission's cloud; `MissionFailure` where it has none."""
@@ -104,6 +109,7 @@ class Fidelity(ABC):
         store = Store() if cache else None
         found = cls.load(rock, store)
         subject = buried_rock(found, config)
+        belief = believed(told(cls.simulated(config), subject, replicate), subject.sha256, replicate)
         config = aimed(config, subject)
         run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
         if run is not None:
@@ -120,7 +126,6 @@ class Fidelity(ABC):
             },
         )
         stopwatch = Stopwatch()
-        belief = believed(config, subject.sha256, replicate)
         keeps_everything = full_run is not None
         fidelity = cls(MissionContext(config, subject, replicate, belief, store, keeps_everything, stopwatch))
         asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth

@@ -149,8 +149,10 @@ class AdaptiveMission:
             self.recorder.planned(plan)
             if self.config.flight.planning_s > 0:
                 self.flight.hover(self.config.flight.planning_s)
-            if view.id in {capture.viewpoint.id for capture in self.captures}:
-                view = dataclasses.replace(view, id=f"{view.id}b")  # the pool has moved with the target since
+            while view.id in {capture.viewpoint.id for capture in self.captures}:
+                view = dataclasses.replace(
+                    view, id=f"{view.id}b"
+                )  # revisited, or the pool has moved with the target
             capture = self._fly_and_photograph(view)
             with self.recorder.timed("update"):
                 report = self.reconstructor.add(capture)

@@ -111,8 +111,9 @@ def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
 
 
 def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The paper's seed rings and the unfiltered candidates: where a mission may photograph from.
+    """The paper's seed rings and unfiltered candidates about the target: where a mission may photograph from.
 
-    The same for every layout of the seeds, so that all are measured against one observable surface.
+    The same for every layout of seeds and pool, so that all are measured against one observable surface.
     """
-    return [*_seeds(config.target_m, _seed_places(SeedConfig(), 0.0)), *raw_candidates(config)]
+    seeds = _seeds(config.target_m, _seed_places(SeedConfig(), 0.0))
+    return [*seeds, *_raw_candidates(PoolConfig(), config.target_m)]

@@ -149,3 +149,17 @@ def test_only_a_mission_that_asks_or_has_its_gate_hears_the_oracle(flown, config
     assert flown.metrics == asked.metrics
     oracle = run_geometric_mission(config.with_values({"gate.kind": "hyb-o"}), ROCK)
     assert set(oracle.trace[0].gate_details["oracle_rewards"]) == {"covis", "b-aware"}
+
+
+def test_the_same_photographs_have_the_same_score_whatever_the_pool(config):
+    seeds = config.with_values({"stop.adaptive_budget": 0})
+    other = {"pool.radius_m": 2.5, "pool.lateral_elevations_deg": [20.0], "pool.upper_elevations_deg": [60.0]}
+    a, b = (run_geometric_mission(c, ROCK).metrics for c in (seeds, seeds.with_values(other)))
+    assert a == b
+
+
+def test_a_view_may_be_flown_again_and_again(config):
+    """Each time as a photograph of its own name."""
+    again = {"pool.revisit_exclusion_m": 0.0, "gate.kind": "movement-only", "stop.adaptive_budget": 4}
+    result = run_geometric_mission(config.with_values(again), ROCK)
+    assert (result.status, result.costs["registered_images"]) == ("ok", 28)

@@ -1,10 +1,10 @@
-"""A drawn rock's own height: where a mission to it aims, and what its crops hold."""
+"""A drawn rock's own height: where it is measured, what a mission to it is told, and what its crops hold."""
 
 import numpy as np
 
 from nbv.config import preset
-from nbv.geometric.mission import run_geometric_mission
-from nbv.mission.belief import KNOWN_MARGIN_M, aimed
+from nbv.geometric.mission import GeometricFidelity, run_geometric_mission
+from nbv.mission.belief import KNOWN_MARGIN_M, aimed, told
 from nbv.rocks import load_coarse_rock
 
 CAMPAIGN = preset("campaign")
@@ -27,3 +27,27 @@ def test_the_middle_of_a_drawn_rock_is_aimed_at_and_its_ends_are_kept() -> None:
 def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None:
     result = run_geometric_mission(CAMPAIGN, TALL)
     assert result.config_digest == CAMPAIGN.digest()
+
+
+def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
+    rock = load_coarse_rock(TALL)
+    truth_m = aimed(CAMPAIGN, rock).target_m[2]
+    beliefs = [told(CAMPAIGN, rock, replicate) for replicate in range(200)]
+    ratio = np.array([belief.target_m[2] for belief in beliefs]) / truth_m
+    assert 0.79 < ratio.min() < 0.83 and 1.17 < ratio.max() < 1.21 and abs(ratio.mean() - 1.0) < 0.03
+    # The true half extents lie within the crop, whichever way the error went; and the crop says no more than the belief.
+    assert all(b.dense.crop_half_width_m > max(truth_m, np.abs(rock.vertices_m).max() / 2) for b in beliefs)
+    assert told(CAMPAIGN, rock, 3) == told(CAMPAIGN, load_coarse_rock(TALL), 3)
+    known = CAMPAIGN.with_values({"target.size_error_percent": 0.0})
+    assert told(known, rock, 3).target_m[2] == truth_m
+    planned_by = []
+
+    class Seen(GeometricFidelity):
+        def __init__(self, context):
+            super().__init__(context)
+            planned_by.append(self.believed)
+
+    for replicate in (0, 1):
+        Seen.fly(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
+        assert planned_by[-1].target_m == beliefs[replicate].target_m
+        assert planned_by[-1].dense == beliefs[replicate].dense

@@ -115,6 +115,9 @@ def test_every_ring_may_have_its_radius_and_phase() -> None:
 def test_the_observable_surface_is_the_same_for_every_layout() -> None:
     plain = shell_viewpoints(MissionConfig())
     assert plain == shell_viewpoints(turn(20, lowest_deg=10.0, radius_m=3.0))
+    assert plain == shell_viewpoints(
+        MissionConfig().with_values({"pool.radius_m": 2.5, "pool.upper_count": 3})
+    )
     assert plain == [*seed_viewpoints(MissionConfig()), *raw_candidates(MissionConfig())]
 
 
