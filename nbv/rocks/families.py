@@ -1,12 +1,12 @@
-"""Rocks by the hundred: six families, from each of which a seed draws one rock.
+"""Rocks by the hundred: families, from each of which a seed draws one rock; four more of shapes that are no boulders.
 
 A rock is named ``FAMILY-SEED``, such as ``overhang-17``, and made from that name alone. Of every rock are drawn
 
-- height: log-uniform from 0.8 to 3 m;
+- height: log-uniform from 0.8 to 3 m, of shapes that are no boulders to 2 m;
 - burial: uniform, up to a quarter of the height lies below the ground;
 - tilt: uniform, up to 15 degrees, in any direction;
 - texture: uniform from poor (little contrast, most of it under dust) to rich (clasts and grains on bare rock);
-- relief: uniform from 0.6 to 1.3 of the catalogue's;
+- relief: uniform from 0.6 to 1.3 of the catalogue's, a quarter of that on shapes that are no boulders;
 
 and the family's own proportions. Seeds below 10,000 are for training, below 20,000 for validation, the others are held out.
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
 from nbv.types import Floats
 
-HEIGHT_M = (0.8, 3.0)
+HEIGHT_M, HIGHEST_SHAPE_M = (0.8, 3.0), 2.0
 MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
 VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
 _NAME = re.compile(r"([a-z]+)-(\d{1,9})")
@@ -95,6 +96,58 @@ def _breccia(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     return sdf.intersection(sdf.fused(lobes), facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
 
 
+def _mesa(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A block with sharp edges and a level top, or a wide plate on a narrower foot."""
+    wide, deep, edge = rng.uniform(0.35, 0.85), rng.uniform(0.35, 0.85), rng.uniform(0.01, 0.05)
+    turn, waist = sdf.rotation(rng.uniform(0, 180)), rng.uniform(0.4, 1.2)
+    thick = rng.uniform(0.1, 0.4)
+    foot = sdf.box(p, (0, 0, 0.7), (wide * waist, deep * waist, 0.9), edge, turn)
+    return sdf.union(foot, sdf.box(p, (0, 0, 1.6 - thick), (wide, deep, thick), edge, turn), 0.02)
+
+
+def _limbs(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A trunk, standing or on legs, with arms that reach out and up."""
+    trunk = rng.uniform(0.16, 0.4)
+    parts = [sdf.capsule(p, (0, 0, rng.uniform(0.1, 0.7)), (*rng.uniform(-0.2, 0.2, 2), 1.25), trunk)]
+    for low in (*[True] * int(rng.integers(3, 5)), *[False] * int(rng.integers(1, 5))):
+        bearing, out = rng.uniform(0, 2 * np.pi), rng.uniform(0.35, 0.8)
+        end = (out * np.cos(bearing), out * np.sin(bearing), 0.0 if low else rng.uniform(0.7, 1.5))
+        parts.append(sdf.capsule(p, (0, 0, rng.uniform(0.6, 1.1)), end, rng.uniform(0.07, 0.17)))
+    return sdf.fused(parts)
+
+
+def _handle(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A round or blocky body with one to three handles, and now and then a hollow from above."""
+    wide = rng.uniform(0.35, 0.55)
+    body = sdf.ellipsoid(p, (0, 0, 0.7), (wide, wide, 0.9))
+    if rng.uniform() < 0.5:
+        body = sdf.box(p, (0, 0, 0.75), (wide, wide, 0.8), 0.1, sdf.rotation(rng.uniform(0, 90)))
+    if rng.uniform() < 0.5:
+        body = sdf.subtract(
+            body, sdf.capsule(p, (0, 0, rng.uniform(0.6, 1.0)), (0, 0, 2.0), 0.65 * wide), 0.02
+        )
+    for _ in range(int(rng.integers(1, 4))):
+        bearing, reach, radius = rng.uniform(0, 2 * np.pi), rng.uniform(0.7, 1.0), rng.uniform(0.06, 0.12)
+        low, high = rng.uniform(0.2, 0.6), rng.uniform(0.9, 1.3)
+        around = ((0.8 * wide, low), (reach, low + 0.1), (reach, high - 0.1), (0.8 * wide, high))
+        knots = [(r * np.cos(bearing), r * np.sin(bearing), z) for r, z in around]
+        bars = [sdf.capsule(p, a, b, radius) for a, b in pairwise(knots)]
+        body = sdf.union(body, sdf.fused(bars), 0.04)
+    return body
+
+
+def _plates(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """Two to five thin plates through one another."""
+    upright = sdf.rotation(rng.uniform(0, 180), *rng.uniform(-15, 15, 2))
+    parts = [sdf.box(p, (0, 0, 0.75), (rng.uniform(0.03, 0.07), rng.uniform(0.3, 0.65), 0.85), 0.01, upright)]
+    for _ in range(int(rng.integers(1, 5))):
+        half = (rng.uniform(0.03, 0.07), *rng.uniform(0.3, 0.65, 2))
+        at = (*rng.uniform(-0.25, 0.25, 2), rng.uniform(0.3, 1.2))
+        lean = rng.uniform(-20, 20, 2) if rng.uniform() < 0.7 else (90.0, 0.0)
+        parts.append(sdf.box(p, at, half, 0.01, sdf.rotation(rng.uniform(0, 180), *lean)))
+    return sdf.fused(parts)
+
+
 # A body at points (N, 3) as a generator draws it, and what makes the family hard.
 FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], str]] = {
     "boulder": (_boulder, "blocky, nearly convex"),
@@ -105,6 +158,15 @@ FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], 
     "breccia": (_breccia, "lobes with gaps between them"),
 }
 
+# No boulders: ``--rock any`` draws none of them.
+SHAPES = {
+    "mesa": (_mesa, "a level top with sharp edges"),
+    "limbs": (_limbs, "legs and arms that hide one another"),
+    "handle": (_handle, "handles, and a hollow from above"),
+    "plates": (_plates, "thin plates with spaces between them"),
+}
+EVERY = {**FAMILIES, **SHAPES}
+
 
 def generated_recipe(family: str, seed: int) -> Recipe:
     """The rock that ``seed`` draws from ``family``.
@@ -114,17 +176,19 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     UserError
         There is no such family, or the seed is below 0 or too large.
     """
-    if family not in FAMILIES:
-        raise UserError(f"there is no family {family!r} of rocks; choose from {', '.join(FAMILIES)}")
+    if family not in EVERY:
+        raise UserError(f"there is no family {family!r} of rocks; choose from {', '.join(EVERY)}")
     if not 0 <= seed < SEED_LIMIT:
         raise UserError(f"seed {seed} of family {family!r} is not from 0 to {SEED_LIMIT - 1}")
-    draw, difficulty = FAMILIES[family]
+    draw, difficulty = EVERY[family]
     # The seed's own stream in each family: families of one seed have nothing in common.
     rng = np.random.default_rng([seed, *family.encode()])
-    height_m = float(np.exp(rng.uniform(*np.log(HEIGHT_M))))
+    is_shape = family in SHAPES
+    lowest_m, highest_m = HEIGHT_M if not is_shape else (HEIGHT_M[0], HIGHEST_SHAPE_M)
+    height_m = float(np.exp(rng.uniform(*np.log((lowest_m, highest_m)))))
     buried_m = rng.uniform(0, MOST_BURIED) * DEFAULT_HEIGHT_M
     tilt = _tilted(rng.uniform(0, MOST_TILTED_DEG), rng.uniform(0, 360))
-    relief, richness = rng.uniform(0.6, 1.3), rng.uniform()
+    relief, richness = rng.uniform(0.6, 1.3) * (0.25 if is_shape else 1.0), rng.uniform()
     paint = Paint(rng.uniform(0.22, 0.45), richness, 0.15 + 0.6 * richness, 0.75 - 0.6 * richness)
     noise = int(rng.integers(1, 2**20))
 
@@ -141,7 +205,7 @@ def generated_recipe(family: str, seed: int) -> Recipe:
 def generated_name(name: str) -> tuple[str, int] | None:
     """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
     found = _NAME.fullmatch(name)
-    return (found[1], int(found[2])) if found and found[1] in FAMILIES else None
+    return (found[1], int(found[2])) if found and found[1] in EVERY else None
 
 
 def _split_of(seed: int) -> Split:

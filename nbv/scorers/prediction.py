@@ -143,9 +143,10 @@ def _looks(
     samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig
 ) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
-    to_camera = cameras_m[:, None].astype(np.float32) - samples_m.astype(np.float32)
-    cosine = np.einsum("vsk,sk->vs", to_camera, normals.astype(np.float32))
-    cosine /= np.sqrt(np.einsum("vsk,vsk->vs", to_camera, to_camera))
+    # (c - p) . n / |c - p| by products of matrices: several times as fast as difference by difference.
+    cosine = cameras_m @ normals.T - np.einsum("ij,ij->i", samples_m, normals)
+    squared = (cameras_m**2).sum(axis=1)[:, None] + (samples_m**2).sum(axis=1) - 2.0 * cameras_m @ samples_m.T
+    cosine = (cosine / np.sqrt(squared)).astype(np.float32)
     incidence: Floats32 = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
     inside = in_frustum(samples_m, cameras_m, np.array(config.target_m), config.camera).T
     return inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG), incidence

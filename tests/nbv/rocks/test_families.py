@@ -7,13 +7,13 @@ import pytest
 
 from nbv.errors import UserError
 from nbv.rocks import describe, load_coarse_rock, load_rock
-from nbv.rocks.families import FAMILIES, HEIGHT_M, generated_name, generated_recipe
+from nbv.rocks.families import EVERY, HEIGHT_M, generated_name, generated_recipe
 from nbv.rocks.procedural import generate_rock
 
 COARSE_M = 0.03
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", EVERY)
 def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
     rock = generate_rock(f"{family}-5", grid_m=COARSE_M)
     facts = describe(rock)
