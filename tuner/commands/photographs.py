@@ -136,7 +136,7 @@ def enough(
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/enough-NAME).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """How many photographs would have done, and which: quality over number for a ring, chance, planners and an oracle.
+    """How many photographs would have done, and which: quality over number for a ring, chance and planners.
 
     Stopped, it goes on where it was when the same command runs again.
 
@@ -148,8 +148,9 @@ def enough(
     load("tuner.evaluation.enough")
     from nbv.config import MissionConfig
     from nbv.photographs import PhotographSet
-    from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough
+    from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
     from tuner.evaluation.flying import run_evaluation
+    from tuner.report.labels import duration
     from tuner.report.photographs import draw_enough
 
     photographs = PhotographSet.read(name)
@@ -166,7 +167,8 @@ def enough(
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
     output.print(
-        f"{sum(plan.missions for plan in plans)} missions; the first takes all photographs and longest",
+        f"{sum(plan.missions for plan in plans)} missions; the first takes all photographs and longest; "
+        f"about {duration(seconds(plans, photographs))} of one processor",
         soft_wrap=True,
     )
     runs = []
@@ -195,15 +197,18 @@ def enough(
     picture = draw_enough(answer, photographs, keep, where / "enough.png")
     if answer.smallest is None:
         output.print(
-            f"no mission kept it: give larger numbers with --number; picture: {picture}", soft_wrap=True
+            "no plan's lower bound kept it: give larger numbers with --number, or more --replicates; "
+            f"picture: {picture}",
+            soft_wrap=True,
         )
     else:
         source = {p.name: p.source for p in photographs.photographs}
         listed = where / "enough.txt"
         write_atomic(listed, "".join(f"{source[taken]}\n" for taken in answer.smallest.taken))
         output.print(
-            f"{len(answer.smallest.taken)} photographs would have done ({WAYS[answer.smallest.way]}, "
-            f"{answer.smallest.quality:.1f} %): {listed}; picture: {picture}",
+            f"{answer.smallest.plan.photographs:.0f} photographs would have done ({WAYS[answer.smallest.way]}, mean "
+            f"{answer.smallest.plan.quality.mean:.1f} %, lower bound {answer.smallest.plan.quality.low:.1f}); the files of "
+            f"a typical mission, {answer.smallest.quality:.1f} %: {listed}; picture: {picture}",
             soft_wrap=True,
         )
     answer_json(answer)

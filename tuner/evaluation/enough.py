@@ -1,14 +1,14 @@
 """How few of the photographs of a set would have done: which missions say so, and what they said.
 
-Four ways to choose photographs, each flown at several numbers with several replicates (of the place where it begins): an
-even ring, random ones, planners, and an oracle that knows the tracks of the model of all photographs. All but the ring
-begin with the same seeds. One more mission takes all photographs: what it reaches is what a few are to keep.
+Ways to choose photographs, each flown at several numbers with several replicates (of the place where it begins): an even
+ring, random ones, and planners. All but the ring begin with the same seeds. One more mission takes all photographs: what it
+reaches is what a few are to keep. A plan keeps it where the lower bound over its replicates does.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,14 +26,14 @@ from tuner.missions.registry import PHOTOGRAPHS
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
 METRIC = "observable.f_score_48mm"
-ALL, RING, ORACLE = "all", "ring", "oracle"
+ALL, RING = "all", "ring"
 WAYS = {
     RING: "even ring",
     "random": "random",
     "hyb-h": "Hyb-H, the paper's planner",
     "tuned": "tuned planner",
-    ORACLE: "oracle of tracks",
 }
+SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/real_photographs.md)
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
 _TUNED_SECTIONS = ("gate", "covis", "b_aware", "matchable", "shared")
@@ -46,16 +46,17 @@ class Point:
 
     photographs: float  # taken, mean over replicates
     registered: float
-    quality: Interval
+    quality: Interval  # within 0 to 100
 
 
 @dataclass(frozen=True)
 class Smallest:
-    """A mission that kept what was asked for, with fewest photographs."""
+    """The plan of fewest photographs whose lower bound kept what was asked for, and its mission of median quality."""
 
     way: str
+    plan: Point
     replicate: int
-    quality: float
+    quality: float  # of that mission
     taken: tuple[str, ...]  # names in the set, in the order taken
 
 
@@ -96,8 +97,12 @@ def enough_plans(
     Raises
     ------
     UserError
-        The set has too few photographs for the fewest of ``numbers``.
+        The set has too few photographs for the fewest of ``numbers``, or there is one replicate only.
     """
+    if replicates < 2:
+        raise UserError(
+            "--replicates must be 2 or more: one says nothing of how far the next would fall short"
+        )
     views, out = photographs.coverage, photographs.kept_out
     takeable = [name not in out for name in views.names]
     kept = sorted({n for n in numbers if SEEDS <= n < sum(takeable)})
@@ -128,8 +133,7 @@ def enough_plans(
                 sections = {name: getattr(planner, name) for name in _TUNED_SECTIONS}
                 strategies[_name(way, number)] = dataclasses.replace(shared, **sections)
             elif way != RING:
-                kind = "greedy-oracle" if way == ORACLE else way
-                strategies[_name(way, number)] = shared.with_values({"gate.kind": kind})
+                strategies[_name(way, number)] = shared.with_values({"gate.kind": way})
     everything = base.with_values(
         {
             "seed.count": SEEDS,
@@ -178,16 +182,23 @@ def read_enough(
         interval = mean_interval({"set": qualities})
         if interval is None:
             continue
+        if interval.low is not None and interval.high is not None:
+            interval = dataclasses.replace(
+                interval, low=max(0.0, interval.low), high=min(100.0, interval.high)
+            )
         images, registered = (
             float(np.mean([trial.costs.get(key, 0.0) for trial in flown]))
             for key in ("images", "registered_images")
         )
-        found[way].append(Point(images, registered, interval))
-        for trial, quality in zip(flown, qualities, strict=True):
-            taken = tuple(trial.metrics.get("taken", ()))
-            candidate = Smallest(way, trial.replicate, quality, taken)
-            if quality >= asked and (smallest is None or _rank(candidate) < _rank(smallest)):
-                smallest = candidate
+        point = Point(images, registered, interval)
+        found[way].append(point)
+        quality, typical = sorted(zip(qualities, flown, strict=True), key=lambda pair: pair[0])[
+            len(flown) // 2
+        ]
+        candidate = Smallest(way, point, typical.replicate, quality, tuple(typical.metrics.get("taken", ())))
+        keeps = interval.low is not None and interval.low >= asked
+        if keeps and (smallest is None or _rank(candidate) < _rank(smallest)):
+            smallest = candidate
     key = metric.rpartition(".")[2]
     ceiling = whole.metrics["reference"]["ceiling"].get(key, float("nan"))
     return Enough(
@@ -200,8 +211,20 @@ def read_enough(
     )
 
 
-def _rank(one: Smallest) -> tuple[int, float]:
-    return len(one.taken), -one.quality
+def _rank(one: Smallest) -> tuple[float, float]:
+    return one.plan.photographs, -(one.plan.quality.low or 0.0)
+
+
+def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
+    """About how long one processor flies the missions of these plans."""
+    most = len(photographs.takeable)
+    configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
+    taken = sum(
+        times * min(most, c.seed.total + c.adaptive_budget)
+        for c, times in configs
+        if isinstance(c, MissionConfig)
+    )
+    return SECONDS_PER_PHOTOGRAPH * taken
 
 
 def _name(way: str, number: int) -> str:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
-from tuner.evaluation.enough import ORACLE, WAYS, Enough
+from tuner.evaluation.enough import WAYS, Enough
 from tuner.report.pages import write_page
 from tuner.report.style import (
     BLUE,
@@ -138,10 +138,9 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
         for k, (way, points) in enumerate(found.curves.items()):
             number = np.array([p.photographs for p in points])
             mean = np.array([p.quality.mean for p in points])
-            style = "--" if way == ORACLE else "-"
-            above.plot(number, mean, style, marker=MARKERS[k], color=colour(k), markersize=4, label=WAYS[way])
+            above.plot(number, mean, "-", marker=MARKERS[k], color=colour(k), markersize=4, label=WAYS[way])
             bounds = np.array([(p.quality.low, p.quality.high) for p in points], dtype=float)  # None: NaN
-            low, high = np.clip(bounds, 0, 100).T
+            low, high = bounds.T
             above.fill_between(number, low, high, color=colour(k), alpha=0.12, lw=0)
         small = {"color": GREY, "fontsize": 8}
         left = above.get_xlim()[0]

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.cli import app
-from tuner.evaluation.enough import ALL, enough_plans, read_enough
+from tuner.evaluation.enough import ALL, enough_plans, read_enough, seconds
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
@@ -52,25 +52,30 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
 
 def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp_path: Path) -> None:
     names = [p.name for p in ball.registered]
-    everything, few = enough_plans(ball, (16, 20, 24), replicates=2)
+    everything, few = enough_plans(ball, (16, 20, 24), replicates=3)
     flown = {
-        "ring-16": [(70.0, 16), (60.0, 15)],
-        "ring-20": [(80.0, 20), (70.0, 20)],
-        "ring-24": [(88.0, 24), (86.0, 23)],
-        "random-20": [(72.0, 20), (0.0, 20)],
-        "oracle-20": [(85.0, 20), (86.4, 20)],
-        "oracle-24": [(90.0, 24), (90.0, 24)],
+        "ring-16": [(70.0, 16), (60.0, 15), (65.0, 16)],
+        "ring-20": [(80.0, 20), (70.0, 20), (75.0, 20)],
+        "ring-24": [(88.0, 24), (87.8, 23), (88.1, 24)],
+        "random-20": [(72.0, 20), (0.0, 20), (36.0, 20)],
+        "tuned-20": [
+            (74.2, 20),
+            (98.2, 20),
+            (98.5, 20),
+        ],  # two missions of three would have done, the plan would not
     }
     found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, flown, names), 95.0)
     assert found.asked_quality == pytest.approx(85.5)
     assert found.smallest is not None
-    assert (found.smallest.way, found.smallest.replicate, found.smallest.taken) == (
-        "oracle",
-        1,
-        tuple(names[:20]),
-    )
+    assert (found.smallest.way, found.smallest.replicate) == ("ring", 0)  # the median, not the best
+    assert found.smallest.taken == tuple(names[:24])
     random = found.curves["random"][0]
     assert (random.quality.mean, random.registered) == (36.0, 19.0)  # a failed mission counts
+    bounds = [(p.quality.low, p.quality.high) for points in found.curves.values() for p in points]
+    assert all(0.0 <= low < high <= 100.0 for low, high in bounds) and bounds[-1][1] == 100.0
+    assert seconds([everything, few], ball) > 60.0
+    with pytest.raises(UserError, match="--replicates must be 2 or more"):
+        enough_plans(ball, (16,), replicates=1)
     assert np.isclose(found.ceiling, 99.0)
     picture = draw_enough(found, ball, 95.0, tmp_path / "enough.png")
     assert picture.stat().st_size > 20_000
@@ -86,11 +91,12 @@ def test_the_command_lists_the_files_that_would_have_done(
 ) -> None:
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     made = write_set("ball", spread(20), rendered=True)
-    asked = ["photographs", "enough", "ball", "--number", "16", "--replicates", "1", "--workers", "1"]
+    asked = ["photographs", "enough", "ball", "--number", "16", "--replicates", "2", "--workers", "1"]
     asked += ["--keep", "60", "--out", str(tmp_path / "out"), "--set", "dense.agreeing_views=3"]
     asked += ["--set", "evaluation.gt_samples=5000"]
     said = CliRunner().invoke(app, asked)
     assert said.exit_code == 0, said.output
+    assert "of one processor" in said.output
     listed = (tmp_path / "out" / "enough.txt").read_text().split()
     assert 14 <= len(listed) <= 16 and set(listed) <= {p.source for p in made.photographs}
     assert (tmp_path / "out" / "enough.png").is_file()
