@@ -194,6 +194,8 @@ class SparseReconstructor:
         late = sorted(registered - before - {capture.name})
         if late:
             notes.append(f"now registered too: {', '.join(late)}")
+        if waiting := len(self._captures) - len(registered):
+            notes.append(f"{waiting} not registered so far, all tried again after the next photograph")
         return self._report(capture.name in registered, "; ".join(notes))
 
     def refine(self) -> None:

@@ -186,7 +186,8 @@ def test_an_image_left_out_is_tried_again_later():
     world.only_with = {12: {13}}  # matches nothing until view 13 has come
     sparse = reconstructor(world)
     sparse.bootstrap(SEEDS)
-    assert not sparse.add(late).registered
+    refused = sparse.add(late)
+    assert not refused.registered and "1 not registered so far, all tried again" in refused.message
     report = sparse.add(link)
     assert report.registered and late.name in report.model.camera_names
     assert f"now registered too: {late.name}" in report.message
