@@ -47,7 +47,6 @@ from nbv.photographs.scale import find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel, write_colmap
 from nbv.photographs.source import Source
 from nbv.rocks.catalogue import check_name, imported_path, write_rock
-from nbv.rocks.recipes import RECIPES
 from nbv.types import Floats
 
 MAX_SIZE_PX = 1280
@@ -103,7 +102,7 @@ def import_photographs(
         As `read_folder`, `solve`, `find_object` and their like: nothing has been written then.
     """
     check_name(name)
-    if name in RECIPES or imported_path(name).exists():
+    if imported_path(name).exists():
         raise UserError(f"{name!r} is the name of a rock; choose another --name")
     if set_folder(name).exists() and not force:
         raise UserError(f"there is already a set {name!r}; choose another --name or pass --force")

@@ -20,7 +20,7 @@ import numpy as np
 
 from nbv.cache import Store, home
 from nbv.errors import UserError
-from nbv.rocks.families import FAMILIES, generated_name
+from nbv.rocks.families import ANY, FAMILIES, generated_name
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
@@ -159,8 +159,8 @@ def save_imported(rock: Rock, *, force: bool = False) -> Path:
         The name is not usable or taken (``force`` replaces an imported rock, never a procedural one).
     """
     check_name(rock.name)
-    if rock.name in RECIPES:
-        raise UserError(f"{rock.name!r} is the name of a procedural rock; choose another with --name")
+    if surface_path(rock.name).exists():
+        raise UserError(f"{rock.name!r} is the name of a set of photographs; choose another --name")
     path = imported_path(rock.name)
     if path.exists() and not force:
         raise UserError(f"there is already a rock {rock.name!r}; choose another --name or pass --force")
@@ -172,11 +172,15 @@ def save_imported(rock: Rock, *, force: bool = False) -> Path:
 
 
 def check_name(name: str) -> str:
-    """``name`` if it can name a rock, else ``UserError``."""
+    """``name`` if it can name a rock or a set of photographs and means nothing else, else ``UserError``."""
     if not _NAME.fullmatch(name):
         raise UserError(
             f"{name!r} cannot name a rock; use up to 64 lower-case letters, digits, '-' and '_', "
             "beginning with a letter or digit"
+        )
+    if name in RECIPES or generated_name(name) is not None or name.partition("-")[0] == ANY:
+        raise UserError(
+            f"{name!r} already means a procedural rock, as do FAMILY-SEED, {ANY} and {ANY}-FAMILY; choose another --name"
         )
     return name
 

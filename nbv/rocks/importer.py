@@ -14,7 +14,8 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.mesh_file import Soup, UnusableMesh, read_mesh_file
+from nbv.rocks.looks import UnusableMesh
+from nbv.rocks.mesh_file import GLTF, Soup, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
 from nbv.safe_files import expanded
@@ -25,6 +26,7 @@ Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
 MAX_REACH_M = 3.0  # viewpoints fly 3.5 m from the target
+MAX_STEP, FAR = 0.002, 100.0  # of coordinates, and how far they are, in sizes of the body
 ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say nothing
 
 _UP = {
@@ -78,21 +80,28 @@ def import_mesh(
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
     if max_edge_m > MAX_EDGE_M:
         notes.append(f"{area_m2:.0f} m2 of surface: subdivided to {max_edge_m * 1e3:.0f} mm only")
-    values, faces = meshes.refine(soup.values, soup.faces, max_edge_m)
+    from trimesh.remesh import subdivide_to_size  # noqa: PLC0415  half a second to load
+
+    # Both faces at an edge are split together: what is watertight stays so. What vertices carry is averaged.
+    values, faces = subdivide_to_size(soup.values, soup.faces, max_edge_m, max_iter=60)
     if len(faces) > len(soup.faces):
         notes.append(f"subdivided from {len(soup.faces)} to {len(faces)} faces; the surface is unchanged")
-    colors = _own_colors(soup, values, 0.6 * max_edge_m)
+    colors = _own_colors(soup, values, 0.6 * max_edge_m, notes)
     vertices, welded = np.unique(values[:, :3], axis=0, return_inverse=True)
     welded = welded.reshape(-1)
     faces = welded[faces]
     if colors is not None and colors.std(0).max() > ONE_COLOR:
+        own = "texture" if soup.textures else "colours"
+        linear = own == "colours" and path.suffix.lower() in GLTF
         notes.append(
-            f"albedo: the mesh's own {'texture' if soup.images else 'colours'}, converted from sRGB to linear"
+            f"albedo: the mesh's own {own}, {'linear in glTF' if linear else 'converted from sRGB to linear'}"
         )
         sums = np.stack([np.bincount(welded, weights=colors[:, c]) for c in range(3)], axis=1)
         albedo = (sums / np.bincount(welded)[:, None]).astype(np.float32)
     else:
         why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
+        if any(note.startswith("not read") for note in notes):
+            why = "the mesh's own was not read"
         notes.append(f"albedo: procedural, since {why}")
         coarse = np.unique(soup.values[:, :3], axis=0)
         seed = zlib.crc32(np.round(coarse * 1e4).astype("<i8").tobytes()) & 0xFFFF
@@ -128,7 +137,7 @@ def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup
 def _upright(soup: Soup, path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
     axis: str = up
     if up == "auto":
-        axis = "y" if path.suffix.lower() in (".glb", ".gltf") else "z"
+        axis = "y" if path.suffix.lower() in GLTF else "z"
     if axis != "z":
         notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
     turned = soup.values[:, :3] @ _UP[axis].T
@@ -163,54 +172,68 @@ def _clean(soup: Soup, notes: list[str]) -> Soup:
     _, first, merged = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     merged = merged.reshape(-1)
     if len(first) < len(values):
-        notes.append(f"merged {len(values) - len(first)} duplicate vertices (seams)")
-    vertices, welded = values[first, :3], merged[faces]
-    values[:, :3] = vertices[merged]
-
-    good = np.zeros(len(faces), dtype=bool)
-    good[np.unique(np.sort(welded, axis=1), axis=0, return_index=True)[1]] = True
-    good &= ~(welded == np.roll(welded, 1, axis=1)).any(axis=1)
+        notes.append(f"merged {len(values) - len(first)} vertices with others at the same place")
+    body = trimesh.Trimesh(values[first, :3], merged[faces], process=False)
+    values[:, :3] = body.vertices[merged]
+    good = body.unique_faces() & (body.faces != np.roll(body.faces, 1, axis=1)).all(axis=1)
     if not good.all():
         notes.append(f"dropped {int((~good).sum())} collapsed or repeated faces")
-    areas = meshes.face_areas(vertices, welded)
-    if not good.any() or areas[good].sum() <= 1e-12 * size * size:
+    if body.area_faces[good].sum() <= 1e-12 * size * size:
         raise UnusableMesh("has no surface: all its faces have zero area")
-    labels = meshes.body_labels(welded[good])
-    body_areas = np.bincount(labels, weights=areas[good])
-    if len(body_areas) > 1:
-        best = int(np.argmax(body_areas))
-        share = body_areas[best] / body_areas.sum()
-        notes.append(f"kept the largest of {len(body_areas)} bodies, {100 * share:.1f} % of the surface")
-        good[np.flatnonzero(good)[labels != best]] = False
-
-    body = trimesh.Trimesh(vertices, welded[good], process=False)
+    labels = meshes.body_labels(body.faces[good])
+    areas = np.bincount(labels, weights=body.area_faces[good])
+    if len(areas) > 1:
+        share = areas.max() / areas.sum()
+        notes.append(f"kept the largest of {len(areas)} bodies, {100 * share:.1f} % of the surface")
+        good[np.flatnonzero(good)[labels != np.argmax(areas)]] = False
+    body.update_faces(good)
+    body.remove_unreferenced_vertices()
+    _check_step(soup.step, body.vertices, notes)
     if not body.is_watertight:
         notes.append("not watertight")
+    wound = body.faces.copy()
     if not body.is_winding_consistent:
         trimesh.repair.fix_winding(body)
-    if meshes.signed_volume(*meshes.drop_unused_vertices(vertices, np.asarray(body.faces))) < 0:
+    if meshes.signed_volume(body.vertices, body.faces) < 0:
         body.invert()
     faces = faces[good]
-    turned = (body.faces != welded[good]).any(axis=1)
+    turned = (body.faces != wound).any(axis=1)
     if turned.any():
         notes.append(f"turned {turned.sum()} faces that were inside out or wound against their neighbours")
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
     values, faces = meshes.drop_unused_vertices(values, faces)
-    return Soup(values, faces, soup.images)
+    return replace(soup, values=values, faces=faces)
 
 
-def _own_colors(soup: Soup, values: Floats, spacing_m: float) -> Floats | None:
+def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
+    """Tell of coordinates that were rounded; raise where it matters and is because they are far from the origin."""
+    size = float(np.ptp(vertices, axis=0).max())
+    told = f"coordinates in steps of {step:.3g}, {100 * step / size:.2g} % of its size"
+    if step > MAX_STEP * size and np.abs(vertices).max() > FAR * size:
+        raise UnusableMesh(
+            f"has {told}: they were rounded so far from the origin, as single precision does it; subtract an offset "
+            "before you export, or export in double precision"
+        )
+    if step > 0.05 * MAX_STEP * size:
+        notes.append(f"has {told}")
+
+
+def _own_colors(soup: Soup, values: Floats, spacing_m: float, notes: list[str]) -> Floats | None:
     """(V, 3) linear colours of the subdivided mesh's vertices ``spacing_m`` apart; None if nothing has a colour."""
-    kinds, colors = values[:, 6].astype(int), values[:, 3:6].copy()
-    for index, image in enumerate(soup.images):
-        faces = soup.faces[soup.values[soup.faces[:, 0], 6] == index]
+    kinds, colors = values[:, 8].astype(int), values[:, 3:6].copy()
+    for index, (image, wrap) in enumerate(soup.textures):
+        faces = soup.faces[soup.values[soup.faces[:, 0], 8] == index]
         if len(faces):
-            corner_uv = soup.values[faces][..., 3:5]
+            corner_uv = soup.values[faces][..., 6:8]
             area_m2 = float(meshes.face_areas(soup.values[:, :3], faces).sum())
             shrunk = shrink(fill_gutters(image, corner_uv), spacing_m / texel_side(image, corner_uv, area_m2))
-            colors[kinds == index] = sample(shrunk, values[kinds == index, 3:5])
-    known = kinds != Soup.NOTHING
+            colors[kinds == index] *= sample(shrunk, values[kinds == index, 6:8], wrap)
+    known = np.isfinite(colors).all(axis=1)
     if not known.any():
         return None
-    colors[~known] = colors[known].mean(axis=0)
-    return colors
+    if not known.all():
+        notes.append(
+            f"{100 * (~known).mean():.0f} % of the surface has no colour of its own: it gets the mean"
+        )
+        colors[~known] = colors[known].mean(axis=0)
+    return np.clip(colors, 0.0, 1.0)

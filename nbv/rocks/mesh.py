@@ -1,4 +1,4 @@
-"""Plain operations on triangle meshes: areas, normals, bodies, placement, conforming refinement."""
+"""Plain operations on triangle meshes: areas, normals, bodies, placement."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nbv.types import Bools, Floats, Ints
+from nbv.types import Floats, Ints
 
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
@@ -83,52 +83,3 @@ def rest_on_ground(vertices: Floats, height_m: float) -> tuple[Floats, float]:
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     placed = (vertices - origin) * scale
     return placed, scale
-
-
-def refine(values: Floats, faces: Ints, max_edge: float) -> tuple[Floats, Ints]:
-    """Split edges longer than ``max_edge`` at their middle until none is left.
-
-    The surface does not move: every new vertex lies on an old edge. Both faces at an edge split it together, so a
-    watertight mesh stays watertight (no T-junctions); so they do where the edge is there twice, at a texture's seam.
-
-    ``values`` (V, 3 or more) are vertices and what they carry: of a new one the mean of both ends. Returns values (V', ...),
-    the old ones first, and faces (F', 3).
-    """
-    done = []
-    while True:
-        corners = values[faces][..., :3]
-        long = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2) > max_edge  # edges 01, 12, 20
-        split = long.any(axis=1)
-        done.append(faces[~split])
-        faces, long = faces[split], long[split]
-        if not len(faces):
-            return values, np.concatenate(done)
-        keys = _edge_keys(faces).reshape(-1, 3)
-        unique, index = np.unique(keys[long], return_inverse=True)
-        base = int(faces.max()) + 1
-        middle = np.full((len(faces), 3), -1, dtype=np.int64)
-        middle[long] = len(values) + index
-        values = np.concatenate([values, 0.5 * (values[unique // base] + values[unique % base])])
-        faces = _split(values[:, :3], faces, middle, long)
-
-
-def _split(vertices: Floats, faces: Ints, middle: Ints, long: Bools) -> Ints:
-    """Split each face by its marked edges: one mark gives two faces, two give three, three give four."""
-    # Rotate each face so that one mark is on edge 01, and two marks leave edge 20 unmarked.
-    count = long.sum(1)
-    start = np.zeros(len(faces), dtype=np.int64)
-    start[count == 1] = np.argmax(long[count == 1], axis=1)
-    start[count == 2] = (np.argmin(long[count == 2], axis=1) + 1) % 3
-    turn = (start[:, None] + np.arange(3)) % 3
-    # Six points per face: corners 0, 1, 2 and the middles of 01, 12, 20.
-    ids = np.concatenate([np.take_along_axis(each, turn, axis=1) for each in (faces, middle)], axis=1)
-    # With two marks the remaining quadrilateral 0, 3, 4, 2 is cut along its shorter diagonal.
-    across = [np.linalg.norm(vertices[ids[:, a]] - vertices[ids[:, b]], axis=1) for a, b in ((0, 4), (3, 2))]
-    cut_04 = across[0] <= across[1]
-    patterns = (
-        (count == 1, ((0, 3, 2), (3, 1, 2))),
-        ((count == 2) & cut_04, ((3, 1, 4), (0, 3, 4), (0, 4, 2))),
-        ((count == 2) & ~cut_04, ((3, 1, 4), (0, 3, 2), (3, 4, 2))),
-        (count == 3, ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))),
-    )
-    return np.concatenate([ids[chosen][:, piece] for chosen, pieces in patterns for piece in pieces])

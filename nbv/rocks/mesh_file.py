@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+import functools
+import io
+import logging
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from logging.handlers import BufferingHandler
 from pathlib import Path
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
+from nbv.rocks.gltf import OURS, as_meant
+from nbv.rocks.looks import (
+    COLOR,
+    UV,
+    Look,
+    UnusableMesh,
+    open_image,
+    plain_obj,
+    ply_colors,
+    ply_column,
+    ply_pictures,
+)
 from nbv.rocks.mesh import drop_unused_vertices
 from nbv.rocks.texture import Linear, linear_from_srgb, linear_image
-from nbv.safe_files import read_bytes, require
+from nbv.safe_files import is_file, read_bytes, require
 from nbv.types import Floats, Ints
 
 MAX_COORDINATE = 1e9  # a map's in millimetres are below
@@ -20,34 +39,29 @@ MAX_FILE_BYTES = 2 * 1024**3
 MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
 MAX_UNPACKED_BYTES = 1024**3
 MAX_MEMBERS = 100_000
-_BLIND_ARCHIVES = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
-
-
-class UnusableMesh(Exception):
-    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
+GLTF = (".glb", ".gltf")
+_PACKED = (".zip", ".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
 
 
 @dataclass(frozen=True)
 class Soup:
     """Triangles of a whole file, with what their vertices carry; a vertex is there once for each of its colours."""
 
-    values: Floats  # (V, 7): x, y, z; texture coordinates u, v, - or a linear colour; index of the texture, or below
+    values: Floats  # (V, 9): x, y, z; a linear colour, or NaN; texture coordinates u, v; index of the texture, or -1
     faces: Ints  # (F, 3)
-    images: list[Linear]
-
-    NOTHING: ClassVar[int] = -1  # in place of the index of a texture
-    COLOR: ClassVar[int] = -2
+    textures: list[tuple[Linear, tuple[str, ...]]]  # with how it goes on beyond 0 to 1, see `Look`
+    step: float  # the coarsest, between neighbouring values of a coordinate, in the file's unit; 0 where there is none
 
 
 def read_mesh_file(path: Path, notes: list[str]) -> Soup:
-    """All triangles of the file's scene; ``notes`` gets what is out of the ordinary.
+    """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
 
     Raises
     ------
     UnusableMesh
         The file is unreadable, empty, without faces, not finite or far too large.
     UserError
-        It is an archive, or has a texture, far too large.
+        It is an archive, or has a texture, far too large; or it needs an extra that is not installed.
     """
     import trimesh  # noqa: PLC0415  half a second to load
 
@@ -57,17 +71,12 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
     if size > MAX_FILE_BYTES:
         raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
     _check_archive(path)
-    try:
-        scene = trimesh.load_scene(path, process=False, resolver=_side_files(path))
-    except Exception as error:  # loaders raise whatever their parsers do
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise UnusableMesh(f"cannot be read: {reason}") from error
-    placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
-    parts = [
-        (scene.geometry[name], np.asarray(transform, dtype=float))
-        for transform, name in placed
-        if isinstance(scene.geometry[name], trimesh.Trimesh) and len(scene.geometry[name].faces)
+    scene, skin = _load(path, notes)
+    placed = [
+        (scene.geometry[name], transform)
+        for transform, name in map(scene.graph.get, scene.graph.nodes_geometry)
     ]
+    parts = [(part, at) for part, at in placed if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:
         raise UnusableMesh("holds no faces; export a triangle mesh, not points or lines")
     count = sum(len(part.faces) for part, _ in parts)
@@ -76,30 +85,25 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
             f"has {count / 1e6:.1f} million faces; decimate it to {MAX_FACES / 1e6:g} million or fewer"
         )
     values, faces = [], []
-    images: list[Linear] = []
-    offset = 0
-    linear_colors = path.suffix.lower() in (".glb", ".gltf")  # glTF stores vertex colours linearly
+    offset, step = 0, 0.0
     for part, transform in parts:
         corners, points = np.asarray(part.faces, dtype=np.int64), np.asarray(part.vertices, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or corners.min() < 0 or corners.max() >= len(points):
             raise UnusableMesh("has faces that name vertices it does not hold; export it again")
+        determinant = float(np.linalg.det(transform[:3, :3]))
+        step = max(step, coarsest_step(points) * abs(determinant) ** (1 / 3))
         points = points @ transform[:3, :3].T + transform[:3, 3]
-        if part.visual.kind == "face":  # every corner by itself
+        carried = skin(part)
+        if len(carried) != len(points):  # of every corner by itself
             points, corners = points[corners].reshape(-1, 3), np.arange(corners.size).reshape(-1, 3)
-        if np.linalg.det(transform[:3, :3]) < 0:  # a mirroring node turns faces inside out
+        if determinant < 0:  # a mirroring node turns faces inside out
             corners = corners[:, ::-1]
-        carried, image = _skin(part, linear_colors, notes)
-        kind = Soup.NOTHING if carried is None else Soup.COLOR
-        if image is not None:
-            kind = len(images)
-            images.append(image)
-        carried = np.zeros_like(points) if carried is None else carried
-        values.append(np.column_stack([points, carried, np.full(len(points), kind)]))
+        values.append(np.hstack([points, carried]))
         faces.append(corners + offset)
         offset += len(points)
     if len(parts) > 1:
         notes.append(f"joined {len(parts)} meshes of the file's scene")
-    soup = Soup(*drop_unused_vertices(np.concatenate(values), np.concatenate(faces)), images)
+    soup = Soup(*drop_unused_vertices(np.concatenate(values), np.concatenate(faces)), skin.textures, step)
     bad = ~np.isfinite(soup.values[:, :3]).all(axis=1)
     if bad.any():
         raise UnusableMesh(f"has {bad.sum()} vertices that are not finite numbers; repair or re-export it")
@@ -111,9 +115,60 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
     return soup
 
 
+def coarsest_step(points: Floats) -> float:
+    """The step of the coordinate whose values lie on the coarsest grid: as stored in single precision, or as they look.
+
+    Of the latter only where the vertices are four times as many as a coordinate's values, and a hundred: 0 otherwise.
+    """
+    coarsest = 0.0
+    for column in points.T[:, (np.abs(points) <= MAX_COORDINATE).all(axis=1)]:
+        values = np.unique(column)
+        single = values.astype(np.float32)
+        if len(values) and (single == values).all():
+            coarsest = max(coarsest, float(np.spacing(np.abs(single).max())))
+        gaps = np.diff(values)
+        if len(points) >= max(100, 4 * len(values)) and len(gaps) > 1:
+            counts = gaps / gaps.min()
+            coarsest = max(
+                coarsest, float(gaps.min()) if np.abs(counts - np.rint(counts)).max() < 1e-3 else 0.0
+            )
+    return coarsest
+
+
+def _load(path: Path, notes: list[str]) -> tuple[Any, Skin]:
+    """The file's scene as trimesh reads it, and what its parts' skins are read with."""
+    import trimesh  # noqa: PLC0415  half a second to load
+
+    kind, content, files = path.suffix.lower(), path.read_bytes(), _side_files(path)
+    skin, options = Skin(notes), dict[str, Any]()
+    if kind in GLTF:
+        content, skin.looks = as_meant(content, str(path), notes)
+    elif kind == ".obj":
+        content, files.given, skin.looks = plain_obj(content, files.get, notes)
+    elif kind == ".ply":
+        skin.pictures = [open_image(files.get, name, notes) for name in ply_pictures(content)]
+        options = {"fix_texture": bool(skin.pictures), "skip_materials": True}
+    heard, log = BufferingHandler(1000), logging.getLogger("trimesh")
+    log.addHandler(heard)
+    try:
+        scene = trimesh.load_scene(
+            io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
+        )
+    except Exception as error:  # loaders raise whatever their parsers do
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise UnusableMesh(f"cannot be read: {reason}") from error
+    finally:
+        log.removeHandler(heard)
+    for message in (record.getMessage() for record in heard.buffer):
+        if message.startswith("failed to process extension"):
+            told = message.removeprefix("failed to process extension ").removeprefix(f"{OURS}: ")
+            raise UnusableMesh(f"cannot be read: {told[:160]}")
+    return scene, skin
+
+
 def _check_archive(path: Path) -> None:
-    """Raise for an archive that unpacks to more than a mesh, and for one whose size nobody knows before."""
-    if path.suffix.lower() in _BLIND_ARCHIVES:
+    """Raise for an archive, and for a file that unpacks to more than a mesh, as 3MF may."""
+    if path.suffix.lower() in _PACKED:
         raise UnusableMesh("is packed; unpack it first")
     if zipfile.is_zipfile(path):
         try:
@@ -127,11 +182,23 @@ def _check_archive(path: Path) -> None:
 
 
 def _side_files(path: Path) -> Any:
-    """Where the loader finds what the mesh names: regular files of a size, in the mesh's folder or below."""
+    """Where the loader finds what the mesh names: regular files of a size, in the mesh's folder or below.
+
+    A name in another letter case, with other slashes or with a folder of another machine stands for the one file that fits.
+    """
     import trimesh  # noqa: PLC0415  half a second to load
 
     class SideFiles(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        given: Mapping[str, bytes] = MappingProxyType({})  # what needs no file
+
         def get(self, name: str) -> bytes:
+            if name in self.given:
+                return self.given[name]
+            plain = unquote(name.strip()).replace("\\", "/")
+            for each in (name.strip(), plain, plain.rpartition("/")[2]):
+                found = functools.reduce(_in_any_case, Path(each).parts, Path(self.parent).resolve())
+                if is_file(found) and found.resolve().is_relative_to(Path(self.parent).resolve()):
+                    return read_bytes(found, MAX_SIDE_FILE_BYTES)
             return read_bytes(self.absolute(name), MAX_SIDE_FILE_BYTES)
 
         def namespaced(self, namespace: str) -> SideFiles:
@@ -140,28 +207,91 @@ def _side_files(path: Path) -> Any:
     return SideFiles(str(path))
 
 
-def _skin(part: Any, linear_colors: bool, notes: list[str]) -> tuple[Floats | None, Linear | None]:
-    """What each vertex carries, (V, 3), and the texture that it lies on; with colours by face, of every corner."""
-    kind = part.visual.kind
-    if kind in ("vertex", "face"):
-        raw = part.visual.vertex_colors if kind == "vertex" else np.repeat(part.visual.face_colors, 3, axis=0)
-        colors = np.asarray(raw, dtype=float)[:, :3] / 255.0
-        return (colors if linear_colors else linear_from_srgb(colors).astype(float)), None
-    if kind != "texture":
-        return None, None
-    material, uv = part.visual.material, getattr(part.visual, "uv", None)
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if image is None or uv is None or len(uv) != len(part.vertices) or not np.isfinite(uv).all():
-        if image is not None or uv is not None:
-            notes.append("the texture's image or its coordinates are missing or cannot be read")
-        return None, None
-    try:
-        linear = linear_image(image)
-    except (OSError, ValueError, SyntaxError) as error:
-        notes.append(f"the texture image cannot be read: {' '.join(str(error).split())[:80]}")
-        return None, None
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is not None:
-        scale = np.asarray(factor, dtype=np.float32)[:3]
-        linear = linear * (scale / np.float32(255) if scale.max() > 1 else scale)
-    return np.column_stack([uv, np.zeros(len(uv))]), linear
+def _in_any_case(folder: Path, name: str) -> Path:
+    if (folder / name).exists() or not folder.is_dir():
+        return folder / name
+    same = [path for path in folder.iterdir() if path.name.casefold() == name.casefold()]
+    return same[0] if len(same) == 1 else folder / name
+
+
+class Skin:
+    """What vertices carry beside their place, part by part of a scene."""
+
+    def __init__(self, notes: list[str]) -> None:
+        self.textures: list[tuple[Linear, tuple[str, ...]]] = []
+        self.looks: dict[str, Look] = {}  # of glTF and OBJ, by the name of a material
+        self.pictures: list[Look] | None = None  # of PLY
+        self._notes = notes
+        self._opened: dict[int, int] = {}  # index of a texture by the identity of its picture
+
+    def __call__(self, part: Any) -> Floats:
+        """(V, 6) a linear colour or NaN, u, v, index of the texture or -1; (3F, 6) where corners of faces differ."""
+        visual, attributes = part.visual, part.vertex_attributes
+        material = getattr(visual, "material", None)
+        uv = getattr(visual, "uv", None)
+        if self.pictures is not None:
+            return self._of_ply(part, uv, self.pictures)
+        look = self.looks.get(str(getattr(material, "name", None)), Look())
+        if look.image is None:
+            image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+            look = replace(look, image=image, label=look.label or ("its texture" if image else ""))
+        if visual.kind in ("vertex", "face"):
+            by_face = visual.kind == "face"
+            srgb = np.repeat(visual.face_colors, 3, axis=0) if by_face else visual.vertex_colors
+            return _rows(len(srgb), linear_from_srgb(srgb[:, :3] / 255.0))
+        linear = None if look.color is None else linear_from_srgb(np.array(look.color))
+        uv = attributes.get(UV, uv)
+        texture = -1
+        if look.image is None and look.label:
+            self._notes.append(f"not read: texture {look.label!r}, which cannot be opened")
+        elif look.label and (uv is None or len(uv) != len(part.vertices)):
+            self._notes.append(f"not read: texture {look.label!r}; the mesh has no coordinates for it")
+        elif look.label:
+            texture = self._texture(look)
+        return _rows(len(part.vertices), attributes.get(COLOR, linear), uv, texture)
+
+    def _of_ply(self, part: Any, uv: Floats | None, pictures: list[Look]) -> Floats:
+        colors, numbers = ply_colors(part), ply_column(part, "face", "texnumber")
+        if uv is None or not pictures:
+            if uv is not None and colors is None:
+                self._notes.append(
+                    "not read: texture coordinates; the file names no picture (comment TextureFile)"
+                )
+            if colors is None:
+                return _rows(len(part.vertices))
+            by_face, srgb = colors
+            return _rows(
+                len(srgb) * (3 if by_face else 1),
+                linear_from_srgb(np.repeat(srgb, 3, 0) if by_face else srgb),
+            )
+        if len(pictures) == 1:
+            return _rows(len(uv), None, uv, self._texture(pictures[0]))
+        if numbers is None or len(numbers) != len(part.faces):
+            self._notes.append(f"not read: {len(pictures)} textures; no face says which is its (texnumber)")
+            return _rows(len(part.vertices))
+        textures = np.array([*map(self._texture, pictures), -1])[np.clip(numbers, -1, len(pictures))]
+        return _rows(3 * len(numbers), None, uv[part.faces].reshape(-1, 2), np.repeat(textures, 3))
+
+    def _texture(self, look: Look) -> int:
+        """Index of the look's picture among `textures`; -1 and a note where it cannot be read."""
+        key = id(look.image)
+        if look.image is not None and key not in self._opened:
+            try:
+                self._opened[key] = len(self.textures)
+                self.textures.append((linear_image(look.image), look.wrap))
+            except (OSError, ValueError, SyntaxError) as error:
+                self._opened[key] = -1
+                self._notes.append(f"not read: texture {look.label!r} ({' '.join(str(error).split())[:80]})")
+        return self._opened.get(key, -1)
+
+
+def _rows(
+    count: int, linear: Floats | Linear | None = None, uv: Floats | None = None, texture: Any = -1
+) -> Floats:
+    rows = np.zeros((count, 6))
+    rows[:, :3] = np.nan if linear is None else linear
+    rows[:, 3:5] = 0.0 if uv is None or not np.isfinite(uv).all() else uv
+    rows[:, 5] = texture
+    if linear is None:
+        rows[rows[:, 5] >= 0, :3] = 1.0
+    return rows

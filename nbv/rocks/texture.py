@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -11,6 +13,7 @@ from nbv.safe_files import require
 from nbv.types import Floats, Floats32
 
 Linear = Floats32
+FORMATS = ("PNG", "JPEG", "MPO", "WEBP", "TIFF", "BMP", "TGA", "GIF", "DDS", "JPEG2000")
 MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
 
@@ -27,9 +30,13 @@ def linear_image(image: Image.Image) -> Linear:
 
     Raises
     ------
+    ValueError
+        It is of no format that textures have; some of Pillow's start other programs.
     UserError
         More pixels than `MAX_PIXELS`, before they are unpacked.
     """
+    if image.format not in (*FORMATS, None):
+        raise ValueError(f"{image.format} is no format of textures")
     require(image.width * image.height, MAX_PIXELS, "the texture's number of pixels")
     if image.mode.startswith("I;16"):
         grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
@@ -71,9 +78,15 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
     return image[rows, columns]
 
 
-def sample(image: Linear, uv: Floats) -> Linear:
-    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row, repeated beyond 0 to 1."""
+def sample(image: Linear, uv: Floats, wrap: Sequence[str] = ("repeat", "repeat")) -> Linear:
+    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row; beyond 0 to 1 as `Look` has it."""
     height, width = image.shape[:2]
+    beyond = {
+        "clamp": lambda x: np.clip(x, 0, 1),
+        "mirror": lambda x: 1 - np.abs(x % 2 - 1),
+        "repeat": lambda x: x,
+    }
+    uv = np.stack([beyond[how](uv[:, axis]) for axis, how in enumerate(wrap)], axis=1)
     at = np.stack([(1.0 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5])
     # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
     mode = "grid-wrap" if uv.size and (uv.min() < 0 or uv.max() > 1) else "nearest"

@@ -272,6 +272,8 @@ def clear_traces(job: MissionJob) -> None:
 def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
     if (tree.get("config_digest"), tree.get("replicate")) != (job.config.digest(), job.replicate):
         return False
+    if not all(isinstance(tree.get(key) or {}, dict) for key in ("provenance", "costs", *_MEASURED)):
+        return False
     condition = getattr(job.config, "condition", None)
     if condition is not None and tree.get("condition", condition) != condition:
         return False

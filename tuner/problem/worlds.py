@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
-
-ANY = "any"
+from nbv.rocks.families import ANY, FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 
 
 class World(NamedTuple):

@@ -63,7 +63,9 @@ def recorded(missions: Sequence[Path]) -> list[dict[str, Any]]:
             tree = read_json(mission / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get("provenance")
         except (UserError, AttributeError):
             continue
-        trees += [tree] if tree else []
+        # A mission's file may be anybody's.
+        if tree and isinstance(tree, dict) and isinstance(tree.get("versions", {}), dict):
+            trees.append(tree)
     return trees
 
 

@@ -10,8 +10,9 @@ import trimesh
 
 from nbv.cache import Store
 from nbv.errors import UserError
+from nbv.photographs.photograph_set import set_folder
 from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
-from nbv.rocks.catalogue import forget_loaded
+from nbv.rocks.catalogue import forget_loaded, surface_path
 from nbv.rocks.recipes import RECIPES
 
 
@@ -68,14 +69,29 @@ def test_nothing_is_overwritten_without_force(mesh_file):
     assert load_rock("mine").sha256 == first.sha256
     save_imported(second, force=True)
     assert load_rock("mine").sha256 == second.sha256
-    with pytest.raises(UserError, match="procedural"):
-        save_imported(import_mesh(mesh_file, name="boulder"), force=True)
 
 
 @pytest.mark.parametrize("name", ["../escape", "Upper", "", "a b", "-x", "x" * 80])
 def test_unusable_names_are_refused(mesh_file, name):
     with pytest.raises(UserError, match="cannot name a rock"):
         save_imported(dataclasses.replace(import_mesh(mesh_file), name=name))
+
+
+@pytest.mark.parametrize(
+    "name", ["boulder", "boulder-17", "overhang-20001", "cleft-007", "any", "any-boulder", "any-x"]
+)
+def test_names_that_mean_something_else_are_refused(mesh_file, name):
+    rock = import_mesh(mesh_file, name=name)
+    for keep in (lambda: save_imported(rock, force=True), lambda: set_folder(name)):
+        with pytest.raises(UserError, match=r"already means a procedural rock.*choose another --name"):
+            keep()
+
+
+def test_a_set_of_photographs_keeps_its_name(mesh_file):
+    surface_path("mine").parent.mkdir(parents=True)
+    surface_path("mine").touch()
+    with pytest.raises(UserError, match="'mine' is the name of a set of photographs"):
+        save_imported(import_mesh(mesh_file, name="mine"), force=True)
 
 
 def test_unknown_rocks_are_refused_with_the_known_names():

@@ -1,0 +1,169 @@
+"""What a mesh file's materials look like, and the materials of OBJ and PLY files, of which trimesh reads the plain ones only."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from nbv.safe_files import require
+from nbv.types import Floats
+
+COLOR, UV = (
+    "_gatetune_color",
+    "_gatetune_uv",
+)  # attributes of vertices: linear colours (V, 3), coordinates (V, 2)
+MAX_MATERIALS = 10_000
+MAX_MTL_BYTES = 64 * 2**20
+_NO_MATTER = re.compile(
+    r"(-(blendu|blendv|cc|clamp|imfchan|texres|bm|boost)\s+\S+\s+)+", re.I
+)  # before map_Kd's file
+
+Files = Callable[[str], bytes]
+
+
+class UnusableMesh(Exception):
+    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One material."""
+
+    label: str = ""  # of its picture, "" where it has none
+    image: Image.Image | None = None
+    color: tuple[float, ...] | None = None  # sRGB, where there is no picture
+    wrap: tuple[str, ...] = ("repeat", "repeat")  # beyond 0 to 1, of u and v: repeat, mirror or clamp
+
+
+def open_image(files: Files, name: str, notes: list[str]) -> Look:
+    """The picture called ``name`` of the mesh's; a note where it cannot be opened."""
+    try:
+        return Look(name, Image.open(io.BytesIO(files(name))))
+    except Exception as error:  # what Pillow raises depends on the file
+        notes.append(f"not read: texture {name!r} ({' '.join(str(error).split())[:100]})")
+        return Look()
+
+
+def plain_obj(
+    content: bytes, files: Files, notes: list[str]
+) -> tuple[bytes, dict[str, bytes], dict[str, Look]]:
+    """An OBJ file whose materials are called by number, the MTL file with those, and what they look like.
+
+    Names of materials are taken in another letter case where there is just one; a file whose faces name none has the only
+    one of its MTL. Colours of vertices go before those of materials, textures before both.
+    """
+    names = re.findall(rb"^[ \t]*usemtl[ \t]+(.*?)[ \t\r]*$", content, re.M)
+    numbers = {name: str(i) for i, name in enumerate(dict.fromkeys([b"", *names]))}
+    require(len(numbers) - 1, MAX_MATERIALS, "the number of materials that the OBJ file's faces name")
+    libraries = [_text(n) for n in re.findall(rb"^[ \t]*mtllib[ \t]+(.*?)[ \t\r]*$", content, re.M)]
+    known: dict[str, dict[str, str]] = {}
+    for name in dict.fromkeys(libraries):
+        try:
+            known |= _read_mtl(files, name)
+        except Exception as error:
+            notes.append(f"not read: materials {name!r} ({' '.join(str(error).split())[:100]})")
+    looks = {}
+    for called, number in numbers.items():
+        same = _named(_text(called), bool(names), known, ", ".join(dict.fromkeys(libraries)), notes)
+        if same is not None and (look := _mtl_look(same, files, notes)) != Look():
+            looks[number] = look
+    textured = any(look.label for look in looks.values())
+    if not textured and re.search(rb"^v([ \t]+[^ \t\r\n]+){6}[ \t\r]*$", content, re.M):
+        looks = {}
+        if re.search(rb"^v([ \t]+\S+){3}.*[ \t]([2-9]|\d\d+)(\.\d*)?(?=\s)", content, re.M):
+            notes.append("not read: colours of vertices, which go beyond 1")
+    drop = rb"^[ \t]*(mtllib[ \t].*)$" if textured else rb"^[ \t]*(mtllib[ \t].*|vt[ \t].*)$"
+    content = re.sub(drop, b"", content, flags=re.M)
+    content = re.sub(
+        rb"^[ \t]*usemtl[ \t]+(.*?)[ \t\r]*$",
+        lambda m: b"usemtl " + numbers[m[1]].encode(),
+        content,
+        flags=re.M,
+    )
+    mtl = "".join(f"newmtl {number}\nillum 1\n" for number in looks)
+    return b"mtllib plain.mtl\nusemtl 0\n" + content, {"plain.mtl": mtl.encode()}, looks
+
+
+def _named(
+    name: str, named: bool, known: dict[str, dict[str, str]], library: str, notes: list[str]
+) -> dict[str, str] | None:
+    """The material of `known` that a face means which names ``name``, or none; ``named``: other faces do."""
+    same = [n for n in known if n == name] or [n for n in known if n.casefold() == name.casefold()]
+    if not name and not named and len(known) == 1:
+        same = list(known)
+        notes.append(f"no face names a material (usemtl): took {same[0]!r}, the only one in {library}")
+    elif not name and not named and known:
+        notes.append(f"not read: the {len(known)} materials in {library}; no face names one (usemtl)")
+    elif name and known and len(same) != 1:
+        notes.append(f"not read: material {name!r}, which is not in {library}")
+    return known[same[0]] if len(same) == 1 else None
+
+
+def _text(name: bytes) -> str:
+    return name.decode("utf-8", "surrogateescape")
+
+
+def _read_mtl(files: Files, name: str) -> dict[str, dict[str, str]]:
+    try:
+        contents = [files(name)]
+    except Exception:
+        if len(name.split()) < 2:
+            raise
+        contents = [files(each) for each in name.split()]
+    found: dict[str, dict[str, str]] = {}
+    current: dict[str, str] = {}
+    for line in b"\n".join(contents).splitlines():
+        key, _, value = re.sub(r"\s+", " ", _text(line).strip(), count=1).partition(" ")
+        if key.lower() == "newmtl":
+            current = found.setdefault(value, {})
+        elif key.lower() in ("kd", "map_kd"):
+            current[key.lower()] = value
+    return found
+
+
+def _mtl_look(material: dict[str, str], files: Files, notes: list[str]) -> Look:
+    if picture := _NO_MATTER.sub("", material.get("map_kd", "")):
+        if picture.startswith("-"):
+            notes.append(f"not read: texture with options (map_Kd {picture[:60]})")
+            return Look()
+        return open_image(files, picture.strip('"'), notes)
+    try:
+        return Look(color=tuple(float(c) for c in material.get("kd", "").split()[:3])[:3] or None)
+    except ValueError:
+        return Look()
+
+
+def ply_pictures(content: bytes) -> list[str]:
+    """Names of the pictures that a PLY file's header names."""
+    header = content[: content.find(b"end_header")]
+    return [
+        _text(n) for n in re.findall(rb"^comment[ \t]+TextureFile[ \t]+(.*?)[ \t\r]*$", header, re.M | re.I)
+    ]
+
+
+def ply_column(part: Any, element: str, name: str) -> np.ndarray | None:
+    """One property, such as ``face`` ``texnumber``, of a mesh that trimesh read from a PLY file; None where there is none."""
+    data = part.metadata.get("_ply_raw", {}).get(element, {}).get("data")
+    names = data if isinstance(data, dict) else (getattr(getattr(data, "dtype", None), "names", None) or ())
+    return np.asarray(data[name]).reshape(-1) if data is not None and name in names else None
+
+
+def ply_colors(part: Any) -> tuple[bool, Floats] | None:
+    """Whether faces have the colours, and (N, 3) sRGB values, whatever kind of number the PLY file has them in."""
+    for element, count in (("vertex", len(part.vertices)), ("face", len(part.faces))):
+        for prefix in ("", "diffuse_"):
+            columns = [ply_column(part, element, f"{prefix}{c}") for c in ("red", "green", "blue")]
+            if all(column is not None and len(column) == count for column in columns):
+                colors = np.stack(columns, axis=1)  # type: ignore[arg-type]
+                wide = colors.dtype == np.uint16 or colors.max(initial=0) > 255
+                whole = colors.dtype.kind in "iu" or colors.max(initial=0) > 1
+                return element == "face", np.clip(
+                    colors / (65535.0 if wide else 255.0 if whole else 1.0), 0, 1
+                )
+    return None
