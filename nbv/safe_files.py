@@ -3,6 +3,9 @@
 Only regular files are read (a pipe would hang), to a limit of bytes; trees have limits of depth and number of nodes, what
 YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and shapes that the
 caller names. What passes needs no further care but what it means.
+
+A run directory may come from anybody, and an archive keeps links: it holds files and folders only (`require_plain`), and what
+is written goes through `open_to_write`, which follows no link.
 """
 
 from __future__ import annotations
@@ -14,12 +17,13 @@ import io
 import json
 import os
 import re
+import shutil
 import stat
 import uuid
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 import yaml
@@ -34,7 +38,13 @@ NPZ_BYTES = 256 * MIB  # unpacked
 TREE_NODES = 50_000
 RESULT_NODES = 5_000_000
 TREE_DEPTH = 40
+JOURNAL_LOCK = "study.journal.lock"  # Optuna makes a link; nobody follows it
 _INT_BOUND = 2**63
+# Of Unicode's Cc all but tab and new line, and what changes the direction of writing.
+_STEERING = {
+    n: ascii(chr(n))[1:-1]
+    for n in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+}
 _SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -144,7 +154,7 @@ def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True
         raise UserError(f"cannot read {path}: it does not exist") from error
     except (OSError, ValueError) as error:
         if not follow and getattr(error, "errno", None) == errno.ELOOP:
-            raise UserError(f"{path} is a link; leave a file there") from error
+            raise _not_plain(path, link=True) from error
         raise UserError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
 
 
@@ -156,16 +166,97 @@ def read_text(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True)
         raise UserError(f"cannot read {path}: not UTF-8 ({error.reason} at byte {error.start})") from error
 
 
-def write_atomic(path: Path, content: str | bytes | memoryview) -> None:
-    """Write so that a reader, or a crash, sees the old file or the new one, never a part."""
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+def require_plain(folder: Path, depth: int) -> None:
+    """Raise `UserError` where ``folder`` holds a link, a pipe or a device, in itself or in what lies less than ``depth`` below."""
     try:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-        temporary.replace(path)
+        entries = list(os.scandir(folder))
+    except OSError:  # whoever reads it says so
+        return
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            if depth > 1:
+                require_plain(Path(entry.path), depth - 1)
+        elif (
+            entry.name != JOURNAL_LOCK
+            and not entry.is_file(follow_symlinks=False)
+            and os.path.lexists(entry.path)
+        ):
+            raise _not_plain(Path(entry.path), link=entry.is_symlink())
+
+
+def _not_plain(path: Path, *, link: bool) -> UserError:
+    if link:
+        return UserError(
+            f"{path} is a link, which is not followed; put a copy of what it leads to in its place"
+        )
+    return UserError(f"{path} is neither a file nor a folder; take it away")
+
+
+def open_to_write(path: str | Path, how: int = os.O_EXCL, folder: int | None = None) -> BinaryIO:
+    """Open a file of ours to write; nothing else does.
+
+    Parameters
+    ----------
+    path
+        The file; a name in ``folder`` where that is given.
+    how
+        ``O_EXCL`` makes a new file, ``O_APPEND`` adds to one that may be there, 0 leaves it as it is.
+    folder
+        The descriptor of its folder.
+
+    Raises
+    ------
+    UserError
+        There is a link, or what is no file.
+    """
+    # Without blocking: opening a pipe would wait for a reader.
+    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | how
+    try:
+        descriptor = os.open(path, flags, 0o666, dir_fd=folder)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO):
+            raise _not_plain(Path(path), link=error.errno == errno.ELOOP) from error
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise _not_plain(Path(path), link=False)
+    return os.fdopen(descriptor, "ab" if how & os.O_APPEND else "wb")
+
+
+def write_atomic(path: Path, content: str | bytes | memoryview) -> None:
+    """Write so that a reader, or a crash, sees the old file or the new one, never a part; a link there is replaced."""
+    temporary = f".{path.name}.{uuid.uuid4().hex}.tmp"
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with open_to_write(temporary, folder=folder) as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+        os.replace(temporary, path.name, src_dir_fd=folder, dst_dir_fd=folder)
     except OSError:
         with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            os.unlink(temporary, dir_fd=folder)
         raise
+    finally:
+        os.close(folder)
+
+
+def remove(path: Path) -> None:
+    """Take away a file, a link itself, or a folder with what is in it; nothing where there is nothing."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def remove_links(folder: Path) -> None:
+    """Take away, at any depth, what is neither a folder nor a file with this one name: what is written there goes nowhere else."""
+    if folder.is_symlink():
+        raise _not_plain(folder, link=True)
+    for place, _, _ in os.walk(folder):
+        for entry in os.scandir(place):
+            status = entry.stat(follow_symlinks=False)
+            alone = stat.S_ISREG(status.st_mode) and status.st_nlink == 1
+            if not alone and not stat.S_ISDIR(status.st_mode):
+                Path(entry.path).unlink(missing_ok=True)
 
 
 def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
@@ -181,7 +272,7 @@ def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+            write_atomic(folder / name, content)
     except OSError as error:
         raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
     return [folder / name for name in contents]
@@ -212,6 +303,11 @@ def parse_yaml(text: str, source: str) -> Any:
 def to_yaml(tree: Any, **style: Any) -> str:
     """``tree`` as YAML that readers of 1.1 and of 1.2 read alike; ``style`` as `yaml.dump` has it."""
     return str(yaml.dump(tree, Dumper=CoreDumper, sort_keys=False, **style))
+
+
+def printable(text: str) -> str:
+    r"""``text`` with what would steer a terminal, or turn a line's direction, as ``\x1b`` and so on."""
+    return text.translate(_STEERING)
 
 
 def read_yaml(path: Path) -> Any:

@@ -97,4 +97,8 @@ class FailingCalls:
         name, which = BY_PATH[call]
         with Path(f"/proc/{pid}/mem").open("rb", buffering=0) as memory:
             memory.seek(arguments[which])
-            return name, os.fsdecode(memory.read(4096).partition(b"\0")[0])
+            path = os.fsdecode(memory.read(4096).partition(b"\0")[0])
+        with contextlib.suppress(OSError):  # a name in a folder that is open
+            if which and not path.startswith("/") and "at" in name:
+                path = str(Path(f"/proc/{pid}/fd/{arguments[which - 1]}").readlink() / path)
+        return name, path

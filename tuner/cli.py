@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import signal
 import sys
 import traceback
 from importlib import metadata
@@ -11,6 +12,9 @@ from typing import Annotated
 
 from nbv.threads import single_thread_environment
 
+_is_command = __name__ == "__main__" or Path(sys.argv[0]).name == "gatetune"
+if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while it loads ends it without a traceback
 single_thread_environment()  # before anything imports numpy: one mission, one thread
 
 import typer  # noqa: E402
@@ -94,6 +98,9 @@ def main() -> None:
 
     The traceback of what nobody foresaw is kept in ``last_error.log`` of the user's folder (``GATETUNE_HOME``).
     """
+    ends_at_once = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    if ends_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name may hold anything
@@ -119,6 +126,9 @@ def main() -> None:
         where = f"; the details are in {log}" if log else ""
         _say(f"unexpected {type(error).__name__}: {error}{where}")
         sys.exit(EXIT_UNEXPECTED)
+    finally:
+        if ends_at_once:  # the interpreter takes itself down
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _say(message: str) -> None:

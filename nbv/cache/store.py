@@ -31,7 +31,7 @@ _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
-_PRUNE_EVERY_PUTS = 500
+_PARTS = 20  # of the size: as often is it pruned while so much is put in, by whatever processes
 Arrays = dict[str, np.ndarray]
 
 
@@ -62,7 +62,6 @@ class Store:
     def __init__(self, root: Path | None = None, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
         self.root = root if root is not None else home() / "store"
         self.max_bytes = max_bytes
-        self._puts = 0
         shared = os.environ.get("GATETUNE_SHARED_STORE") if root is None else None
         self._shared = Store(expanded(shared)) if shared else None
 
@@ -84,9 +83,9 @@ class Store:
 
     def _keep(self, kind: str, key: str, data: bytes) -> None:
         self._write(kind, key, data)
-        self._puts += 1
-        if self._puts % _PRUNE_EVERY_PUTS == 0:
-            self.prune(self.max_bytes)
+        # By chance, as large as the entry: many processes put a few each, and none knows of the others'.
+        if _PARTS * len(data) > self.max_bytes * int.from_bytes(os.urandom(4), "big") / 2**32:
+            self.prune(self.max_bytes * (_PARTS - 1) // _PARTS)
 
     def _read(self, kind: str, key: str) -> tuple[bytes, Arrays] | None:
         path = self._path(kind, key)

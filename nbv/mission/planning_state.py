@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.safe_files import read_npz
+from nbv.safe_files import read_npz, write_atomic
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 _ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
@@ -55,8 +56,9 @@ def model_of(arrays: dict[str, np.ndarray]) -> SparseModel:
 
 def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
     """Write one compressed ``.npz``."""
+    buffer = io.BytesIO()
     np.savez_compressed(
-        path,
+        buffer,
         **arrays_of(state.model),  # type: ignore[arg-type]
         visited_m=state.visited_m,
         vehicle_m=state.vehicle_position_m,
@@ -77,6 +79,7 @@ def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
         pool_elevations_deg=pool.elevations_deg,
         pool_bands=np.array(pool.bands),
     )
+    write_atomic(path, buffer.getbuffer())
 
 
 def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:

@@ -17,7 +17,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,20 @@ from PIL import Image
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
-from nbv.safe_files import to_yaml, write_atomic
+from nbv.safe_files import open_to_write, remove, to_yaml, write_atomic
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
+_MADE_ANEW = (
+    "mission.json",
+    "images",
+    "states",
+    "sparse",
+    "trace.jsonl",
+    LOCATED,
+    "dense.ply",
+    "cleaned.ply",
+)
 
 
 class RunDirectory:
@@ -49,13 +61,12 @@ class RunDirectory:
             )
         try:
             root.mkdir(parents=True, exist_ok=True)
-            (root / "images").mkdir(exist_ok=True)
-            (root / "states").mkdir(exist_ok=True)
+            for name in _MADE_ANEW:
+                remove(root / name)
+            (root / "images").mkdir()
+            (root / "states").mkdir()
         except OSError as error:
             raise UserError(f"cannot write to {root}: {error.strerror}; choose another directory") from error
-        (root / "mission.json").unlink(missing_ok=True)
-        (root / "trace.jsonl").unlink(missing_ok=True)
-        (root / LOCATED).unlink(missing_ok=True)
 
     @property
     def images(self) -> Path:
@@ -64,7 +75,9 @@ class RunDirectory:
 
     def write_image(self, name: str, rgb: np.ndarray) -> None:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
-        Image.fromarray(rgb).save(self.images / name, compress_level=1)
+        buffer = io.BytesIO()
+        Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
+        write_atomic(self.images / name, buffer.getbuffer())
 
     def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
         """Save a configuration as YAML."""
@@ -76,8 +89,8 @@ class RunDirectory:
 
     def append_trace(self, record: dict[str, Any]) -> None:
         """Add one line to ``trace.jsonl`` at once, so that a killed mission leaves its history."""
-        with (self.root / "trace.jsonl").open("a") as file:
-            file.write(json.dumps(json_ready(record)) + "\n")
+        with open_to_write(self.root / "trace.jsonl", os.O_APPEND) as file:
+            file.write(json.dumps(json_ready(record)).encode() + b"\n")
 
     def state_path(self, iteration: int) -> Path:
         """Where the planning state of ``iteration`` lies."""

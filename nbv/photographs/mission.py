@@ -28,6 +28,7 @@ from nbv.photographs.oracle import TrackOracle
 from nbv.photographs.photograph_set import KEPT_OUT_SHARE, PhotographSet, Reference
 from nbv.photographs.rephotography import judge_kept_out
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
+from nbv.safe_files import write_atomic
 from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud, PointCloud
 
@@ -118,7 +119,7 @@ class PhotographFidelity(Fidelity):
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""
         run.write_config(self.believed.to_dict(), LOCATED)
-        (run.root / TAKEN).write_text("".join(f"{name}\n" for name in self._camera.taken))
+        write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self._camera.taken))
         if metrics:
             if self._cleaned is None:
                 cloud = self.reconstructor.finish()

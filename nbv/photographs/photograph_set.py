@@ -30,7 +30,7 @@ from nbv.config import CameraConfig
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
 from nbv.rocks.catalogue import check_name
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text, write_atomic
 from nbv.types import Bools, Floats
 
 FORMAT = 1
@@ -102,7 +102,7 @@ class Reference:
     def write(self, path: Path) -> None:
         """Write a binary PLY, which viewers open."""
         columns = np.column_stack([self.points_m, self.normals, self.colors, self.error_m])
-        path.write_bytes(_ply_header(len(self)) + np.rec.fromarrays(list(columns.T), _RECORD).tobytes())
+        write_atomic(path, _ply_header(len(self)) + np.rec.fromarrays(list(columns.T), _RECORD).tobytes())
 
     @staticmethod
     def read(path: Path) -> Reference:
@@ -252,7 +252,7 @@ class PhotographSet:
         """Write ``set.json`` into ``folder``; the other files are the import's to write."""
         tree = msgspec.to_builtins(self, enc_hook=lambda v: str(v) if isinstance(v, Path) else v.tolist())
         del tree["folder"]
-        (folder / SET_FILE).write_text(json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
+        write_atomic(folder / SET_FILE, json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
 
 
 def drawn_out(photographs: Sequence[Photograph]) -> frozenset[str]:

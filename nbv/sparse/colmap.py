@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from nbv.geometry.frames import Similarity
+from nbv.safe_files import write_atomic
 from nbv.sparse.alignment import Alignment
 from nbv.sparse.matching import VerifiedPair
 from nbv.types import Floats, SparseModel
@@ -117,10 +118,12 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
     )
 
 
-def files_of(reconstruction: pycolmap.Reconstruction) -> dict[str, bytes]:
-    """The model as COLMAP writes it, by file name."""
+def files_of(reconstruction: pycolmap.Reconstruction, *, ply: bool = False) -> dict[str, bytes]:
+    """The model as COLMAP writes it, by file name; ``ply``: with its points as ``points.ply``."""
     with tempfile.TemporaryDirectory(prefix="nbv-model-") as directory:
         reconstruction.write_binary(directory)
+        if ply:
+            reconstruction.export_PLY(Path(directory, "points.ply"))
         return {path.name: path.read_bytes() for path in Path(directory).iterdir()}
 
 
@@ -146,7 +149,7 @@ def export_colmap(
     world_from_model
         Where it belongs.
     directory
-        Made if absent. Gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin`` (COLMAP's
+        Made. Gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin`` (COLMAP's
         GUI opens it) and ``points.ply``.
     images
         Folder of the photographs, by their names in the model: points take the mean colour of their observations.
@@ -160,6 +163,6 @@ def export_colmap(
         )
     )
     world.extract_colors_for_all_images(images, num_threads=1)
-    directory.mkdir(parents=True, exist_ok=True)
-    world.write_binary(directory)
-    world.export_PLY(directory / "points.ply")
+    directory.mkdir(parents=True)
+    for name, content in files_of(world, ply=True).items():
+        write_atomic(directory / name, content)

@@ -9,8 +9,7 @@ import uuid
 from pathlib import Path
 
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import read_yaml
+from nbv.safe_files import read_yaml, write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings

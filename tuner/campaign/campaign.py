@@ -23,8 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import RESULT_BYTES, read_json, read_text
+from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger
 from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments

@@ -28,7 +28,7 @@ from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, CoordinatorLock, Journal, open_storage, patiently
 from tuner.missions.job import Trial
 from tuner.problem.observations import Observation, Proposal
-from tuner.problem.worlds import World
+from tuner.problem.worlds import World, worlds_of
 from tuner.samplers.optuna import distributions
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
-_NO_LONGER = ("sampler_state",)  # entered by earlier versions
+_NO_LONGER = ("sampler_state", "directory")  # entered by earlier versions
 _ENDING = ("status", "message", "rock_sha256", "checksum")  # of it, as in `Trial`
 
 
@@ -76,6 +76,7 @@ class Ledger:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._directory, self._settings, self._campaign_id = directory, settings, campaign_id
         self._distributions = distributions(settings.space)
+        self._worlds = frozenset(worlds_of(settings.worlds))
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
@@ -182,7 +183,6 @@ class Ledger:
             "condition": world.condition,
             "replicate": replicate,
             "config_digest": config_digest,
-            "directory": mission_directory(number, world, replicate),
             "why": proposal.why,
             "code": code,
         }
@@ -204,7 +204,7 @@ class Ledger:
             return self._storage.create_new_trial(self._study_id, trial)
 
         entered = self._trial(self._read_back(self._patiently(enter)))
-        if entered.number != number or entered.directory != entry["directory"]:
+        if entered.number != number or (entered.world, entered.replicate) != (world, replicate):
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return entered
 
@@ -298,17 +298,21 @@ class Ledger:
             if known != self._checksum(row.number, row.params, entry, *ending):
                 raise KeyError
             asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END, *_NO_LONGER)}
+            world = World(entry["rock"], entry["condition"])
+            if world not in self._worlds:
+                raise KeyError
             return Trial(
                 number=row.number,
                 values=row.params,
                 raw=value,
                 run=self._directory,
+                directory=mission_directory(row.number, world, int(entry["replicate"])),
                 started=row.datetime_start,
                 finished=row.datetime_complete,
                 **asked,
                 **end,
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise UserError(
                 f"trial {row.number} of the ledger {self._shown} is not what was entered: the ledger was changed or damaged; "
                 "restore it from a copy"

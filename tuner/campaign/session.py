@@ -183,19 +183,23 @@ class _Session:
 
     def take(self, free: int) -> list[MissionJob]:
         """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
-        batch, refused = list[Trial](), list[Trial]()
-        with self._ledger.together():
-            most = min(free, _TOGETHER if self._prefetches else 1)
-            while len(batch) < most and len(refused) < MAX_CONSECUTIVE_FAILURES and not self._stop.is_set():
-                trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
-                if trial is None:
-                    break
-                if trial.status:  # refused by the configuration: a failure that took no flight
-                    refused.append(trial)
-                else:
-                    batch.append(trial)
-        for trial in refused:
-            self._count(trial)
+        most = min(free, _TOGETHER if self._prefetches else 1)
+        batch, refused, trial = list[Trial](), list[Trial](), None
+        while not batch:
+            with self._ledger.together():
+                while len(batch) < most and len(refused) < _TOGETHER and not self._stop.is_set():
+                    trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
+                    if trial is None:
+                        break
+                    if trial.status:  # refused by the configuration: a failure that took no flight
+                        refused.append(trial)
+                    else:
+                        batch.append(trial)
+            for one in refused:
+                self._count(one)
+            refused.clear()
+            if trial is None or self._stop.is_set():
+                break
         jobs = [self._job(trial) for trial in batch]
         self._in_flight |= {job.id: trial for job, trial in zip(jobs, batch)}
         return jobs
@@ -310,7 +314,8 @@ class _Session:
     def _count(self, trial: Trial) -> None:
         self._finished += 1
         if trial.state == "failed":
-            self._note_failure(trial)
+            if trial.reason != REFUSED:
+                self._note_failure(trial)
             self._emit("failed", trial, message=trial.message)
         else:
             self._failures_in_row = 0

@@ -16,8 +16,7 @@ from nbv.checksums import require_checksum, with_checksum
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS, PREDICTED
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import read_yaml, to_yaml
+from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.declaration import require_settings, settings_of, values_of
 from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
@@ -145,9 +144,10 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
     Raises
     ------
     UserError
-        There is none, or one of another version.
+        There is none, or one of another version; there is a link in the directory.
     """
     path = directory / SETTINGS_FILE
+    require_plain(directory, 2)
     if not path.is_file():
         raise UserError(
             f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"

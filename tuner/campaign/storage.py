@@ -9,6 +9,7 @@ import json
 import logging
 import os
 import socket
+import sys
 import time
 import urllib.parse
 import uuid
@@ -24,6 +25,7 @@ from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
+from nbv.safe_files import open_to_write, read_bytes, write_atomic
 from tuner.campaign.settings import PASSWORD_VARIABLE, require_no_password
 
 JOURNAL_FILE = "study.journal"
@@ -115,7 +117,7 @@ def open_storage(
     must_exist
         Whether a journal has to be there already.
     heal
-        Whether to cut off a last line that a killed process left without its end.
+        Whether to cut off a last line that is torn or damaged.
 
     Raises
     ------
@@ -186,11 +188,13 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> Journal:
         raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
     try:
         if heal and path.exists():
-            _drop_torn_line(path)
+            _mend_end(path)
             # Nobody writes now: a lock file here was left by a killed process.
             path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
             return Journal(path)
+    except UserError:
+        raise
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
     except Exception as error:  # Optuna's own of lines that are torn, lost, doubled or changed
@@ -212,17 +216,31 @@ def _without_collector() -> Iterator[None]:
             gc.enable()
 
 
-def _drop_torn_line(path: Path) -> None:
-    """Cut off a last line that a killed process or a full disk left without its end.
+def _mend_end(path: Path) -> None:
+    """Cut off a last line that a killed process, a full disk or a flipped bit left damaged; ``ValueError`` where there are more.
 
-    Optuna skips such a line when reading but would glue the next record to it.
+    Optuna skips such a line when reading, but would write the next record behind it. A journal with a second name, as a
+    copy made of hard links has it, becomes a file of its own.
     """
-    content = path.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
+    content = read_bytes(path, sys.maxsize, follow=False)
+    if path.stat().st_nlink > 1:
+        write_atomic(path, content)
+    begin = content.rfind(b"\n", 0, -1) + 1
+    last = content[begin:]
+    if last and not _is_record(last):
+        if begin and not _is_record(content[content.rfind(b"\n", 0, begin - 1) + 1 : begin]):
+            raise ValueError("more than its last line")
         with contextlib.suppress(OSError):
-            path.with_name(path.name + ".torn").write_bytes(content[whole:])
-        os.truncate(path, whole)
+            write_atomic(path.with_name(path.name + ".torn"), last)
+        with open_to_write(path, 0) as file:
+            file.truncate(begin)
+
+
+def _is_record(line: bytes) -> bool:
+    try:
+        return line.endswith(b"\n") and isinstance(json.loads(line), dict)
+    except ValueError:
+        return False
 
 
 class CoordinatorLock:

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -22,7 +23,7 @@ from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition,
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
-from nbv.safe_files import parse_yaml
+from nbv.safe_files import parse_yaml, printable
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
 from tuner.problem.worlds import World
@@ -33,9 +34,18 @@ if TYPE_CHECKING:
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.external.mission_file import MissionFile
 
+
+class _Console(Console):
+    """Shows what would steer the terminal: names, messages and metrics may come from anybody."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
-output = Console(markup=False, emoji=False)
-errors = Console(stderr=True, markup=False, emoji=False)
+output = _Console(markup=False, emoji=False)
+errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from nbv.errors import UserError
-from nbv.safe_files import write_atomic
+from nbv.safe_files import printable, write_atomic
 from tuner.commands.console import AsJson, answer_json, load, output
 
 
@@ -96,7 +96,7 @@ def _say(line: str) -> None:
 def _write(path: Path, text: str) -> Path:
     if not path.parent.is_dir():
         raise UserError(f"{path.parent} is no folder; make it first")
-    write_atomic(path, text)
+    write_atomic(path, printable(text))
     return path
 
 

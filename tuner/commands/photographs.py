@@ -12,7 +12,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import write_atomic
 from tuner.commands.console import (
     AsJson,
     ComparisonProgress,

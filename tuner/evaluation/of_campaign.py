@@ -168,7 +168,7 @@ def confirmation(
     if s.mission is None:
         seen = _looking(s.conditions, chosen)
         orbits, more = where_photographed(orbits_at_number(_counted(source, found.values), seen), chosen)
-    first = s.blocks
+    first = max([s.blocks, *(trial.replicate + 1 for trial in source.trials())])
     if s.draws_rocks:
         chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1

@@ -23,7 +23,7 @@ from nbv.config import (
 )
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from nbv.safe_files import read_yaml, require
+from nbv.safe_files import read_yaml, require, require_plain
 from tuner.missions.external.mission_file import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
@@ -91,8 +91,9 @@ class EvaluationPlan:
 
     @staticmethod
     def load(directory: Path) -> EvaluationPlan:
-        """The plan of an evaluation's directory; ``UserError`` if there is none."""
+        """The plan of an evaluation's directory; ``UserError`` if there is none, or a link is in it."""
         path = directory / PLAN_FILE
+        require_plain(directory, 3)
         if not path.is_file():
             raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
         try:

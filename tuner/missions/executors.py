@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import contextlib
+import ctypes
 import json
 import os
 import select
@@ -74,6 +75,7 @@ class Executor(abc.ABC):
 
 
 MAX_WORKERS = 1024
+_LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
 _SCORING_S = 900.0  # of an own mission's cloud
@@ -81,7 +83,10 @@ _SCORING_S = 900.0  # of an own mission's cloud
 _SILENCE_LIMIT_S = 60.0
 _SILENCE_LIMIT_AFTER_KILL_S = 10.0
 # Sent by a person, a batch system or the out-of-memory killer, never by a mission's own mistake.
-_FROM_OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT}
+_FROM_OUTSIDE = {
+    *(signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT),
+    *(signal.SIGXFSZ, signal.SIGXCPU),  # limits such as ulimit -f and -t
+}
 
 
 @dataclass
@@ -178,6 +183,7 @@ class LocalProcessExecutor(Executor):
             stderr=subprocess.DEVNULL,
             env=environment,
             start_new_session=True,  # Ctrl-C in the terminal reaches the campaign only
+            preexec_fn=_wake_when_parent_ends,
         )
 
     def _order(self, message: dict[str, object]) -> None:
@@ -239,7 +245,10 @@ class LocalProcessExecutor(Executor):
             return f"worker_died: exit {status}", f"ended without a result; see {log}"
         name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
         if -status in _FROM_OUTSIDE:
-            return f"worker_killed: signal {-status}", f"somebody sent {name}, or memory ran out; see {log}"
+            return (
+                f"worker_killed: signal {-status}",
+                f"somebody sent {name}, or memory or another limit was reached; see {log}",
+            )
         return f"worker_died: signal {-status}", f"killed by {name}; see {log}"
 
     def _kill_overdue(self) -> None:
@@ -275,6 +284,11 @@ class LocalProcessExecutor(Executor):
             server.kill()
             server.wait()
         server.stdout.close()
+
+
+def _wake_when_parent_ends() -> None:
+    """Ask Linux to wake a server that somebody stopped, even while it imports, so that it sees the end of its orders."""
+    _LIBC.prctl(1, signal.SIGCONT)  # PR_SET_PDEATHSIG, which an exec leaves as it is
 
 
 def _is_stopped(pid: int | None) -> bool:

@@ -15,8 +15,15 @@ from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
+from nbv.safe_files import (
+    RESULT_BYTES,
+    RESULT_NODES,
+    parse_json,
+    read_text,
+    remove,
+    remove_links,
+    write_atomic,
+)
 from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
@@ -265,8 +272,9 @@ def record_failure(job: MissionJob, reason: str, message: str) -> None:
 
 
 def clear_traces(job: MissionJob) -> None:
-    """Remove what an earlier, unfinished attempt at this job may have left as its result."""
-    (job.directory / RESULT_FILE).unlink(missing_ok=True)
+    """Remove what an earlier, unfinished attempt at this job may have left as its result, and what leads elsewhere."""
+    remove_links(job.directory)
+    remove(job.directory / RESULT_FILE)
 
 
 def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
@@ -284,7 +292,7 @@ def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
 
 def _read_json(path: Path) -> dict[str, Any] | None:
     try:
-        tree = read_json(path, RESULT_BYTES, RESULT_NODES)
+        tree = parse_json(read_text(path, RESULT_BYTES, follow=False), str(path), RESULT_NODES)
         require_checksum(tree, str(path))
     except UserError:
         return None

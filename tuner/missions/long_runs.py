@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from nbv.errors import UserError
+from nbv.safe_files import open_to_write
 
 LOCK_FILE = "run.lock"
 T = TypeVar("T")
@@ -23,10 +24,10 @@ def exclusive(directory: Path) -> Iterator[None]:
     Raises
     ------
     UserError
-        Another process holds it, or the directory cannot be written.
+        Another process holds it, or the directory cannot be written; a link is there.
     """
     try:
-        lock = (directory / LOCK_FILE).open("w")
+        lock = open_to_write(directory / LOCK_FILE, 0)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; make it writable") from error
     with lock as file:

@@ -8,11 +8,11 @@ import traceback
 from typing import Any
 
 from nbv.errors import MissionFailure, UserError
-from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.registry import fidelity_on, mission_function
 
-_FULL = {errno.ENOSPC, errno.EDQUOT}
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # the last: a limit such as ulimit -f
 _MACHINE_ERRORS = {
     errno.EACCES,
     errno.EPERM,

@@ -28,7 +28,8 @@ import traceback
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from nbv.safe_files import expanded
+from nbv.errors import UserError
+from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
 from tuner.missions.job import LOG_FILE
@@ -118,7 +119,7 @@ class MissionServer:
         job = order["job"]
         try:
             pid = self._start(job)
-        except OSError as error:
+        except (OSError, UserError) as error:
             self._say({"event": "exited", "id": job["id"], "status": None, "error": str(error)})
             return
         self._children[pid] = job
@@ -126,8 +127,7 @@ class MissionServer:
 
     def _start(self, job: dict[str, Any]) -> int:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-        with os.fdopen(os.open(Path(job["directory"]) / LOG_FILE, flags, 0o644), "ab") as log:
+        with open_to_write(Path(job["directory"]) / LOG_FILE, os.O_APPEND) as log:
             if self._fork:
                 pid = os.fork()
                 if pid:
@@ -243,7 +243,6 @@ def main(arguments: list[str]) -> int:
     if arguments == ["--job"]:
         _when_parent_ends(signal.SIGKILL)
         return run_job(json.loads(sys.stdin.read()))
-    _when_parent_ends(signal.SIGCONT)  # a server that somebody stopped wakes up, and ends its missions
     MissionServer(arguments).serve()
     os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
 

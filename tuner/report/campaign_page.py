@@ -21,7 +21,7 @@ from nbv.mission.result import MissionResult
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
+from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
@@ -381,7 +381,9 @@ def _warnings(facts: CampaignFacts) -> list[str]:
 def _stop_reason(facts: CampaignFacts) -> str:
     """Why missions of the budget are left, as the ledger tells."""
     status, begin = facts.status, "Not finished"
-    last = [t for t in facts.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
+    last = [t for t in facts.trials if t.state != "running" and t.reason != REFUSED][
+        -MAX_CONSECUTIVE_FAILURES:
+    ]
     if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
         begin = (
             f"Stopped after {MAX_CONSECUTIVE_FAILURES} failures in a row, the last with {last[-1].reason!r}"

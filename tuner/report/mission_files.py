@@ -14,7 +14,7 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import LOCATED
 from nbv.rocks import Rock, load_coarse_rock, load_rock
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml, require_plain
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.missions.registry import is_geometric
 
@@ -42,6 +42,7 @@ class Flight:
 
 def mission_config(run: Path) -> MissionConfig:
     """The configuration of a mission's directory; ``UserError`` if it is not there."""
+    require_plain(run, 4)
     file = run / "config.yaml"
     if not file.is_file():
         raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
@@ -50,6 +51,7 @@ def mission_config(run: Path) -> MissionConfig:
 
 def planned_config(run: Path) -> MissionConfig:
     """The configuration that the mission planned with: with the target where the mission found it."""
+    require_plain(run, 4)
     located = run / LOCATED
     return config_from_dict(read_yaml(located)) if located.is_file() else mission_config(run)
 

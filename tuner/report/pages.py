@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, write_atomic
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, printable, read_json, write_atomic
 from tuner.missions.job import RESULT_FILE
 
 MOST_READ = 200  # missions whose documents are read
@@ -47,6 +47,7 @@ def write_page(path: Path, template: str, **facts: Any) -> Path:
         The file cannot be written.
     """
     text = _environment().get_template(template).render(version=versions().get("gatetune", ""), **facts)
+    text = printable(text)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text)

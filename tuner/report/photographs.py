@@ -22,6 +22,7 @@ from tuner.report.style import (
     embed,
     look,
     new_figure,
+    save_figure,
 )
 
 REPORT_FILE = "report.html"
@@ -163,5 +164,4 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
         below.set_xlabel("azimuth about the object, degrees")
         below.set_ylabel("elevation, degrees")
         below.legend(loc="upper right", ncols=2)
-        figure.savefig(path, dpi=130)
-    return path
+    return save_figure(figure, path.parent, path.stem)

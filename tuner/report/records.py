@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
+from nbv.safe_files import printable, write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.job import Trial
@@ -56,11 +58,12 @@ def write_csv(source: Campaign | EvaluationRun, path: Path) -> Path:
     """Write `records_of` as a table; ``UserError`` if the file cannot be written."""
     records = records_of(source)
     columns = list(dict.fromkeys(name for record in records for name in record))
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
     try:
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, columns)
-            writer.writeheader()
-            writer.writerows(records)
+        write_atomic(path, printable(file.getvalue()))
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another file") from error
     return path

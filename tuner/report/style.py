@@ -16,6 +16,8 @@ matplotlib.use("Agg")
 
 from matplotlib.figure import Figure
 
+from nbv.safe_files import write_atomic
+
 # Okabe and Ito, "Color universal design" (2008); yellow left out, too light on white paper.
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILION, PURPLE, SKY, BLACK = "#D55E00", "#CC79A7", "#56B4E9", "#000000"
@@ -77,9 +79,10 @@ def embed(figure: Figure, form: Literal["svg", "png"] = "svg") -> str:
 
 def save_figure(figure: Figure, directory: Path, name: str) -> Path:
     """Write ``directory/NAME.png``, the same bytes for the same figure; returns its path."""
-    path = directory / f"{name}.png"
+    path, buffer = directory / f"{name}.png", io.BytesIO()
     with look():
-        figure.savefig(path, dpi=160, metadata={"Software": None})
+        figure.savefig(buffer, dpi=160, metadata={"Software": None})
+    write_atomic(path, buffer.getbuffer())
     return path
 
 

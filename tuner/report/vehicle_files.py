@@ -62,7 +62,8 @@ def vehicle_files(
         A file of ``onto`` cannot be read.
     """
     config = campaign.settings.config(best.values)
-    comment = "".join(f"# {line}\n" for line in _header(campaign, best, best.changed))
+    header = "\n".join(_header(campaign, best, best.changed))  # a name may hold a new line
+    comment = "".join(f"# {line}\n" for line in header.splitlines())
     if isinstance(config, ExternalConfig):
         text = to_yaml(dict(config.values))
         return [VehicleFile(OURS, comment + text, best.changed, (), ())]

@@ -24,7 +24,7 @@ from nbv.geometry.frames import align_umeyama
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from nbv.rocks import Rock, frame_of_file, load_rock
-from nbv.safe_files import read_bytes
+from nbv.safe_files import read_bytes, remove, write_atomic
 from nbv.types import Floats, PointCloud
 from tuner.missions.external.mission_file import ExternalConfig, MissionFile, Score
 from tuner.missions.external.program import (
@@ -116,9 +116,9 @@ def run_external_mission(
 def _flown(mission: MissionFile, request: Request) -> Result:
     """Run the program once. Without a result a time-out is the configuration's failure, anything else the machine's."""
     output = Path(request.output)
-    shutil.rmtree(output, ignore_errors=True)
+    remove(output)
     output.mkdir(parents=True)
-    (output / REQUEST_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(request)))
+    write_atomic(output / REQUEST_FILE, msgspec.json.format(msgspec.json.encode(request)))
     status = run_program(mission, request)
     try:
         return read_result(output / RESULT_FILE)

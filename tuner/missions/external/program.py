@@ -23,8 +23,7 @@ import psutil
 
 from nbv.cache import home
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import read_bytes, read_json
+from nbv.safe_files import open_to_write, read_bytes, read_json, write_atomic
 from tuner.missions.external.mission_file import MissionFile
 
 LOG_FILE = "mission.log"
@@ -54,7 +53,7 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
     command.append(f"{request.output}/{REQUEST_FILE}")
     adopt_orphans()
     before = _below()
-    with Path(request.output, LOG_FILE).open("wb") as log:
+    with open_to_write(Path(request.output, LOG_FILE)) as log:
         try:
             process = subprocess.Popen(
                 command,
