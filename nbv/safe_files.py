@@ -38,6 +38,7 @@ NPZ_BYTES = 256 * MIB  # unpacked
 TREE_NODES = 50_000
 RESULT_NODES = 5_000_000
 TREE_DEPTH = 40
+RUN_FILES = ("campaign.yaml", "evaluation.yaml")  # each lies in the root of a run directory
 JOURNAL_LOCK = "study.journal.lock"  # Optuna makes a link; nobody follows it
 _INT_BOUND = 2**63
 # Of Unicode's Cc all but tab and new line, and what changes the direction of writing.
@@ -167,7 +168,21 @@ def read_text(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True)
 
 
 def require_plain(folder: Path, depth: int) -> None:
-    """Raise `UserError` where ``folder`` holds a link, a pipe or a device, in itself or in what lies less than ``depth`` below."""
+    """Raise `UserError` where ``folder`` holds a link, a pipe or a device, in itself or in what lies less than ``depth`` below.
+
+    Nor may one lead to ``folder`` from the run directory in which it lies; to that one a link of the user's may lead.
+    """
+    below = [folder.absolute()]
+    for parent in below[0].parents[:4]:
+        if any(os.path.lexists(parent / name) for name in RUN_FILES):
+            for path in below:
+                if path.is_symlink():
+                    raise _not_plain(path, link=True)
+        below.append(parent)
+    _require_plain(folder, depth)
+
+
+def _require_plain(folder: Path, depth: int) -> None:
     try:
         entries = list(os.scandir(folder))
     except OSError:  # whoever reads it says so
@@ -175,7 +190,7 @@ def require_plain(folder: Path, depth: int) -> None:
     for entry in entries:
         if entry.is_dir(follow_symlinks=False):
             if depth > 1:
-                require_plain(Path(entry.path), depth - 1)
+                _require_plain(Path(entry.path), depth - 1)
         elif (
             entry.name != JOURNAL_LOCK
             and not entry.is_file(follow_symlinks=False)

@@ -1,0 +1,288 @@
+"""Run directories that somebody else made: an archive or a clone keeps links, a disk flips bits, names hold what steers a terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fake_campaigns
+import numpy as np
+import pytest
+from in_process import InProcessExecutor
+
+from nbv.cache import Store
+from nbv.checksums import CHECKSUM
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.mission.run_directory import RunDirectory
+from nbv.safe_files import open_to_write, remove_links, write_atomic
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.commands.console import output, show_table
+from tuner.evaluation.flying import run_evaluation
+from tuner.evaluation.of_campaign import confirmation
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.job import MissionJob
+from tuner.missions.long_runs import exclusive
+from tuner.missions.run_job import _reason
+
+FIDELITY = fake_campaigns.FIDELITY
+FIRST = "missions/0000_a_r0"
+COMMANDS = {
+    "status": "campaign status DIR",
+    "list": "campaign list DIR/..",
+    "resume": f"campaign resume DIR --missions 4 --fidelity {FIDELITY}",
+    "evaluate": "evaluate DIR --rock nobodys",
+    "confirm": "confirm DIR --rock nobodys",
+    "export": "export DIR",
+    "export missions": "export DIR --to csv",
+    "export route": "export DIR --to plan --home 46,7",
+    "export evaluation": "export DIR/evaluation --to csv",
+    "view": "mission view DIR",
+    "view a mission": f"mission view DIR/{FIRST}",
+    "explain": f"mission explain DIR/{FIRST}",
+    "figures": f"mission figures DIR/{FIRST} --out DIR/figures",
+}
+ABSENT = ("study.journal.torn", "missions.csv", "view.html", "shown", "confirmation", "figures")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished campaign with an evaluation in it."""
+    directory = tmp_path_factory.mktemp("theirs") / "run"
+    fake_campaigns.run(directory, sampler="sobol", budget=3)
+    (directory / "report.html").touch()
+    (directory / FIRST / "config.yaml").touch()
+    plan = EvaluationPlan({"default": MissionConfig()}, ("a",), fidelity=FIDELITY)
+    run_evaluation(plan, directory / "evaluation", InProcessExecutor())
+    return directory
+
+
+def content(folder: Path) -> dict[str, bytes | None]:
+    return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_name_a_link_in_turn(
+    command: str, made: Path, tmp_path: Path, gatetune: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tuner.commands.campaign.executor_at", lambda *_: InProcessExecutor())
+    monkeypatch.setattr("tuner.commands.campaign.write_pages", lambda *_: None)
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
+    outside = shutil.copytree(made, tmp_path / "outside")
+    for absent in ABSENT[:3]:
+        (outside / absent).write_text("outside\n")
+    before = content(outside)
+    for name in [n for n in content(made) if not n.startswith(("missions/0001", "missions/0002"))] + [
+        *ABSENT
+    ]:
+        run = shutil.copytree(made, tmp_path / "theirs" / "run")
+        with (run / "study.journal").open("a") as journal:
+            journal.write("touch owned\n{")  # as the exploit had it; also the torn end of a killed process
+        place = run / name
+        shutil.rmtree(place) if place.is_dir() else place.unlink(missing_ok=True)
+        place.symlink_to(outside / name)
+        code, _, err = gatetune(*COMMANDS[command].replace("DIR", str(run)).split())
+        assert content(outside) == before, name
+        assert code in (0, 2) and err.count("\n") == (code != 0), (name, code, err)
+        shutil.rmtree(run)
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "hard link"])
+def test_what_is_written_goes_nowhere_else(kind: str, tmp_path: Path) -> None:
+    """And nothing waits for the other end of a pipe."""
+    outside, run = tmp_path / "outside", tmp_path / "run"
+    outside.write_text("outside")
+    run.mkdir()
+
+    def put(path: Path) -> Path:
+        path.parent.mkdir(exist_ok=True)
+        path.unlink(missing_ok=True)
+        if kind == "pipe":
+            os.mkfifo(path)
+        else:
+            (path.symlink_to if kind == "link" else path.hardlink_to)(outside)
+        return path
+
+    write_atomic(put(run / "page"), "ours")
+    assert (run / "page").read_text() == "ours"
+    for how in (os.O_EXCL, os.O_APPEND, 0)[: 1 if kind == "hard link" else 3]:
+        with pytest.raises((UserError, FileExistsError)):
+            open_to_write(put(run / "file"), how)
+    if kind == "hard link":
+        with exclusive(put(run / "run.lock").parent):
+            pass
+    else:
+        with pytest.raises(UserError, match=f"run.lock is {'a link' if kind == 'link' else 'neither'}"):
+            exclusive(put(run / "run.lock").parent).__enter__()
+    for name in ("trace.jsonl", "mission.json", "dense.ply", "images", "states", "sparse"):
+        put(run / name)
+    mission = RunDirectory(run, overwrite=True)
+    mission.append_trace({"a": 1})
+    put(run / "images" / "a.png")
+    mission.write_image("a.png", np.zeros((2, 2, 3), "uint8"))
+    put(run / "missions" / "worker.log")
+    remove_links(run / "missions")
+    assert not list((run / "missions").iterdir())
+    assert outside.read_text() == "outside"
+
+
+def journal_of(campaign: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (campaign / "study.journal").read_text().splitlines()]
+
+
+def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> None:
+    """Whatever the ledger calls its directory or rock; its checksum has no key."""
+    run = Path(shutil.copytree(made, tmp_path / "run"))
+    ledger = Campaign.open(run, fidelity=FIDELITY).ledger
+    params = dict(ledger.trials()[2].values)
+    for name, value in (
+        ("directory", "../../outside"),
+        ("directory", str(tmp_path / "outside")),
+        ("rock", "../x"),
+    ):
+        records = journal_of(made)
+        last = max(k for k, record in enumerate(records) if record["op_code"] == 4)
+        entry = {**records[last]["user_attrs"], name: value}
+        entry[CHECKSUM] = ledger._checksum(2, params, entry)
+        records[last]["user_attrs"] = entry
+        (run / "study.journal").write_text("".join(json.dumps(r) + "\n" for r in records[: last + 1]))
+        if name == "rock":
+            with pytest.raises(UserError, match=r"trial 2 of the ledger .* is not what was entered"):
+                Campaign.open(run, fidelity=FIDELITY)
+            continue
+        campaign = Campaign.open(run, fidelity=FIDELITY)
+        assert campaign.trials()[2].path.parent == run / "missions"
+        fly_campaign(campaign, InProcessExecutor())
+        assert not (tmp_path / "outside").exists()
+
+
+def test_a_flipped_bit_at_the_ledgers_end_is_healed_or_refused_before_writing(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A resume that opens it leaves it readable."""
+    run = Path(shutil.copytree(made, tmp_path / "run"))
+    sound = (run / "study.journal").read_bytes()
+    begin = sound.rfind(b"\n", 0, -1) + 1
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
+    healed = 0
+    for bit in range(0, 8 * (len(sound) - begin), 31):
+        flipped = bytearray(sound)
+        flipped[begin + bit // 8] ^= 1 << bit % 8
+        (run / "study.journal").write_bytes(flipped)
+        try:
+            campaign = Campaign.open(run, fidelity=FIDELITY)
+        except UserError:
+            assert (run / "study.journal").read_bytes() == flipped, bit
+            continue
+        fly_campaign(campaign, InProcessExecutor())
+        assert Campaign.open(run, read_only=True).status().finished == 3, bit
+        healed += 1
+    assert healed > 5
+
+
+@pytest.mark.parametrize("number", [errno.EFBIG, errno.ENOSPC])
+def test_a_limit_of_the_machine_is_not_the_configurations_fault(number: int, tmp_path: Path) -> None:
+    reason, message = _reason(OSError(number, os.strerror(number)))
+    assert MissionJob("0", MissionConfig(), "a", 0, tmp_path).failed(reason, message).infrastructure_failure
+
+
+def test_a_server_stopped_while_it_imports_ends_with_its_coordinator() -> None:
+    begin = (
+        "import time; from tuner.missions.executors import LocalProcessExecutor; executor = LocalProcessExecutor();"
+        "executor.begin(); print(executor._server.pid, flush=True); time.sleep(600)"
+    )
+    coordinator = subprocess.Popen([sys.executable, "-c", begin], stdout=subprocess.PIPE, text=True)
+    assert coordinator.stdout is not None
+    server = int(coordinator.stdout.readline())
+    os.kill(server, signal.SIGSTOP)
+    coordinator.kill()
+    coordinator.wait()
+    deadline = time.monotonic() + 120
+    while running(server) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    left = running(server)
+    if left:
+        os.kill(server, signal.SIGKILL)
+    assert not left
+
+
+def running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import time; print('loading', flush=True); time.sleep(60)")
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    command = subprocess.Popen(
+        [sys.executable, "-m", "tuner.cli", "doctor"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert command.stdout is not None and command.stdout.readline() == "loading\n"
+    command.send_signal(signal.SIGINT)
+    assert command.communicate(timeout=60) == ("", "") and command.returncode == -signal.SIGINT
+
+
+def test_nothing_steers_the_terminal_or_the_page(gatetune: Any, tmp_path: Path) -> None:
+    evil = "a\x1b]0;owned\x07\x1b[2J\x9b\u202eb"
+    run = tmp_path / "run"
+    fake_campaigns.run(run, sampler="sobol", budget=2, name=evil)
+    for command in ("campaign status", "campaign list", "export", "mission view"):
+        code, out, err = gatetune(*command.split(), run.parent if command.endswith("list") else run)
+        assert code == 0 and not set("\x1b\x07\x9b\u202e") & set(out + err), command
+    show_table((evil,), [(evil,)], evil)
+    output.print(evil)
+    assert not set("\x1b\x07\x9b\u202e") & set((run / "report.html").read_text())
+
+
+def test_a_confirmation_flies_replicates_that_the_campaign_has_not(made: Path) -> None:
+    """A configuration that has flown all of them gets fresh numbers."""
+    campaign = Campaign.open(made, read_only=True)
+    trials = campaign.trials()
+    campaign.ledger.trials = lambda: [dataclasses.replace(trials[0], replicate=6), *trials]  # type: ignore[method-assign]
+    best = dataclasses.replace(campaign.recommended(), values=trials[1].values)
+    campaign.recommended = lambda: best  # type: ignore[method-assign]
+    found = confirmation(campaign)
+    assert found is not None and found.plan.first_replicate == 7
+
+
+def test_a_store_keeps_its_size_whoever_puts(tmp_path: Path) -> None:
+    for number in range(60):
+        Store(tmp_path, 200_000).put("kind", f"{number:04d}", {"a": np.zeros(20_000, np.uint8)})
+    assert 100_000 < sum(kind.size_bytes for kind in Store(tmp_path).info()) <= 200_000
+
+
+def test_refused_configurations_end_no_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config: Callable[..., Any] = fake_campaigns.CampaignSettings.config
+    asked = list[Any]()  # distinct configurations in their order
+
+    def refuse(settings: Any, values: Any, condition: str = "ideal") -> Any:
+        if values not in asked:
+            asked.append(dict(values))
+        if 1 <= asked.index(values) <= 12:
+            raise UserError("the lower angle is above the upper one")
+        return config(settings, values, condition)
+
+    campaign = begin_campaign(tmp_path / "run", fake_campaigns.settings(sampler="sobol", budget=16))
+    monkeypatch.setattr(fake_campaigns.CampaignSettings, "config", refuse)
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
+    summary = fly_campaign(campaign, InProcessExecutor())
+    assert (summary.stopped, summary.message) == ("budget", "the budget is used")
+    assert summary.status.complete > 2 and summary.status.failed > 8
