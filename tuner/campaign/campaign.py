@@ -82,6 +82,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         trusted_default=settings.trusted_default,
         at_least=settings.at_least,
         is_share=settings.second is not None and settings.second.is_share,
+        defaults=settings.default_missions,
         exact=settings.exact,
     )
 
@@ -230,12 +231,14 @@ class Campaign:
         )
 
     def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
-        """Return the best of what may be recommended, by posterior mean over the training worlds.
+        """Return the best of what may be recommended, by posterior mean over the training worlds; None while `nothing_yet`.
 
         One that was saved after these very missions is read. ``latest``: also one that was saved before further missions ended,
         since a model of thousands takes long.
         """
         history = self.history()
+        if self.nothing_yet(history):
+            return None
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
         from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
@@ -258,6 +261,16 @@ class Campaign:
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
+
+    def nothing_yet(self, history: Sequence[Observation] | None = None) -> str:
+        """Return why nothing is recommended after ``history`` (None: all missions); empty where something is."""
+        history, s = self.history() if history is None else history, self.settings
+        if not any(o.feasible for o in history):
+            return "no mission has succeeded"
+        first = min(max(2, s.default_missions), s.budget)
+        if len(history) < first:
+            return f"{len(history)} of the first {first} missions have ended, which show how the default varies over rocks and replicates"
+        return ""
 
     def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
         """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
@@ -320,12 +333,12 @@ class Campaign:
         Raises
         ------
         UserError
-            No mission has succeeded yet.
+            There is none yet.
         """
         result = self.recommendation(save=False)
         if result is None:
             raise UserError(
-                f"{self.directory} has no successful mission yet; run or resume the campaign first"
+                f"{self.directory} recommends nothing yet: {self.nothing_yet()}; run or resume the campaign first"
             )
         return result
 

@@ -419,11 +419,23 @@ class CampaignSettings:
         """
         return self.sampler == "gp" and (self.second is None or self.exact.first is None)
 
+    @property
+    def default_missions(self) -> int:
+        """Missions of the default that come first: its replicates in every training world, at most half of the budget.
+
+        One where rocks are drawn: there the default flies beside all that is proposed.
+        """
+        if self.draws_rocks:
+            return 1
+        most = self.budget // 2 if self.initial is None else min(self.initial, self.budget)
+        return max(1, min(len(self.worlds) * self.replicates, most))
+
     def initial_size(self) -> int:
-        """Missions of the initial design."""
+        """Missions of the initial design, those of the default included."""
         if self.initial is not None:
             return min(self.initial, self.budget)
-        return initial_design_size(
+        behind_default = self.default_missions - 1
+        return behind_default + initial_design_size(
             self.space.dimension,
             self.budget,
             trusted_default=self.trusted_default,

@@ -180,7 +180,7 @@ def status(
     show_counts(counts, "rock" if campaign.settings.mission is None else "instance")
     if best is not None and (known := best.observations + best.failures) < counts.finished:
         output.print(f"recommended after {known} of them; a resume makes it anew")
-    show_recommendation(best, campaign.settings)
+    show_recommendation(best, campaign)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
 
 
@@ -220,10 +220,10 @@ def _row(directory: Path) -> dict[str, Any]:
         s, counts, best = campaign.settings, campaign.status(), campaign.saved_recommendation()
     except UserError as error:
         return {**row, "values": None, "answer": f"cannot be read: {error}"}
-    answer = "none yet: no mission has succeeded"
+    answer = f"none yet: {campaign.nothing_yet()}"
     if best is not None:
         answer = f"{best.mean:.4g}: {use_sentence(best, s)}"
-    elif counts.complete:
+    elif not campaign.nothing_yet():
         answer = f"not worked out yet: gatetune campaign status {directory}"
     return {
         **row,
@@ -293,7 +293,7 @@ def fly(
             )
             output.print(f"go on with: {again}\nits page so far: {page}", soft_wrap=True)
             raise typer.Exit(130)
-        show_recommendation(summary.recommendation, settings)
+        show_recommendation(summary.recommendation, campaign)
         output.print(
             f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
         )

@@ -12,6 +12,7 @@ from tuner.problem.observations import short
 from tuner.report.labels import decimals_for, duration, format_number, metric_label
 
 if TYPE_CHECKING:
+    from tuner.campaign.campaign import Campaign
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import Recommendation
@@ -113,10 +114,11 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
         output.print(f"  failed {count} times: {reason}")
 
 
-def show_recommendation(best: Recommendation | None, settings: CampaignSettings) -> None:
+def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None:
     """What to use, what that is worth, the values that differ from the defaults, rock by rock."""
+    settings = campaign.settings
     if best is None:
-        output.print("no recommendation yet: no mission has succeeded")
+        output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
         return
     from tuner.report.answer import (  # loads every metric
         place_word,

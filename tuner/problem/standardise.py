@@ -65,7 +65,7 @@ class RockStandardiser:
         degrees = sum(freedom.values())
         between = float(np.var(list(means.values()), ddof=1)) if len(means) > 1 else 0.0
         # With one mission per rock nothing tells rock from configuration: share the spread between them.
-        within = sum(squares.values()) / degrees if degrees > 0.5 else between / 2
+        within = sum(squares.values()) / degrees if degrees > 0.5 else between / 2 if len(means) > 1 else 1.0
         within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
         mean_inverse_count = float(np.mean([1 / count for count in counts.values()]))
         rock_variance = max(0.0, between - within * mean_inverse_count)

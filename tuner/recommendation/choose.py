@@ -148,13 +148,15 @@ def recommend(
             else float(constraint.probability([configurations[rival]])[0]),
         )
     elsewhere = None
-    if values != dict(default) and not are_drawn(rocks_of(model.worlds)):
+    rocks = rocks_of(model.worlds)
+    one_rock = len(rocks) == 1 and not are_drawn(rocks)  # how rocks differ is then unknown
+    if values != dict(default) and not one_rock and not are_drawn(rocks):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
         of_worlds = RockMeanGP(space, feasible, places, seed, departing)
         elsewhere = next_rock(of_worlds, values, default)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
-        asked = exact is not None or constraint.is_share
+        asked = (exact is not None or constraint.is_share) and not one_rock
         outcomes = [o.second if exact is None else o.outcome for o in own] if asked else None
         no_worse = None if elsewhere is None else elsewhere.no_worse
         kept_limit = limit_of(constraint, second, limit, values, default, kept, outcomes, no_worse)

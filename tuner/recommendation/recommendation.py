@@ -90,8 +90,6 @@ class NextRock:
     def warnings(self, place: str = "rock") -> list[str]:
         """Return sentences on where training rocks disagree; none where all is well. ``place``: what a rock is called."""
         said = []
-        if len(self.per_rock) == 1:
-            said.append(f"Only one {place} was flown: how {place}s differ is not known.")
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
             said.append(f"Training {place}s disagree: it is probably worse than the default on {names}.")
@@ -134,7 +132,9 @@ class Recommendation:
     exact: bool  # the configuration decides the objective
     modelled_metric: str  # the objective's, or the second one's where that is exact
     runner_up: RunnerUp | None = None
-    next_rock: NextRock | None = None  # None: nobody asked, or it is the default
+    next_rock: NextRock | None = (
+        None  # None: nobody asked, it is the default, or one rock was flown: how rocks differ is unknown
+    )
     limit: Limit | None = None  # of the second objective
 
     def __repr__(self) -> str:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from nbv.mission.result import IterationRecord
     from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.recommendation import Limit, Recommendation
+    from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 FEW = 3  # changes that a sentence can name
 PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
@@ -46,7 +46,10 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
         return f"Nothing flown is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
     if best.keep_default:
         plan = plan_words(s.config(best.values), ceiling=False)
-        return f"Keep the default{f' ({plan})' if plan else ''}: nothing flown is known to be better."
+        default = f"the default{f' ({plan})' if plan else ''}"
+        if _leads(best.runner_up):
+            return f"Keep {default} for now: what looks better has not run often enough to be recommended."
+        return f"Keep {default}: nothing flown is known to be better."
     return f"Use {configuration_words(best.values, best, s)}."
 
 
@@ -113,6 +116,10 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
                 f"On the next {place}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
             )
         lines += next_rock.warnings(place)
+    elif len(s.rocks) == 1 and not s.draws_rocks:
+        lines.append(
+            f"Only one {place} was flown: how {place}s differ is not known, nor what holds on the next one."
+        )
     return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
 
 
@@ -150,7 +157,16 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
         low, high = rival.difference_interval_95
         worth = f"{_gain(rival.difference, (low, high), (high - low) / 4, label)} against the above"
     keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
-    return f"Runner-up (flown {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. {worth}{keeps}."
+    few = "; it has to run on more rocks or replicates before it can be recommended" if _leads(rival) else ""
+    return (
+        f"Runner-up (flown {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. "
+        f"{worth}{keeps}{few}."
+    )
+
+
+def _leads(rival: RunnerUp | None) -> bool:
+    """Whether it is known to be better than the recommendation, and so has only run too seldom to be recommended."""
+    return rival is not None and rival.difference_interval_95[0] > 0.0
 
 
 # -- what the gate did ---------------------------------------------------------------------------------------

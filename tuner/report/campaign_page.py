@@ -74,7 +74,7 @@ LEANS = "The intervals are of the best of those flown, where it was tuned: they 
 class CampaignFacts:
     """Lazily computed facts of one campaign; nothing is written.
 
-    ``recommendation`` and ``model`` are None while no mission has succeeded.
+    ``recommendation`` is None while there is none (`Campaign.nothing_yet`), ``model`` while no mission has succeeded.
     """
 
     def __init__(self, campaign: Campaign) -> None:
@@ -228,7 +228,7 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
     """One sentence, the parameters that differ from the default, and what may be better."""
     best, s = facts.recommendation, facts.settings
     if best is None:
-        sentence = f"Nothing yet: none of the {facts.status.finished} finished missions succeeded."
+        sentence = f"Nothing yet: {facts.campaign.nothing_yet()}."
         return {"sentence": sentence, "kept": [], "runner_up": ""}
     return {
         "sentence": use_sentence(best, s),
@@ -283,7 +283,7 @@ def _gate_answer(facts: CampaignFacts) -> str:
     """What the recommended configuration's gate chose, from its missions' traces."""
     best = facts.recommendation
     if best is None:
-        return "No mission succeeded."
+        return "Nothing is recommended yet."
     config = facts.settings.config(best.values)
     if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
@@ -323,10 +323,10 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     if s.draws_rocks:  # as many of every family as are worth an interval
         evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
     more = f"{resume} --missions {2 * status.budget}"
-    if best is None:
+    if best is None and not status.complete:
         reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")
         return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
-    if status.remaining:
+    if best is None or status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
     if evaluated >= (MIN_ROCKS if s.mission is None else min(MIN_ROCKS, len(s.mission.held_out) or 1)):
         return f"Stop: it has been measured on {counted(evaluated, f'held-out {place}')}.", ""

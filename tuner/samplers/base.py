@@ -1,8 +1,8 @@
 """Our optimiser and the baselines propose missions through one interface; `SAMPLERS` has them by name.
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
-campaign that is resumed proposes what it would have proposed. Every sampler starts at the default configuration: each optimiser
-may know where the paper stands. A new one is a file with a class, and a line here. None is imported before it is made: the
+campaign that is resumed proposes what it would have proposed. Every sampler starts with the default configuration, which a
+campaign flies with all replicates on every training rock first: each optimiser may know where the paper stands. A new one is a file with a class, and a line here. None is imported before it is made: the
 command line lists their names.
 """
 
@@ -67,6 +67,7 @@ class SamplerSettings:
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     at_least: float | None = None  # limit of the second objective, larger is better; None: there is none
     is_share: bool = False  # of rocks: the second objective
+    defaults: int = 1  # missions of the default that come first
     exact: Exact = field(default_factory=Exact)  # what of the objectives the configuration decides
 
     @property
@@ -86,11 +87,12 @@ def missions_asked(history: Sequence[Observation], pending: Sequence[Observation
 
 
 def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
-    """Return mission ``number`` of a design that needs no outcomes: the default, then a Sobol sequence."""
-    if number == 0:
+    """Return mission ``number`` of a design that needs no outcomes: the default's, then a Sobol sequence."""
+    if number < settings.defaults:
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
-    why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
-    return Proposal(sobol_point(settings.space, settings.seed, number - 1), why)
+    point = number - settings.defaults
+    why = {"sampler": sampler, "phase": "initial design", "point": point}
+    return Proposal(sobol_point(settings.space, settings.seed, point), why)
 
 
 def in_flight(

@@ -129,8 +129,9 @@ class GPSampler:
 
     def _design(self, number: int, limited: ExactCost | None) -> Proposal:
         """Return a mission of the design; unless it is the default, none that is known to break a limit of ``limited``."""
-        if number == 0:
-            return initial_proposal(self.settings, 0, self.name)
+        if number < self.settings.defaults:
+            return initial_proposal(self.settings, number, self.name)
+        number -= self.settings.defaults - 1
         skipped, least = 0, self.settings.at_least
         proposal = self._design_point(number)
         while limited is not None and least is not None and skipped < MOST_SKIPPED:
@@ -141,11 +142,12 @@ class GPSampler:
         return proposal
 
     def _design_point(self, number: int) -> Proposal:
+        """Return point ``number`` of the design, which begins with 1 behind the default."""
         s, rank = self.settings, number // 2 - 1
         if 1 <= number <= len(s.space.begin):
             values = {**s.default, **s.space.begin[number - 1]}
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
-        places = places_for_earlier(s.initial)
+        places = places_for_earlier(s.initial - s.defaults + 1)
         if number in places and s.earlier is not None and s.earlier.usable:
             place = places.index(number)
             best = s.earlier.best(place + 1)
@@ -154,7 +156,7 @@ class GPSampler:
                     best[place], {"sampler": self.name, "phase": "earlier missions", "rank": place}
                 )
         if not stays_near_default(s.space.dimension, s.trusted_default):
-            return initial_proposal(s, number, self.name)
+            return initial_proposal(s, number + s.defaults - 1, self.name)
         why: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
         if number % 2 == 1:
             values = near_default(s.space, s.default, s.seed, number // 2)

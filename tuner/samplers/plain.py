@@ -33,8 +33,8 @@ class RandomSampler:
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return a fresh uniform draw."""
         number = missions_asked(history, pending)
-        if number == 0:
-            return initial_proposal(self.settings, 0, self.name)
+        if number < self.settings.defaults:
+            return initial_proposal(self.settings, number, self.name)
         rng = np.random.default_rng(derived_seed(self.settings.seed, number))
         values = self.settings.space.from_unit(rng.random(self.settings.space.dimension))
         return Proposal(values, {"sampler": self.name, "phase": "random"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
@@ -13,6 +14,7 @@ from tuner.problem.worlds import Place, World
 from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
+from tuner.report.answer import runner_up_sentence, use_sentence, worth_sentences
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -98,6 +100,35 @@ def test_a_favourite_is_recommended_once_it_has_flown_again() -> None:
 
     assert recommended(once) != GOOD
     assert recommended([*once, *flights(GOOD, 60.0, ("r1", 0))]) == GOOD
+
+
+def test_what_is_said_of_a_lead_and_of_rocks_nobody_flew_is_known() -> None:
+    """What leads and has run too seldom is not "nothing"; one rock says nothing of the next."""
+
+    def said(rocks: tuple[str, ...], once: list[Observation]) -> tuple[Recommendation, str]:
+        blocks = [(rock, k) for rock in rocks for k in (0, 1)]
+        history = [
+            *flights(synthetic.DEFAULT, 50.0, *blocks),
+            *flights(synthetic.DEFAULT, 50.2, *blocks),
+            *once,
+        ]
+        found = recommend(synthetic.SPACE, history, rocks, synthetic.DEFAULT, Objective(), replicates=2)
+        assert found is not None
+        s = fake_campaigns.settings(rocks=rocks, replicates=2)
+        words = use_sentence(found, s), *worth_sentences(found, s), runner_up_sentence(found, s)
+        return found, "\n".join(words)
+
+    found, text = said(ROCKS, flights(GOOD, 60.0, ("r2", 1)))
+    assert found.keep_default and "nothing flown is known to be better" not in text
+    assert (
+        "Keep the default (24 photographs on rings" in text and "for now: what looks better has not" in text
+    )
+    assert (
+        "against the above; it has to run on more rocks or replicates before it can be recommended." in text
+    )
+    found, text = said(("r0",), flights(GOOD, 60.0, ("r0", 0), ("r0", 1)))
+    assert found.values == GOOD and found.next_rock is None
+    assert "On the next rock" not in text and "Only one rock was flown" in text
 
 
 def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_inside_the_noise() -> None:
