@@ -49,7 +49,7 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
     settings = CampaignSettings(space=FULL, rocks=("waist",), budget=12, learn_from=(SHIPPED,))
     learned = begin_campaign(tmp_path / "run", settings).learned
     assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
-    assert settings.initial_size() == 4  # a third of the budget
+    assert settings.initial_size() == 5  # a third of the budget, and the default once more
     other = dataclasses.replace(FULL, parameters=FULL.parameters[:-1])
     narrow = dataclasses.replace(FULL.parameters[0], high=0.9)
     narrower = dataclasses.replace(FULL, parameters=(narrow, *FULL.parameters[1:]))
