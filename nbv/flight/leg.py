@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import ruckig
@@ -33,14 +34,17 @@ class Leg:
     end: Pose
     duration_s: float
     path_length_m: float
-    trajectory: ruckig.Trajectory = field(repr=False, compare=False)  # distance along the line, turn
+    # Distance along the line, and turn. Made anew for whoever draws it: Ruckig's objects, kept until the interpreter ends, make
+    # it complain of leaks.
+    trajectory: Callable[[], ruckig.Trajectory] = field(repr=False, compare=False)
 
     @cached_property  # most legs are never drawn
     def samples(self) -> Floats:
         """(K, 5): t (s, from the leg's start), x, y, z (m), heading (rad, in [-pi, pi)), at 5 Hz."""
         a, b = np.array(self.start.position_m), np.array(self.end.position_m)
         times = np.append(np.arange(0.0, self.duration_s, 1.0 / SAMPLE_RATE_HZ), self.duration_s)
-        along = np.array([self.trajectory.at_time(float(t))[0] for t in times])  # (K, 2)
+        trajectory = self.trajectory()
+        along = np.array([trajectory.at_time(float(t))[0] for t in times])  # (K, 2)
         length = self.path_length_m
         line = a + np.outer(along[:, 0], (b - a) / length if length > 0 else np.zeros(3))
         heading = wrap_angle(self.start.heading_rad + along[:, 1])
@@ -72,7 +76,11 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     length = float(np.linalg.norm(b - a))
     turn = float(wrap_angle(end.heading_rad - start.heading_rad))
     speed = _speed_along(b - a, length, limits, wind_m_s)
+    trajectory = partial(_trajectory, length, turn, speed, limits)
+    return Leg(start, end, float(trajectory().duration), length, trajectory)
 
+
+def _trajectory(length: float, turn: float, speed: float, limits: FlightConfig) -> ruckig.Trajectory:
     request = ruckig.InputParameter(2)
     request.current_position, request.target_position = [0.0, 0.0], [length, turn]
     request.current_velocity = request.target_velocity = [0.0, 0.0]
@@ -83,10 +91,10 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     trajectory = ruckig.Trajectory(2)
     outcome = ruckig.Ruckig(2).calculate(request, trajectory)
     if outcome not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise MissionFailure("flight_failed", f"no trajectory from {start} to {end}: {outcome}")
-
-    duration = float(trajectory.duration)
-    return Leg(start, end, duration, length, trajectory)
+        raise MissionFailure(
+            "flight_failed", f"no trajectory over {length} m with a turn of {turn} rad: {outcome}"
+        )
+    return trajectory
 
 
 def _speed_along(delta: Floats, length: float, limits: FlightConfig, wind_m_s: tuple[float, float]) -> float:
