@@ -8,7 +8,7 @@ BIN = $(VENV)/bin
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make tune        set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
+	@echo "make tune        set up, run a small GP campaign on simulated missions, write runs/$(RUN)/report.html"
 	@echo "make test        set up, check the code, run all tests"
 	@echo "make fast-test   the tests that take less than a second or two each"
 	@echo "make fuzz        MINUTES=5 of damaged files through every parser, and the command line; runs/fuzz/fuzz.csv"

@@ -64,7 +64,7 @@ def options(
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version.")
     ] = False,
 ) -> None:
-    """Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions."""
+    """Tune hybrid next-best-view planning with Bayesian optimisation on simulated photogrammetry missions."""
     only_json(False)
 
 

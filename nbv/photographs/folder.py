@@ -158,7 +158,7 @@ def _load_heic() -> None:
     try:
         importlib.import_module("pillow_heif").register_heif_opener()
     except ImportError as error:
-        raise UserError("HEIC needs an extra; install it: pip install 'gatetune[heic]'") from error
+        raise UserError("HEIC needs another library; install it: pip install pillow-heif") from error
 
 
 @contextmanager

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 TEXTS = [ROOT / "README.md", *PAGES]
-# A page of results names the command of the commit that it was measured at.
+# A page of results may name options of the commit that it was measured at.
 GUIDES = [page for page in TEXTS if "results" not in page.parts]
 
 
@@ -40,6 +40,19 @@ def test_commands_on_a_page_exist_with_their_options(page):
         known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help"}
         unknown = {w.split("=")[0] for w in words if w.startswith("--")} - known
         assert not unknown, f"{line}: {unknown}"
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "results").glob("*.md")), ids=lambda page: page.stem)
+def test_a_page_of_results_names_a_script_that_is_there_or_the_commit_that_has_it(page):
+    text = page.read_text()
+    for module in re.findall(r"python -m (research[.\w]*)", text):
+        path = ROOT / module.replace(".", "/")
+        assert path.is_dir() or path.with_suffix(".py").is_file(), module
+    old = text.find("python benchmarks/")  # they are gone
+    assert old < 0 or "git checkout" in text[:old]
+    assert page.stem == "index" or re.search(r"^ {4}\w|`[^`]*(gatetune|make|python) ", text, re.M), (
+        "no command"
+    )
 
 
 def command_lines(text: str) -> list[str]:

@@ -266,7 +266,7 @@ class Campaign:
         """Return why nothing is recommended after ``history`` (None: all missions); empty where something is."""
         history, s = self.history() if history is None else history, self.settings
         if not any(o.feasible for o in history):
-            return "no mission has succeeded"
+            return f"none of the {len(history)} finished missions succeeded"
         first = min(max(2, s.default_missions), s.budget)
         if len(history) < first:
             return f"{len(history)} of the first {first} missions have ended, which show how the default varies over rocks and replicates"

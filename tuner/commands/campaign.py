@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.padding import Padding
 
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.commands.campaign_display import (
@@ -24,7 +27,6 @@ from tuner.commands.console import (
     note_dense_stage,
     output,
     parse_overrides,
-    show_table,
     under_conditions,
     workers_text,
     working,
@@ -189,7 +191,7 @@ def list_(
     folder: Annotated[Path, typer.Argument(help="Whose folders are looked into.")] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """The campaigns in a folder: what each is tuned for, how far it is, its answer in a line.
+    """The campaigns in a folder: how far each is, what it is tuned for and on what, its answer.
 
     Example: gatetune campaign list
     """
@@ -202,17 +204,31 @@ def list_(
         )
     load("tuner.campaign.campaign")
     rows = [_row(directory) for directory in found]
-    show_table(
-        ("campaign", "tuned for", "missions", "answer"),
-        [(r["directory"], r["objective"] or "", f"{r['finished']}/{r['budget']}", r["answer"]) for r in rows],
-    )
+    for row in rows:
+        output.print(row["directory"], style="bold", soft_wrap=True)
+        if row["objective"] is not None:
+            output.print(f"  {row['finished']} of {row['budget']} missions, tuned for {row['objective']}")
+            output.print(Padding(_measured_on(row), (0, 0, 0, 2)))
+        output.print(Padding(row["answer"], (0, 0, 0, 2)))
+    if len({_measured_on(row) for row in rows if row["objective"] is not None}) > 1:
+        output.print(
+            "Answers compare only between campaigns whose rocks, conditions, fidelity and settings are the same."
+        )
     answer_json(rows)
+
+
+def _measured_on(row: Mapping[str, Any]) -> str:
+    """``rocks slab, fin; space gate; fidelity photogrammetric; dense.agreeing_views 3``."""
+    under = "" if row["conditions"] == [IDEAL] else f" under {', '.join(row['conditions'])}"
+    rocks = ", ".join(Path(rock).stem for rock in row["rocks"])
+    fixed = "".join(f"; {path} {value}" for path, value in row["overrides"].items())
+    return f"{row['place']}s {rocks}{under}; space {row['space']}; fidelity {row['fidelity']}{fixed}"
 
 
 def _row(directory: Path) -> dict[str, Any]:
     """A campaign in a line; of one that cannot be read, why."""
     from tuner.campaign.campaign import Campaign
-    from tuner.report.answer import use_sentence
+    from tuner.report.answer import place_word, use_sentence
 
     row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
     try:
@@ -228,6 +244,12 @@ def _row(directory: Path) -> dict[str, Any]:
     return {
         **row,
         "objective": objective_text(s.objective, s.second, s.limit),
+        "place": place_word(s),
+        "rocks": s.rocks,
+        "conditions": [condition.name for condition in s.conditions],
+        "space": s.space.name,
+        "fidelity": s.fidelity,
+        "overrides": s.overrides,
         "finished": counts.finished,
         "budget": counts.budget,
         "values": None if best is None else best.values,

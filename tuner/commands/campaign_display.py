@@ -60,7 +60,7 @@ def best_text(found: Recommendation) -> str:
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
-    """One mission in at most `LINE` columns: ``#012 slab r1  94.57  13 s  proposal``."""
+    """One mission in at most `LINE` columns: ``#0012 slab r1  94.57  13 s  proposal``."""
     trial = event.trial
     assert trial is not None
     if event.kind == "lost":
@@ -73,7 +73,9 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         also = f" at {second:.1f}" if second is not None else ""
         value = f"{trial.raw:7.{0 if settings.exact.first else 2}f}{also}{mark}"
         outcome = f"{value} {trial.wall_s:4.0f} s  {trial.why.get('phase', '')}"
-    line = f"#{trial.number + 1:03d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
+    line = (
+        f"#{trial.number:04d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
+    )
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
 
@@ -88,7 +90,7 @@ def event_line(event: CampaignEvent) -> str:
     if event.message:
         fields["message"] = event.message
     if (t := event.trial) is not None:
-        fields["mission"] = t.number + 1
+        fields["mission"] = t.number
         for name in ("rock", "condition", "replicate", "values", "status", "reason", "wall_s", "directory"):
             fields[name] = getattr(t, name)
         fields["value"] = t.raw

@@ -28,9 +28,11 @@ from tuner.commands.options import (
     Conditions,
     Fidelity,
     MissionAllowed,
+    OrIdeal,
     Overrides,
     Rocks,
     Timeout,
+    TunedRocks,
     Workers,
 )
 from tuner.missions.registry import DEFAULT_FIDELITY, GEOMETRIC_NOTE, is_geometric
@@ -105,7 +107,7 @@ def evaluate(
 
 def confirm(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
-    rocks: Rocks = None,
+    rocks: TunedRocks = None,
     replicates: Annotated[int, typer.Option(help="Per rock, none of them flown by the campaign.")] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
@@ -160,7 +162,7 @@ def reproduce(
             help="paper (the text), paper-reduced (the text with reduced SfM, for speed) or paper-code (what the public code does)."
         ),
     ] = "paper",
-    conditions: Conditions = None,
+    conditions: OrIdeal = None,
     replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
     strategies: Annotated[
         list[str] | None,

@@ -157,7 +157,7 @@ def figures(
     rock: RockFile = None,
     out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
 ) -> None:
-    """The paper's figures: trajectory, sector completeness, error overlay.
+    """The paper's figures: trajectory, sector completeness and, of missions with photographs, error overlay.
 
     Example: gatetune mission figures runs/mission-slab-hyb-h-0
     """

@@ -20,14 +20,29 @@ Rocks = Annotated[
     list[str] | None,
     typer.Option(
         "--rock",
-        help="Rock or mesh file, repeatable (default: the procedural ones; of families their held-out rocks).",
+        help="Rock or mesh file, repeatable (default: the held-out procedural ones; of families their held-out rocks).",
     ),
+]
+TunedRocks = Annotated[
+    list[str] | None,
+    typer.Option("--rock", help="Rock that the campaign was tuned on, repeatable (default: all of them)."),
+]
+TrainingRocks = Annotated[
+    list[str] | None,
+    typer.Option("--rock", help="Rock or mesh file, repeatable (default: the training rocks)."),
 ]
 Conditions = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: the campaign's, or ideal).",
+        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
+    ),
+]
+OrIdeal = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--condition",
+        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: ideal).",
     ),
 ]
 Overrides = Annotated[

@@ -18,7 +18,7 @@ from tuner.commands.console import (
     rock_arguments,
 )
 from tuner.commands.evaluate import end
-from tuner.commands.options import Fidelity, Overrides, Rocks, Timeout, Workers
+from tuner.commands.options import Fidelity, Overrides, Timeout, TrainingRocks, Workers
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -28,7 +28,7 @@ def noise(
     space: Annotated[
         str, typer.Option(help="Search space whose configurations are compared.")
     ] = "gate_and_weights",
-    rocks: Rocks = None,
+    rocks: TrainingRocks = None,
     configurations: Annotated[int, typer.Option(help="Sobol points of the space.")] = 8,
     replicates: Annotated[int, typer.Option(help="Of every configuration on every rock.")] = 3,
     metrics: Annotated[

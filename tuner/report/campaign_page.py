@@ -508,7 +508,7 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
         adjusted = {o.number: round(float(v), 6) for o, v in zip(model.observations, values, strict=True)}
     trials = [
         {
-            "n": t.number + 1,
+            "n": t.number,
             "where": facts.world_name(t.world),
             "rep": t.replicate,
             "raw": facts.outcome(t),

@@ -21,6 +21,7 @@ from nbv.mission.run_directory import read_ply
 from nbv.terrain import buried_rock
 from nbv.types import Floats
 from tuner.evaluation.baselines import label as strategy_label
+from tuner.missions.registry import is_geometric
 from tuner.report.mission_files import decided, mission_config, read_flight, the_rock, thin_indices
 from tuner.report.style import (
     BLUE,
@@ -46,6 +47,8 @@ _ELEVATION_DEG = 18.0
 def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str | None = None) -> list[Path]:
     """Write ``trajectory_LABEL.png`` and ``overlay_LABEL.png`` of each mission and ``sectors.png`` of all into ``out``.
 
+    A geometric mission has no cloud with errors and so no overlay.
+
     ``runs``: directories of missions on one rock by label, such as ``{"Covis": ..., "Hyb-O": ...}``, flown with everything
     kept; ``rock``: catalogue name or mesh file, for one that is not in the catalogue under the missions' name for it.
     """
@@ -54,7 +57,9 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str | None 
     for label, run in runs.items():
         safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in label)
         written.append(save_figure(trajectory_figure(run), out, f"trajectory_{safe}"))
-        written.append(save_figure(overlay_figure(run, rock), out, f"overlay_{safe}"))
+        geometric = is_geometric(MissionResult.load(run).provenance.get("fidelity", ""))
+        if not geometric or (run / "cleaned.ply").is_file():
+            written.append(save_figure(overlay_figure(run, rock), out, f"overlay_{safe}"))
     return [*written, save_figure(sectors_figure(runs), out, "sectors")]
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from nbv.config import MissionConfig, preset
 from nbv.rocks import list_rocks
+from tuner.commands.console import output
 
 
 def shown(gatetune: Any, *command: Any) -> Any:
@@ -42,20 +43,27 @@ def test_a_configuration_and_its_metrics(gatetune: Any) -> None:
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     fake_campaigns.run(folder / "one", name="one").recommendation()
+    fake_campaigns.run(folder / "two", name="two", rocks=("c",), budget=2, sampler="sobol")
     (folder / "broken").mkdir()
     (folder / "broken" / "campaign.yaml").write_text("format: 0")
     return folder
 
 
-def test_campaigns_are_listed_with_their_answers(gatetune, runs: Path) -> None:
+def test_campaigns_are_listed_with_their_answers(
+    gatetune, runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     code, out, err = gatetune("campaign", "list", runs, "--json")
     assert code == 0, err
     rows = {Path(row["directory"]).name: row for row in json.loads(out)}
-    assert list(rows) == ["broken", "one"]
+    assert list(rows) == ["broken", "one", "two"]
     assert rows["broken"]["answer"].startswith("cannot be read: ")
     assert (rows["one"]["finished"], rows["one"]["budget"]) == (9, 9)
     saved = json.loads((runs / "one" / "recommendation.json").read_text())
     assert rows["one"]["values"] == saved["values"] and f"{saved['mean']:.4g}" in rows["one"]["answer"]
     assert rows["one"]["objective"] == "f_score"
     shown = gatetune("campaign", "list", runs)[1]
-    assert "9/9" in shown and "f_score" in shown
+    assert "9 of 9 missions, tuned for f_score\n  rocks a, b; space gate; fidelity fake_missions:" in shown
+    assert "rocks c; space gate" in shown and "Answers compare only between campaigns" in shown
+    monkeypatch.setattr(output, "width", 80)
+    narrow = gatetune("campaign", "list", runs)[1].splitlines()
+    assert max(len(line) for line in narrow if not line.startswith("/")) <= 80 and "…" not in "".join(narrow)

@@ -16,7 +16,7 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate
-from tuner.commands.campaign_display import event_line
+from tuner.commands.campaign_display import event_line, mission_line
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
@@ -39,8 +39,24 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
 
 def test_an_event_is_one_json_object() -> None:
     tree = json.loads(event_line(event(raw=float("nan"))))
-    assert tree["event"] == "finished" and tree["mission"] == 12 and tree["budget"] == 9
+    assert tree["event"] == "finished" and tree["mission"] == 11 and tree["budget"] == 9
+    assert mission_line(event(), SETTINGS).startswith("#0011 a ")  # as in missions/0011_a_r1
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
+
+
+@pytest.mark.parametrize(
+    ("path", "option", "says"),
+    [
+        (("confirm",), "--rock", "Rock that the campaign was tuned on, repeatable (default: all of them)."),
+        (("reproduce",), "--condition", "repeatable (default: ideal)."),
+        (("study", "noise"), "--rock", "repeatable (default: the training rocks)."),
+    ],
+)
+def test_help_names_the_default_that_the_command_has(path: tuple[str, ...], option: str, says: str) -> None:
+    command: Any = typer.main.get_command(app)
+    for word in path:
+        command = command.commands[word]
+    assert next(p.help for p in command.params if option in p.opts).endswith(says)
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(
@@ -50,9 +66,13 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []
     monkeypatch.setattr(evaluate, "compare", lambda asked, *_, **__: plans.append(asked.plan))
+    found = run.recommendation()
+    assert found is not None
+    kept = replace(found, values=found.default_values)
+    monkeypatch.setattr(Campaign, "recommendation", lambda *_, **__: kept)
     code, out, _ = gatetune("confirm", run.directory)
     assert code == 0 and "keep the default: there is nothing to confirm" in out and not plans
-    better = replace(run.recommendation(), values=run.trials()[-1].values)  # type: ignore[type-var]
+    better = replace(found, values=dict(run.trials()[-1].values))
     monkeypatch.setattr(Campaign, "recommendation", lambda *_, **__: better)
     code, _, err = gatetune("confirm", run.directory, "--rock", "a", "--replicates", 3)
     assert code == 0, err

@@ -56,6 +56,12 @@ def test_all_figures_are_written(flown: Path, tmp_path: Path) -> None:
         assert pixels.shape[0] > 300 and pixels[..., :3].std() > 0.03  # something is drawn
 
 
+def test_a_geometric_mission_has_all_figures_but_the_overlay(flown: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(flown, tmp_path / "shown", ignore=shutil.ignore_patterns("cleaned.ply")))
+    written = write_mission_figures(labels_of([run]), tmp_path / "out")
+    assert [p.name for p in written] == ["trajectory_Hyb-H.png", "sectors.png"]
+
+
 def test_overlay_measures_against_the_surface_itself(flown: Path) -> None:
     title = overlay_figure(flown).get_suptitle()
     error_mm = float(title.split("median error of the cloud ")[1].split()[0])

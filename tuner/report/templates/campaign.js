@@ -28,7 +28,7 @@
     return [el("svg", { viewBox: `0 0 ${width} ${height}`, style: width > room ? `width: ${width}px` : "width: 100%", class: "drawing", role: "img",
       "aria-label": box.dataset.label }, box), width];
   };
-  const about = (t) => `mission ${t.n}, ${t.where}, replicate ${t.rep}: ${t.raw === null ? t.state : text(t.raw)}` +
+  const about = (t) => `mission ${String(t.n).padStart(4, "0")}, ${t.where}, replicate ${t.rep}: ${t.raw === null ? t.state : text(t.raw)}` +
     (t.raw !== null && t.state !== "ok" ? ` (${t.state})` : "") + ` · ${t.why}` +
     data.parameters.map((p, i) => `\n${p.short} ${t.v[i]} ${p.unit}`).join("");
   const say = (node, words) => {
@@ -50,13 +50,13 @@
     const values = trials.filter((t) => t.raw !== null).map((t) => t.raw);
     if (!values.length) { el("text", { x: 8, y: 20 }, svg, "no successful mission here"); return; }
     const [low, high] = range(values), digits = tickDigits(low, high), left = roomFor(low, high, digits), last = Math.max(...data.trials.map((t) => t.n));
-    const x = (n) => left + 10 + (width - left - 26) * (n - 1) / Math.max(1, last - 1), y = (v) => 205 - 190 * (v - low) / (high - low);
+    const x = (n) => left + 10 + (width - left - 26) * n / Math.max(1, last), y = (v) => 205 - 190 * (v - low) / (high - low);
     for (let k = 0; k <= 4; k++) {
       const v = low + k * (high - low) / 4;
       el("line", { x1: left + 4, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
       el("text", { x: left, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
     }
-    el("text", { x: left + 10, y: 243, class: "soft" }, svg, `mission 1 to ${last}; ${data.axis}`);
+    el("text", { x: left + 10, y: 243, class: "soft" }, svg, `mission 0 to ${last}; ${data.axis}`);
     for (const t of trials) {
       const g = linked(svg, t);
       if (t.raw === null) el("path", { d: `M${x(t.n) - 4} 216l8 8m0 -8l-8 8`, stroke: RED, "stroke-width": 2, fill: "none" }, g);
