@@ -50,7 +50,7 @@ class SourcePhotograph:
     device: str  # make and model; "" where unknown
     focal_35_mm: float | None  # focal length of a camera with 36 x 24 mm film and the same view
     time: str | None
-    gps: tuple[float, float, float] | None
+    gps: tuple[float, float, float | None] | None  # None: no altitude
     gimbal_deg: tuple[float, float, float] | None
 
     @property
@@ -223,19 +223,25 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) and number > 0 else None
 
 
-def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
-    """Latitude and longitude in degrees and altitude in metres from EXIF's GPS block."""
+def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | None:
+    """Latitude and longitude in degrees and altitude in metres from EXIF's GPS block; an altitude of 0 is none."""
     try:
         degrees = [
             sum(float(part) / 60**power for power, part in enumerate(gps[tag]))
             * (-1 if gps.get(tag - 1) in ("S", "W") else 1)
             for tag in (2, 4)
         ]
-        altitude = float(gps.get(6, 0.0)) * (-1 if gps.get(5) in (1, b"\x01") else 1)
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return None
-    position = (degrees[0], degrees[1], altitude)
-    return position if all(map(math.isfinite, position)) and any(position[:2]) else None
+    altitude = _number(gps.get(6))
+    if altitude is not None and gps.get(5) in (
+        1,
+        3,
+        b"\x01",
+        b"\x03",
+    ):  # below sea level, below the ellipsoid
+        altitude = -altitude
+    return (degrees[0], degrees[1], altitude) if all(map(math.isfinite, degrees)) and any(degrees) else None
 
 
 def _gimbal(xmp: bytes) -> tuple[float, float, float] | None:

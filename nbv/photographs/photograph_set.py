@@ -64,7 +64,7 @@ class Photograph:
     camera_from_world: Floats | None  # (4, 4) in the set's frame; None: did not register
     masked: bool  # there is masks/NAME.png
     time: str | None = None  # EXIF, "2016-11-18T16:11:33"
-    gps: tuple[float, float, float] | None = (
+    gps: tuple[float, float, float | None] | None = (
         None  # EXIF: latitude and longitude in degrees, altitude in metres
     )
     gimbal_deg: tuple[float, float, float] | None = None  # XMP: yaw, pitch, roll

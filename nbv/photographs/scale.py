@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pyproj import CRS, Proj, Transformer
+from pyproj.exceptions import CRSError, ProjError
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama
@@ -17,13 +23,16 @@ from nbv.photographs.source import Source
 from nbv.safe_files import expanded, read_text
 from nbv.types import Floats
 
-EARTH_M = 6_378_137.0
 FEWEST_POINTS = 3
 WORST_MISS_DEG = 1.0  # of the rays of one control point
-WORST_GPS_SCALE = 0.1  # standard error beyond which GPS does not tell the scale
+WORST_ERROR = 0.1  # of the scale, beyond which it is not told
+SURE_ERROR = 0.01  # of the scale, below which places are taken as their file says
+BETTER = 3.0  # times less rest speaks for another reading of the places than the one that their file says
+WGS84 = "EPSG:4326"
 _MOST_LINES = 20_000
+_UTM = re.compile(r"(\w*?)\s*/?\s*UTM\s*(?:zone)?\s*(\d+)\s*([C-X])", re.IGNORECASE)
 
-Place = tuple[float, float, float]
+Place = tuple[float, float, float | None]  # as the file has it; None: no height
 
 
 @dataclass(frozen=True)
@@ -47,10 +56,25 @@ class Scale:
 
 @dataclass(frozen=True)
 class ControlPoints:
-    """Marks (photograph, x, y in its pixels) by place in local metres, east, north, up."""
+    """Marks (photograph, x, y in its pixels) by place in the coordinate system that the file's first line names."""
 
     path: Path
+    system: str  # as the file has it
+    crs: CRS | None  # None: metres of the user's own
     marks: Mapping[Place, Sequence[tuple[str, float, float]]]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A model laid over places in metres."""
+
+    reading: str  # of the places
+    scale: float  # metres per unit of the model
+    up: Floats | None  # (3,) in the model's frame; None without heights
+    size_m: float  # of the places, rms about their mean
+    rms_m: float
+    sigma_m: float  # standard deviation of a coordinate
+    error: float  # relative, of the scale
 
 
 def read_control_points(path: Path, source: Source) -> ControlPoints:
@@ -59,25 +83,32 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
     Raises
     ------
     UserError
-        It cannot be read, or marks a place outside its photograph.
+        It cannot be read, names no coordinate system, or marks a place outside its photograph.
     """
     path = expanded(path)
-    lines = [line.split() for line in read_text(path, 16 * 2**20).splitlines() if line.strip()]
+    lines = [line.strip() for line in read_text(path, 16 * 2**20).lstrip("\ufeff").splitlines()]
     if not 2 <= len(lines) <= _MOST_LINES:
         raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
-    geographic = re.search(r"longlat|4326|^WGS84$", " ".join(lines[0]), re.IGNORECASE) is not None
+    crs = _system(lines[0], path)
     of_file = {p.path.name.lower(): p for p in source.photographs}
     marks: dict[Place, list[tuple[str, float, float]]] = {}
-    origin: Place | None = None
-    for number, words in enumerate(lines[1:], start=2):
+    for number, line in enumerate(lines[1:], start=2):
+        if not line or line.startswith("#"):
+            continue
+        words = line.split()
         try:
             x, y, z, x_px, y_px = (float(word) for word in words[:5])
             file = words[5]
         except (ValueError, IndexError) as error:
             raise UserError(f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; mend it") from error
-        if not np.isfinite([x, y, z, x_px, y_px]).all():
-            raise UserError(f"{path} line {number}: every number must be finite")
-        if (photograph := of_file.get(file.lower())) is None:
+        if not np.isfinite([x, y, x_px, y_px]).all() or np.isinf(z):
+            raise UserError(
+                f"{path} line {number}: every number must be finite; only Z may be NaN, if it is not known"
+            )
+        named = (
+            " ".join(words[5:end]).lower() for end in range(len(words), 5, -1)
+        )  # of names with spaces, the longest
+        if (photograph := next((of_file[name] for name in named if name in of_file), None)) is None:
             continue
         sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
         if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):
@@ -86,15 +117,36 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
                 f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
                 "give marks in pixels of these photographs"
             )
-        if geographic:
-            origin = origin or (y, x, 0.0)
-            x, y, z = local_metres((y, x, z), origin).tolist()
-        marks.setdefault((x, y, z), []).append((photograph.name, x_px, y_px))
+        marks.setdefault((x, y, None if np.isnan(z) else z), []).append((photograph.name, x_px, y_px))
     if (several := sum(len(seen) >= 2 for seen in marks.values())) < FEWEST_POINTS:
         raise UserError(
             f"{path}: {several} control points are marked in two of these photographs or more; {FEWEST_POINTS} are needed"
         )
-    return ControlPoints(path, marks)
+    if not _readings(crs, lines[0], list(marks)):
+        raise UserError(f"{path}: there are no such places in {lines[0]}; check its first line")
+    return ControlPoints(path, lines[0], crs, marks)
+
+
+def _system(text: str, path: Path) -> CRS | None:
+    """The coordinate system of a file's first line; None where it says that places are in metres of the user's own."""
+    if re.fullmatch(r"local|m|met(re|er)s?", text, re.IGNORECASE):
+        return None
+    if utm := _UTM.fullmatch(text):
+        datum, zone, band = utm.groups()
+        datum = "WGS 84" if datum.upper() in ("", "WGS84") else datum
+        text = f"{datum} / UTM zone {zone}{'S' if band.upper() == 'S' or band.upper() < 'N' else 'N'}"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of old ways to write it
+            crs = CRS.from_user_input(text)
+        if len(crs.axis_info) >= 2:
+            return crs
+    except CRSError:
+        pass
+    raise UserError(
+        f"{path} line 1: {text[:60]!r} is no coordinate system; write EPSG:CODE, WGS84, WGS84 UTM 32N, "
+        "a PROJ string, or local for metres of your own"
+    )
 
 
 def find_scale(
@@ -151,29 +203,192 @@ def _from_control_points(model: SolvedModel, source: Source, points: ControlPoin
             f"{path}: the marks of one control point do not meet (they miss by {np.median(misses_deg):.1f}° in the median); "
             "give marks in pixels of these photographs"
         )
-    placed, target = np.array(found), np.array(expected)
-    target = target - target.mean(axis=0)
     try:
-        fit = align_umeyama(target, placed)
+        fit = _best_fit(np.array(found), _readings(points.crs, points.system, expected), model.centers)
     except ValueError as error:
-        raise UserError(f"{path}: the control points coincide") from error
-    spread = np.linalg.svd(target, compute_uv=False)
-    if spread[1] < 0.02 * spread[0]:
-        raise UserError(f"{path}: the control points lie on one line, which does not tell what is up")
-    rest = float(np.sqrt(((fit.apply(placed) - target) ** 2).sum(axis=1).mean()))
-    if rest > 0.2 * float(np.sqrt((target**2).sum(axis=1).mean())):
+        raise UserError(f"{path}: the control points {error}") from error
+    if fit.error > WORST_ERROR:
         raise UserError(
-            f"{path} does not fit the model: {rest:.2f} m rms; are the marks in pixels of these photographs?"
+            f"{path} does not fit the model: {fit.rms_m:.2f} m rms, read as {fit.reading}; "
+            "is that so, and are the marks in pixels of these photographs?"
         )
-    note = f"scale and up: {len(found)} control points, {rest:.3f} m rms"
-    return Scale("control points", None, fit.scale, fit.rotation.T @ np.array([0.0, 0.0, 1.0]), (note,))
+    told = f"{len(found)} control points, {fit.rms_m:.3f} m rms, scale to about {_percent(fit.error)}; read as {fit.reading}"
+    return Scale(
+        "control points", None, fit.scale, fit.up, (f"scale{'' if fit.up is None else ' and up'}: {told}",)
+    )
 
 
-def local_metres(position: Place, origin: Place) -> Floats:
-    """(3,) east, north and up of (latitude, longitude, altitude) from ``origin``, for distances of kilometres."""
-    degrees = np.deg2rad(np.array(position[:2]) - np.array(origin[:2]))
-    east = EARTH_M * degrees[1] * np.cos(np.deg2rad(origin[0]))
-    return np.array([east, EARTH_M * degrees[0], position[2] - origin[2]])
+def _from_gps(model: SolvedModel, source: Source) -> Scale:
+    gps = {row: at for row, name in enumerate(model.names) if (at := source.by_name[name].gps) is not None}
+    if len(gps) < max(4, len(model.names) // 2):
+        return Scale("none", notes=("scale: none given; thresholds are shares of the object's height",))
+    latitude, longitude, up_m = np.array(list(gps.values()), dtype=float).T
+    flat_m = _local_m(CRS(WGS84), longitude, latitude)
+    heights = {"GPS": up_m} if np.isfinite(up_m).any() else {}
+    heights["GPS without altitude"] = np.full(len(gps), np.nan)
+    found = model.centers[list(gps)]
+    try:
+        fit = _best_fit(found, {n: np.column_stack([flat_m, up]) for n, up in heights.items()}, found)
+    except ValueError as error:
+        return Scale("none", notes=(f"scale: none; the places of the photographs by GPS {error}",))
+    told = f"{fit.reading}, {fit.rms_m:.2f} m rms to the cameras, scale to about {_percent(fit.error)}"
+    if fit.error > WORST_ERROR:
+        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
+    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
+
+
+def _percent(error: float) -> str:
+    return f"{np.clip(100 * error, 0.01, 99):.2g} %"
+
+
+def _readings(crs: CRS | None, system: str, places: Sequence[Place]) -> dict[str, Floats]:
+    """What N places of a file may mean, what it says first: (N, 3) metres east, north, up; NaN where there is no height.
+
+    People give latitude before longitude, and heights in another unit than what is horizontal.
+    """
+    x, y, z = np.array(places, dtype=float).T
+    if crs is None:
+        return {"metres of your own": np.column_stack([x, y, z])}
+    name = system if crs.name in ("unknown", system) else f"{system} ({crs.name})"
+    if crs.is_geocentric:
+        x, y, z = Transformer.from_crs(crs, "EPSG:4979", always_xy=True).transform(x, y, z)
+        return {name: np.column_stack([_local_m(CRS(WGS84), x, y), z])}
+    third = len(crs.axis_info) == 3
+    axis = crs.axis_info[-1]
+    said, says = (
+        (axis.unit_name, axis.unit_conversion_factor) if third or crs.is_projected else ("metre", 1.0)
+    )
+    units_m = {"metre": 1.0, "foot": 0.3048}
+    units_m = {
+        said: -says if axis.direction == "down" else says,
+        **{u: m for u, m in units_m.items() if u != said},
+    }
+    heights = {f"heights in {unit}": z * metres for unit, metres in units_m.items() if np.isfinite(z).any()}
+    heights["without heights"] = np.full(len(z), np.nan)
+    flat, first = crs.to_2d(), "latitude" if crs.is_geographic else "north"
+    orders = {"": (x, y), f", {first} first": (y, x)}
+    orders = {order: at for order, at in orders.items() if _made_for(flat, *at)} or orders
+    local_m = {order: _local_m(flat, *at) for order, at in orders.items()}
+    return {
+        f"{name}{order}, {reading}": np.column_stack([flat_m, up_m])
+        for reading, up_m in heights.items()
+        for order, flat_m in local_m.items()
+        if np.isfinite(flat_m).all()
+    }
+
+
+def _made_for(crs: CRS, x: Floats, y: Floats) -> bool:
+    """Whether ``crs`` is made for where these places begin: its area of use, or where a PROJ string is true to scale."""
+    try:
+        longitude, latitude = Transformer.from_crs(crs, WGS84, always_xy=True).transform(
+            x[0], y[0], errcheck=True
+        )
+        if (area := crs.area_of_use) is None:
+            scale = 1.0 if crs.is_geographic else Proj(crs).get_factors(longitude, latitude).meridional_scale
+            return abs(scale - 1) < 0.05
+    except ProjError:
+        return False
+    wide_deg = (area.east - area.west) % 360 or 360
+    along = (longitude - area.west + 5) % 360 <= wide_deg + 10
+    return bool(along and area.south - 5 <= latitude <= area.north + 5)
+
+
+def _local_m(crs: CRS, x: Floats, y: Floats) -> Floats:
+    """(N, 2) metres east and north of the first of N places in ``crs``; not finite where there are none."""
+    try:
+        longitude, latitude = Transformer.from_crs(crs, WGS84, always_xy=True).transform(x[0], y[0])
+        local = CRS(f"+proj=aeqd +lat_0={latitude} +lon_0={longitude} +datum=WGS84")
+        return np.column_stack(Transformer.from_crs(crs, local, always_xy=True).transform(x, y))
+    except ProjError:  # of `inf` as well, which stands for no place
+        return np.full((len(x), 2), np.inf)
+
+
+def _best_fit(found: Floats, readings: Mapping[str, Floats], centers: Floats) -> _Fit:
+    """The first reading of the places (N, 3) of ``found`` (N, 3), unless another one fits far better.
+
+    A plane fits its mirror image as well, but then the cameras (V, 3) are below it. Without heights all points do: where
+    another order of coordinates fits as well, the error of the scale holds it.
+
+    Raises
+    ------
+    ValueError
+        Nothing can be fitted; says what the points do.
+    """
+    fits, trouble = [], ValueError("coincide")
+    for reading, places_m in readings.items():
+        try:
+            fits.append(_fitted(reading, found, places_m))
+        except ValueError as error:
+            trouble = error
+    if not fits:
+        raise trouble
+    sight = centers.mean(axis=0) - found.mean(axis=0)
+    best, least_m = fits[0], np.inf
+    for fit in fits:
+        below = fit.up is not None and fit.up @ sight < 0
+        rest_m = max(fit.sigma_m, 1e-4 * fit.size_m) * (10 if below else 1)
+        if BETTER * rest_m < least_m:
+            best, least_m = fit, rest_m
+        if best.error < SURE_ERROR and best.up is not None and not below:
+            return best
+    if best.up is not None:
+        return best
+    alike = [
+        fit for fit in fits if fit.up is None and fit.sigma_m < BETTER * best.sigma_m + 1e-4 * best.size_m
+    ]
+    return replace(best, error=max(best.error, *(abs(fit.scale / best.scale - 1) for fit in alike)))
+
+
+def _fitted(reading: str, found: Floats, places_m: Floats) -> _Fit:
+    """The similarity that brings ``found`` (N, 3) to its places (N, 3), by least squares over what is known of them.
+
+    The error of the scale is the larger one of its 95 % interval, were rests independent, and of rests over extent,
+    which holds what is not: heights that are wrong all alike shrink a model by less than that.
+
+    Raises
+    ------
+    ValueError
+        The points coincide, lie on one line, or are too few.
+    """
+    known = np.isfinite(places_m)
+    x, y = (
+        found - found.mean(axis=0),
+        places_m - np.nanmean(np.where(known.any(axis=0), places_m, 0.0), axis=0),
+    )
+    unit, size_m = (float(np.sqrt(np.nansum(part**2) / len(x))) for part in (x, y))
+    if not (unit > 1e-9 and size_m > 1e-6):
+        raise ValueError("coincide")
+    x, y = x / unit, y / size_m
+    extent = np.linalg.svd(np.where(known, y, 0.0), compute_uv=False)
+    if extent[1] < 0.02 * extent[0]:
+        raise ValueError("lie on one line")
+    whole = known.all(axis=1)
+    if whole.sum() >= FEWEST_POINTS:
+        begin = align_umeyama(y[whole], x[whole]).rotation
+    else:
+        u, _, vt = np.linalg.svd(np.linalg.lstsq(x, y[:, :2], rcond=0.05)[0].T, full_matrices=False)
+        begin = np.vstack([u @ vt, np.cross(*(u @ vt))])
+
+    def turned(p: Floats) -> Floats:
+        return np.asarray(Rotation.from_rotvec(p[1:4]).as_matrix() @ begin)
+
+    solved = least_squares(lambda p: (np.exp(p[0]) * x @ turned(p).T + p[4:] - y)[known], np.zeros(7))
+    jacobian = solved.jac
+    free = known.sum() - np.linalg.matrix_rank(jacobian, tol=1e-3 * np.linalg.norm(jacobian, 2))
+    if free < 2:
+        raise ValueError("are too few without heights")
+    sigma = float(np.sqrt(2 * solved.cost / free))
+    own = sigma * float(np.sqrt(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-6, hermitian=True)[0, 0]))
+    rms = float(np.sqrt(2 * solved.cost / len(x)))
+    return _Fit(
+        reading,
+        float(np.exp(solved.x[0])) * size_m / unit,
+        turned(solved.x)[2] if known[:, 2].any() else None,
+        size_m,
+        rms * size_m,
+        sigma * size_m,
+        max(rms, own * float(student.ppf(0.975, free))),
+    )
 
 
 def _triangulated(model: SolvedModel, views: list[int], rays: Floats) -> tuple[Floats, float]:
@@ -189,25 +404,3 @@ def _triangulated(model: SolvedModel, views: list[int], rays: Floats) -> tuple[F
     sights = point - centers
     cosines = (sights * directions).sum(axis=1) / np.linalg.norm(sights, axis=1)
     return point, float(np.rad2deg(np.median(np.arccos(np.clip(cosines, -1, 1)))))
-
-
-def _from_gps(model: SolvedModel, source: Source) -> Scale:
-    gps = [source.by_name[name].gps for name in model.names]
-    rows = [row for row, position in enumerate(gps) if position is not None]
-    if len(rows) < max(4, len(model.names) // 2):
-        return Scale("none", notes=("scale: none given; thresholds are shares of the object's height",))
-    positions = [position for position in gps if position is not None]
-    target = np.array([local_metres(p, positions[0]) for p in positions])
-    centers = model.centers[rows]
-    try:
-        fit = align_umeyama(target, centers)
-    except ValueError:
-        return Scale("none", notes=("scale: GPS has all photographs in one place",))
-    rest = fit.apply(centers) - target
-    rms = float(np.sqrt((rest**2).sum(axis=1).mean()))
-    spread = fit.scale * float(np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum()))
-    error = float(np.sqrt((rest**2).sum() / (3 * len(rows) - 7))) / max(spread, 1e-9)
-    told = f"GPS, {rms:.2f} m rms to the cameras, scale to about {200 * error:.0f} %"
-    if fit.scale <= 0 or error > WORST_GPS_SCALE / 2:
-        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
-    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
