@@ -12,6 +12,16 @@ Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue`
 """
 
 from nbv.cache.addressing import address, code_digest, digest, remember, remember_json
-from nbv.cache.store import Arrays, Store, home
+from nbv.cache.store import Arrays, KnownOnly, Store, home
 
-__all__ = ["Arrays", "Store", "address", "code_digest", "digest", "home", "remember", "remember_json"]
+__all__ = [
+    "Arrays",
+    "KnownOnly",
+    "Store",
+    "address",
+    "code_digest",
+    "digest",
+    "home",
+    "remember",
+    "remember_json",
+]

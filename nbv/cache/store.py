@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.errors import UserError
+from nbv.errors import MissionFailure, UserError
 from nbv.safe_files import expanded, read_bytes, write_atomic
 
 _MAGIC = b"gatetune-entry-2"
@@ -153,6 +153,20 @@ class Store:
     def _entries(self) -> Iterator[Path]:
         if self.root.is_dir():
             yield from (path for path in self.root.glob("*/??/*") if not path.name.startswith("."))
+
+
+class KnownOnly(Store):
+    """The user's store for a mission that may compute nothing: what is not there ends it with ``not_known``."""
+
+    def get(self, kind: str, key: str) -> Arrays:
+        """The entry; `MissionFailure` if it is absent."""
+        found = super().get(kind, key)
+        if found is None:
+            raise MissionFailure("not_known", f"no entry of {kind} in the store")
+        return found
+
+    def put(self, kind: str, key: str, arrays: Arrays) -> None:
+        """Nothing."""
 
 
 def _pack(kind: str, key: str, arrays: Arrays) -> bytes:

@@ -83,7 +83,7 @@ class Fidelity(ABC):
         *,
         keep: Keep = "all",
         overwrite: bool = False,
-        cache: bool = True,
+        cache: bool | Store = True,
         log: Log = no_log,
         with_oracle: bool = False,
     ) -> MissionResult:
@@ -96,8 +96,8 @@ class Fidelity(ABC):
         overwrite
             Whether a finished mission in ``directory`` may be replaced.
         cache
-            Keep what missions share in the user's store; the outcome is the same. Otherwise the store is neither read nor
-            written.
+            Keep what missions share in the user's store, or in the one given; the outcome is the same. False: no store is
+            read or written.
         log
             Called with an event's name and its facts as the mission goes on.
         with_oracle
@@ -106,7 +106,7 @@ class Fidelity(ABC):
         started = time.perf_counter()
         digest = config.digest()
         config.require_seeds_above_ground()
-        store = Store() if cache else None
+        store = cache if isinstance(cache, Store) else Store() if cache else None
         found = cls.load(rock, store)
         subject = buried_rock(found, config)
         belief = believed(told(cls.simulated(config), subject, replicate), subject.sha256, replicate)

@@ -36,7 +36,7 @@ from tuner.campaign.settings_file import (
     with_mission_file,
 )
 from tuner.missions.external.program import require_trusted, trust
-from tuner.missions.job import Trial
+from tuner.missions.job import Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.exact_costs import Exact, modelled
@@ -228,6 +228,7 @@ class Campaign:
             },
             failures=dict(collections.Counter(t.reason for t in done if t.raw is None)),
             mission_wall_s=float(sum(t.wall_s for t in done)),
+            repeats=len(repeated(trials)),
         )
 
     def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:

@@ -26,7 +26,7 @@ class CampaignEvent:
 
     kind: EventKind
     elapsed_s: float  # since this session began
-    finished: int  # missions finished so far, failed ones included
+    finished: int  # missions finished so far, failed ones included, repeats left out
     budget: int
     trial: Trial | None = None
     recommendation: Recommendation | None = None
@@ -46,11 +46,12 @@ class CampaignStatus:
     per_condition: dict[str, int]
     failures: dict[str, int]  # by reason
     mission_wall_s: float
+    repeats: int = 0  # trials that took the photographs of an earlier one: they use no budget
 
     @property
     def finished(self) -> int:
-        """Missions with an outcome, failures included."""
-        return self.complete + self.failed
+        """Missions with an outcome, failures included, repeats left out."""
+        return self.complete + self.failed - self.repeats
 
     @property
     def remaining(self) -> int:
@@ -62,7 +63,7 @@ class CampaignStatus:
 class CampaignSummary:
     """How one session (``fly_campaign``) ended."""
 
-    stopped: Literal["budget", "interrupted", "failing"]
+    stopped: Literal["budget", "interrupted", "failing", "exhausted"]
     message: str
     elapsed_s: float
     ask_s: float  # spent by the sampler

@@ -12,6 +12,7 @@ ledger was changed outside.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import math
 import threading
@@ -26,7 +27,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, CoordinatorLock, Journal, open_storage, patiently
-from tuner.missions.job import Trial
+from tuner.missions.job import Trial, repeated
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.worlds import World, worlds_of
 from tuner.samplers.optuna import distributions
@@ -38,7 +39,7 @@ T = TypeVar("T")
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
 _NO_LONGER = ("sampler_state", "directory")  # entered by earlier versions
-_ENDING = ("status", "message", "rock_sha256", "checksum")  # of it, as in `Trial`
+_ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switched")  # of it, as in `Trial`
 
 
 class Ledger:
@@ -322,7 +323,9 @@ class Ledger:
         """Return the finished missions as the samplers and the surrogate see them."""
         objective, second = self._settings.objective, self._settings.second
         asked = self.trials() if trials is None else trials
-        return [t.observation(objective, t.raw, second) for t in asked if t.status]
+        again = repeated(asked)
+        found = [t.observation(objective, t.raw, second) for t in asked if t.status]
+        return [dataclasses.replace(o, repeat=True) if o.number in again else o for o in found]
 
     def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""

@@ -13,6 +13,7 @@ from nbv.safe_files import is_file
 from tuner.problem.worlds import family_of
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
+QUICK_HELD_OUT = ["arch", "fin"]
 
 
 Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock is made

@@ -19,10 +19,11 @@ from nbv.mission import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.reproducibility_check import ReproducibilityCheck
+from tuner.campaign.simplify import simplified
 from tuner.missions.executors import Executor
 from tuner.missions.external.program import trust
 from tuner.missions.fly import fly
-from tuner.missions.job import MissionJob, Trial, landed
+from tuner.missions.job import MissionJob, Trial, landed, repeated
 from tuner.missions.long_runs import Stop, long_run
 from tuner.problem.objective import dotted
 from tuner.problem.observations import Proposal, next_block
@@ -37,6 +38,8 @@ NOTHING_REGISTERS = (
     f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
     "again with more seeds (seed.count) or lower ones (seed.lowest_deg)"
 )
+# So many trials in a row without a photograph of their own mean that what is tuned changes nothing more.
+MAX_CONSECUTIVE_REPEATS = 12
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
 _TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
@@ -104,11 +107,15 @@ class _Session:
         self._ask_s = 0.0
         self._finished = 0
         self._failures_in_row = 0
+        self._repeats_in_row = 0
         self._last_failure = ""
         self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
         self._to_retry: collections.deque[Trial] = collections.deque()
         self._in_flight: dict[str, Trial] = {}
         self._in_vain: bool | None = None  # whether nothing planned registers; None: not known yet
+        self._taken: set[Any] = set()  # the photographs of all trials that have ended
+        self._repeats = 0  # trials that took none of their own: they use no budget
+        self._simplified = collections.deque[Proposal]()
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
         if mission is not None and not finished:
@@ -119,9 +126,19 @@ class _Session:
         self._stop, self._ledger.pause = stop, stop.wait
         self._recover()
         fly(self, self.executor, stop)
+        if not stop.is_set() and not self.given_up:
+            self._simplified.extend(stop.computed(lambda: simplified(self.campaign)) or ())
+            fly(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
             return self._end("interrupted", "interrupted", waiting)
+        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
+            return self._end(
+                "exhausted",
+                "done",
+                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
+                f"left to try, and used {self._finished} of {self._settings.budget} missions",
+            )
         if self.given_up:
             return self._end(
                 "failing",
@@ -141,7 +158,7 @@ class _Session:
         return self._end("budget", "done", "the budget is used")
 
     def _end(
-        self, stopped: Literal["budget", "interrupted", "failing"], kind: EventKind, message: str
+        self, stopped: Literal["budget", "interrupted", "failing", "exhausted"], kind: EventKind, message: str
     ) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
         best = None if stopped == "interrupted" else self.campaign.recommendation()
@@ -152,7 +169,9 @@ class _Session:
     def _recover(self) -> None:
         """Enter missions that finished without being in the ledger; the others are flown again."""
         trials = self._ledger.trials()
-        self._finished = sum(bool(t.status) for t in trials)
+        self._repeats = len(repeated(trials))
+        self._taken = {t.photographs_taken for t in trials}
+        self._finished = sum(bool(t.status) for t in trials) - self._repeats
         for trial in trials:
             if trial.status:
                 continue
@@ -220,11 +239,14 @@ class _Session:
 
     def _next_trial(self) -> Trial | None:
         trials = self._ledger.trials()
-        if len(trials) >= self._settings.budget or self._nothing_registers(trials):
-            return None
+        left = self._settings.budget + self._repeats - len(trials)
         started = time.monotonic()
-        if self._prefetches:
-            proposal = self.prefetch.next(trials, self.executor.capacity)
+        if self._simplified:
+            proposal: Proposal | None = self._simplified.popleft()
+        elif left <= 0 or self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS or self._nothing_registers(trials):
+            return None
+        elif self._prefetches:
+            proposal = self.prefetch.next(trials, self.executor.capacity, left)
         else:
             in_step = self._settings.in_step
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
@@ -312,7 +334,13 @@ class _Session:
         return self._ledger.finish(trial.number, ended)
 
     def _count(self, trial: Trial) -> None:
+        if trial.photographs and trial.photographs_taken in self._taken:
+            self._repeats, self._repeats_in_row = self._repeats + 1, self._repeats_in_row + 1
+            self._emit("finished", trial, message="repeats the photographs of an earlier trial")
+            return
+        self._taken.add(trial.photographs_taken)
         self._finished += 1
+        self._repeats_in_row = 0
         if trial.state == "failed":
             if trial.reason != REFUSED:
                 self._note_failure(trial)
@@ -347,14 +375,14 @@ class ProposalPrefetch:
         self._thread = concurrent.futures.ThreadPoolExecutor(1)
         self._asked: concurrent.futures.Future[list[Proposal]] | None = None
 
-    def next(self, trials: Sequence[Trial], workers: int) -> Proposal | None:
-        """Return the next proposal after ``trials``.
+    def next(self, trials: Sequence[Trial], workers: int, left: int) -> Proposal | None:
+        """Return the next proposal after ``trials``; ``left``: how many more the budget allows.
 
         None means that the budget is used or, while `thinking`, that no proposal is ready yet.
         """
         self._collect()
         batch = max(2, min(workers // SHARE, MAX_BATCH))
-        left = self._campaign.settings.budget - len(trials) - len(self._ready)
+        left -= len(self._ready)
         if self._asked is None and left > 0 and len(self._ready) < batch:
             self._asked = self._thread.submit(
                 self._campaign.propose_many, list(trials), list(self._ready), min(batch, left)

@@ -124,6 +124,16 @@ class CampaignSettings:
         read=_read_conditions,
         write=lambda conditions: {condition.name: condition.to_dict() for condition in conditions},
     )
+    compare_on: tuple[str, ...] = setting(
+        tuple,
+        "held-out rocks; when the search has ended, the recommendation, the paper's strategies and plain controls are run "
+        "on them and on the training rocks",
+        shown="no comparison",
+        option="--compare-on",
+        panel=WHAT,
+        has_paths=True,
+        ours=True,
+    )
     mission: MissionFile | None = setting(
         None,
         "a mission of your own to tune, its mission file (see `gatetune mission init`), which says what is not said here",
@@ -252,6 +262,10 @@ class CampaignSettings:
         require_distinct(self.conditions)
         if self.mission is None:
             with_families(self.rocks)
+        if twice := set(self.compare_on) & set(self.rocks):
+            raise UserError(
+                f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
+            )
         require_fidelity(self.fidelity)
         require_no_password(self.storage)
         self._check_mission()

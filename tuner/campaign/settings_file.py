@@ -18,7 +18,14 @@ from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS, PREDICTED
 from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.declaration import require_settings, settings_of, values_of
-from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
+from tuner.campaign.rock_choice import (
+    QUICK_HELD_OUT,
+    QUICK_ROCKS,
+    Making,
+    absolute_rocks,
+    refuse_held_out,
+    rock_arguments,
+)
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, is_geometric
@@ -30,13 +37,12 @@ SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
 _READ_BY = "42627bd"  # the last commit that reads format 2
 SETTINGS = settings_of(CampaignSettings)
-# `make tune`: the space where there is most to gain, for the quality that the paper's 24 + 8 have on these rocks.
+# `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison.
 QUICK: dict[str, Any] = {
-    "budget": 36,
+    "budget": 28,
     "rocks": QUICK_ROCKS,
-    "space": "photographs",
-    "objective": "photographs@f_score>=98",
-    "overrides": {"dense.agreeing_views": 3},
+    "space": "gate_weights_and_pool",
+    "compare_on": QUICK_HELD_OUT,
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as _json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,8 @@ from rich.padding import Padding
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from nbv.mission.result import json_ready
+from nbv.mission.run_directory import write_atomic
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.commands.campaign_display import (
     CampaignProgress,
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
+    from tuner.report.gate_result import GateResult
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -180,7 +184,7 @@ def status(
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, "rock" if campaign.settings.mission is None else "instance")
-    if best is not None and (known := best.observations + best.failures) < counts.finished:
+    if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
         output.print(f"recommended after {known} of them; a resume makes it anew")
     show_recommendation(best, campaign)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
@@ -319,10 +323,58 @@ def fly(
         output.print(
             f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
         )
+        if settings.compare_on and summary.stopped in ("budget", "exhausted") and summary.recommendation:
+            compare_strategies(campaign, executor)
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
+
+
+def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | DaskExecutor) -> None:
+    """Run the recommendation, the paper's strategies and the controls on held-out and training rocks; print the table.
+
+    What has been run before is not run again.
+    """
+    from tuner.commands.console import ComparisonProgress
+    from tuner.evaluation.flying import place_for, run_evaluation
+    from tuner.evaluation.of_campaign import end_of_campaign
+    from tuner.report import gate_result
+
+    places = (gate_result.HELD_OUT, gate_result.TRAINING)
+    complete = True
+    for asked, name in zip(end_of_campaign(campaign, working), places):
+        plan = asked.plan
+        output.print(
+            f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
+        )
+        with ComparisonProgress("observable.f_score_48mm") as show:
+            run = run_evaluation(plan, place_for(plan, campaign.directory / name), executor, show)
+        complete &= run.complete
+        if not complete:
+            output.print(
+                f"not complete; go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True
+            )
+            raise typer.Exit(130)
+    result = gate_result.gate_result(campaign)
+    assert result is not None, "both comparisons are there"
+    write_atomic(campaign.directory / "comparison.json", _json.dumps(json_ready(result.to_dict()), indent=1))
+    if as_json():
+        typer.echo(_json.dumps(json_ready({"event": "comparison", **result.to_dict()})))
+    show_gate_result(result)
+
+
+def show_gate_result(result: GateResult) -> None:
+    """Print the table and what it says."""
+    from tuner.report import gate_result
+
+    for block in result.blocks:
+        output.print(gate_result.terminal_table(block))
+        for note in gate_result.notes(block):
+            output.print(note, style="dim")
+    output.print(gate_result.LEGEND, style="dim")
+    for sentence in result.sentences:
+        output.print(sentence, style="bold", highlight=False)
 
 
 def write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:

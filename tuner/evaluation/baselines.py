@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
-from nbv.config import GATES, Condition, MissionConfig, SparseConfig, under
+from nbv.config import GATES, Condition, MissionConfig, SparseConfig, parameters, under
 from nbv.errors import UserError
 from nbv.mission.belief import must_look
+from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
 
@@ -131,9 +133,13 @@ EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "gr
 # What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
-# Chance in the pool that a tuned configuration plans in, where that is not the paper's: how much of the gain is
-# the pool's. Not a baseline by name, since the pool is the campaign's result.
-TUNED_POOL_RANDOM = "random-tuned-pool"
+PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
+# Arms that split the gain of a tuned configuration. Not baselines by name, since the campaign decides their pool: chance and
+# Hyb-H in the tuned pool (and with the tuned seeds and stop), and the tuned weights with the paper's thresholds.
+TUNED_POOL_RANDOM, TUNED_POOL_HYB_H = "random-tuned-pool", "hyb-h-tuned-pool"
+TUNED_WEIGHTS = "tuned-paper-thresholds"
+# What a campaign ends in, beside Tuned and its arms: the paper's four and the plainest plans at equal number.
+COMPARISON = (*PAPER_STRATEGIES, "random", "orbit")
 
 
 def baseline(name: str) -> Baseline:
@@ -255,11 +261,25 @@ def _split(strategy: str) -> tuple[str, str]:
 def tuned_configs(
     tuned: MissionConfig, base: MissionConfig, counted: MissionConfig | None = None
 ) -> dict[str, MissionConfig]:
-    """The tuned configuration and, if it plans views in another pool, random views in that pool.
+    """The tuned configuration and the arms that split its gain, each where it is a mission of its own.
 
-    ``counted``: the tuned one with as many photographs as the random views are to have, where something may end it early.
+    Parameters
+    ----------
+    tuned, base
+        The tuned configuration, and the default: Hyb-H.
+    counted
+        The tuned one with as many photographs as the random views are to have, where something may end it early.
     """
-    configs = {TUNED: tuned}
+    arms = {
+        TUNED: tuned,
+        TUNED_WEIGHTS: _with_default(tuned, base, (THRESHOLDS,)),
+        TUNED_POOL_HYB_H: _with_default(tuned, base, CHOICE),
+    }
+    seen, configs = {mission_key(base)}, dict[str, MissionConfig]()
+    for name, config in arms.items():
+        if name == TUNED or mission_key(config) not in seen:
+            configs[name] = config
+            seen.add(mission_key(config))
     if tuned.pool != base.pool and tuned.adaptive_budget:
         chance = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
         equal = at_equal_number({"random": chance}, counted or tuned, "random")
@@ -267,9 +287,31 @@ def tuned_configs(
     return configs
 
 
+def _with_default(tuned: MissionConfig, base: MissionConfig, groups: Collection[str]) -> MissionConfig:
+    """``tuned`` with all parameters of the groups as in ``base``."""
+    return tuned.with_values(
+        {path: attrgetter(path)(base) for path in parameters() if group_of(path) in groups}
+    )
+
+
+def kind_of(strategy: str) -> str:
+    """Where a strategy stands in a table: among the paper's, the tuned ones, the controls or the oracles."""
+    name = _split(strategy)[0]
+    if name in BASELINES and BASELINES[name].in_paper:
+        return PAPER
+    if name not in BASELINES:
+        return TUNED_KIND if name in (TUNED, TUNED_WEIGHTS) else CONTROLS
+    return ORACLES if BASELINES[name].uses_ground_truth else CONTROLS
+
+
 def label(strategy: str) -> str:
     """What tables print for a strategy."""
-    own = {TUNED: "Tuned", TUNED_POOL_RANDOM: "Random, tuned pool"}
+    own = {
+        TUNED: "Tuned",
+        TUNED_WEIGHTS: "Tuned weights alone",
+        TUNED_POOL_HYB_H: "Hyb-H, tuned pool",
+        TUNED_POOL_RANDOM: "Random, tuned pool",
+    }
     name, number = _split(strategy)
     known = BASELINES[name].label if name in BASELINES else own.get(strategy, strategy)
     return f"{known}, {number}" if number else known
@@ -280,6 +322,8 @@ def description(strategy: str) -> str:
     own = {
         TUNED: "the recommended configuration",
         "default": "nothing changed",
+        TUNED_WEIGHTS: "the recommended configuration with the paper's thresholds",
+        TUNED_POOL_HYB_H: "the paper's thresholds and weights in the pool of the recommended configuration",
         TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
     }
     name = _split(strategy)[0]

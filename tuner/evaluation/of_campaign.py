@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import (
+    COMPARISON,
     EVALUATION_BASELINES,
     REAIMED_ORBITS,
     TUNED,
@@ -112,27 +113,24 @@ def held_out(
         flown = {TUNED: recommended, **configs}
         plan = EvaluationPlan(flown, _instances(s, rocks), replicates, fidelity=EXTERNAL)
         return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
-    counted = _counted(source, found.values)
     worlds = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
-    base, tuned = ours(s.base_config()), ours(recommended)
-    reaimed = REAIMED_ORBITS if any_must_look(base, _looking(worlds, rocks or ())) else ()
-    baselines = baseline_configs(list(strategies or (*EVALUATION_BASELINES, *reaimed)), base)
-    against = _reference(baselines, "hyb-h")
+    looking = any_must_look(ours(s.base_config()), _looking(worlds, rocks or ()))
+    names = tuple(strategies or (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ())))
     if not rocks and are_drawn(s.rocks):
         rocks = s.rocks
     if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
         rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
-    controls, more = where_photographed(at_equal_number(baselines, counted, against), rocks or ())
+    configs_of_ours, more = _against(source, found, names, worlds, rocks or ())
     plan = EvaluationPlan(
-        {**tuned_configs(tuned, base, counted), **controls},
+        configs_of_ours,
         source.unseen_rocks(rocks, making),
         replicates,
         fidelity=fidelity,
         conditions=worlds,
     )
     notes = (*notes, *more, *_conditions(source, worlds))
-    return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
+    return CampaignEvaluation(plan, _reference(names, "hyb-h"), asked_of(s, margin), notes)
 
 
 def confirmation(
@@ -168,7 +166,7 @@ def confirmation(
     if s.mission is None:
         seen = _looking(s.conditions, chosen)
         orbits, more = where_photographed(orbits_at_number(_counted(source, found.values), seen), chosen)
-    first = max([s.blocks, *(trial.replicate + 1 for trial in source.trials())])
+    first = _first_fresh(source)
     if s.draws_rocks:
         chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
@@ -181,6 +179,57 @@ def confirmation(
         conditions=s.conditions,
     )
     return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *more))
+
+
+def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvaluation:
+    """The recommendation and `COMPARISON` on the training rocks, with replicates that the campaign has not run.
+
+    Raises
+    ------
+    UserError
+        No mission has succeeded.
+    """
+    s, found = source.settings, source.recommended()
+    strategies, notes = _against(source, found, COMPARISON, s.conditions, s.rocks)
+    plan = EvaluationPlan(
+        strategies,
+        s.rocks,
+        replicates,
+        first_replicate=_first_fresh(source),
+        fidelity=s.fidelity,
+        conditions=s.conditions,
+    )
+    return CampaignEvaluation(plan, _reference(strategies, "hyb-h"), asked_of(s), notes)
+
+
+def end_of_campaign(
+    source: Campaign, making: Making = nullcontext
+) -> tuple[CampaignEvaluation, CampaignEvaluation]:
+    """The comparison on ``compare_on``, then the one on the training rocks."""
+    s = source.settings
+    unseen = held_out(source, rocks=s.compare_on, strategies=COMPARISON, fidelity=s.fidelity, making=making)
+    return unseen, training_comparison(source)
+
+
+def _against(
+    source: Campaign,
+    found: Recommendation,
+    names: Sequence[str],
+    conditions: Sequence[Condition],
+    rocks: Sequence[str],
+) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
+    """The recommendation with the arms that split its gain, and baselines at its number of photographs; notes on them."""
+    s = source.settings
+    base, tuned, counted = ours(s.base_config()), ours(s.config(found.values)), _counted(source, found.values)
+    baselines = baseline_configs(list(names), base)
+    against = _reference(baselines, "hyb-h")
+    controls, notes = where_photographed(at_equal_number(baselines, counted, against), rocks)
+    return {**tuned_configs(tuned, base, counted), **controls}, notes
+
+
+def _first_fresh(source: Campaign) -> int:
+    """The first replicate that the campaign has not run anywhere."""
+    return 1 + max((trial.replicate for trial in source.trials()), default=-1)
 
 
 def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
@@ -206,7 +255,7 @@ def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Aske
     return Asked(settings.objective, settings.second, settings.limit, margin, decided, place)
 
 
-def _reference(configs: Mapping[str, Configuration], usual: str) -> str:
+def _reference(configs: Collection[str], usual: str) -> str:
     """What differences are taken against: the paper's default, or the first that is flown."""
     return usual if usual in configs else next(iter(configs))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import datetime
 import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.checksums import CHECKSUM, require_checksum
-from nbv.config import IDEAL
+from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
@@ -27,7 +27,7 @@ from nbv.safe_files import (
 from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, photographs_key
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
@@ -112,6 +112,8 @@ class Trial:
     wall_s: float = 0.0
     rock_sha256: str = ""  # of the rock that was flown, where the mission says so
     checksum: str = ""  # of its mission.json
+    photographs: str = ""  # `photographs_key`, of our own missions
+    switched: bool | None = None  # whether its views are of more than one scorer; None where none was planned
     job_id: str = ""
     strategy: str = ""  # in an evaluation
     # In a campaign:
@@ -143,6 +145,11 @@ class Trial:
     def world(self) -> World:
         """The world in which it flies."""
         return World(self.rock, self.condition)
+
+    @property
+    def photographs_taken(self) -> tuple[World, int, str, float | None]:
+        """Equal for trials that took the same photographs in one world and replicate, and so had the same outcome."""
+        return self.world, self.replicate, self.photographs, self.raw
 
     @property
     def path(self) -> Path:
@@ -242,6 +249,7 @@ def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     tree = _read_json(job.directory / RESULT_FILE)
     if tree is None or not _is_of(tree, job):
         return None
+    scorers = {step.get("scorer") for step in tree.get("trace") or ()}
     return job.trial(
         status=tree.get("status", "failed"),
         reason=tree.get("reason") or "",
@@ -249,8 +257,23 @@ def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:
         wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
         rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
         checksum=str(tree.get(CHECKSUM) or ""),
+        photographs=_photographs(tree, job.config),
+        switched=len(scorers) > 1 if scorers else None,
         measured_then={key: tree.get(key) or {} for key in _MEASURED},
     )
+
+
+def _photographs(tree: Mapping[str, Any], config: Configuration) -> str:
+    if not isinstance(config, MissionConfig) or tree.get("status") == "failed":
+        return ""
+    return photographs_key(config, [str(step.get("chosen")) for step in tree.get("trace") or ()])
+
+
+def repeated(trials: Iterable[Trial]) -> set[int]:
+    """Return the numbers of those trials whose photographs an earlier one has taken in the same world and replicate."""
+    first: dict[tuple[World, int, str, float | None], int] = {}
+    taken = [t for t in trials if t.photographs]
+    return {t.number for t in taken if first.setdefault(t.photographs_taken, t.number) != t.number}
 
 
 def record_failure(job: MissionJob, reason: str, message: str) -> None:

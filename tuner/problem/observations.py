@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
 from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.worlds import Place, World, worlds_of
@@ -39,6 +40,7 @@ class Observation:
     # Outcome of a second objective, oriented alike; None: none asked for, or missing.
     second: float | None = None
     condition: str = IDEAL  # its name
+    repeat: bool = False  # its photographs are those of an earlier trial: it costs no budget
 
     @property
     def feasible(self) -> bool:
@@ -152,6 +154,22 @@ def mission_key(config: Configuration) -> str:
         idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
         config = config.with_values(idle)
     return config.digest()
+
+
+def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:
+    """Return the same for missions on one block that take the same photographs and use them alike.
+
+    Parameters
+    ----------
+    config
+        Of the mission; what only decides which views are planned, or when planning ends, does not count.
+    chosen
+        The planned views, in order, by their names in the candidate pool.
+    """
+    defaults = {
+        path: about.default for path, about in parameters().items() if path.startswith((*PLANNERS, "stop."))
+    }
+    return digest(config.with_values(defaults).digest(), list(chosen))
 
 
 def short(value: Any) -> str:

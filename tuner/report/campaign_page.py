@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
-from nbv.mission.result import MissionResult
+from nbv.mission.result import IterationRecord, MissionResult
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
@@ -37,6 +37,7 @@ from tuner.problem.observations import configuration_key, short
 from tuner.problem.search_space import Parameter, ours
 from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report import gate_result
 from tuner.report.answer import (
     bound,
     gate_words,
@@ -47,6 +48,7 @@ from tuner.report.answer import (
     value_text,
     worth_sentences,
 )
+from tuner.report.gate_figure import draw_gate
 from tuner.report.labels import (
     counted,
     decimals_for,
@@ -147,6 +149,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
     why, command = next_answer(facts, evaluated=_rocks_measured(facts, measured))
+    result = gate_result.gate_result(campaign)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -163,6 +166,13 @@ def write_campaign_report(campaign: Campaign) -> Path:
         plan=plan_picture(ours(s.config(best.values))) if best is not None and s.mission is None else "",
         sure=sure_answer(facts),
         gate=_gate_answer(facts) if s.mission is None else "",
+        gate_figure=gate_figure(facts) if s.mission is None else "",
+        result=result,
+        result_columns=gate_result.COLUMNS,
+        result_legend=gate_result.LEGEND,
+        result_cells=gate_result.cells,
+        result_notes=gate_result.notes,
+        gain_text=gate_result.gain_text,
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,
@@ -287,15 +297,72 @@ def _gate_answer(facts: CampaignFacts) -> str:
     config = facts.settings.config(best.values)
     if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
-    traces = []
-    for t in facts.flown(best.values):
-        with contextlib.suppress(UserError, OSError):
-            traces.append(MissionResult.load(facts.campaign.directory / t.directory).trace)
-    traces = [trace for trace in traces if trace]
+    traces = [trace for _, trace in traces_of(facts, best.values)]
     if not traces:
         return "The missions' documents hold no choices."
     records = [record for trace in traces for record in trace]
-    return gate_words(records, strategy_label(config.gate.kind), len(traces))
+    said = gate_words(records, strategy_label(config.gate.kind), len(traces))
+    return " ".join([*switch_sentences(facts), said])
+
+
+def traces_of(facts: CampaignFacts, values: Mapping[str, Any]) -> list[tuple[Trial, list[IterationRecord]]]:
+    """The trials of exactly these values with what their planners chose, those without a planned view left out."""
+    found = []
+    for t in facts.flown(values):
+        with contextlib.suppress(UserError, OSError):
+            trace = MissionResult.load(facts.campaign.directory / t.directory).trace
+            found += [(t, trace)] if trace else []
+    return found
+
+
+def switch_sentences(facts: CampaignFacts) -> list[str]:
+    """In how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
+    planned = [t for t in facts.trials if t.switched is not None]
+    if not planned:
+        return []
+    switched = sum(bool(t.switched) for t in planned)
+    said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
+    reset = [t.why["without_effect"] for t in facts.trials if t.why.get("phase") == "simplified"]
+    if reset:
+        named = ", ".join(parameter_label(path).name for path in reset[-1])
+        said.append(f"Without effect on any photograph, so left at the default: {named}.")
+    if best := facts.recommendation:
+        traces = traces_of(facts, best.default_values)
+        spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
+        if spread and not any(t.switched for t, _ in traces):
+            config = facts.settings.config(best.default_values)
+            threshold = config.gate.d95_m if isinstance(config, MissionConfig) else 0.0
+            low, high = min(spread), max(spread)
+            if not low < threshold < high:
+                said.append(
+                    f"At the default it never switches: d95 is {low:.2f} to {high:.2f} m here, and the threshold is "
+                    f"{threshold:.2f} m. A `gate.d95_m` between the two ends would make it switch."
+                )
+    return said
+
+
+def gate_figure(facts: CampaignFacts) -> str:
+    """What the gate did, step by step, by default and as recommended, on a rock and replicate that both have; a data URI."""
+    best = facts.recommendation
+    if best is None:
+        return ""
+    sides = {"default": best.default_values} | ({} if best.keep_default else {"recommended": best.values})
+    found = {
+        name: {(t.world, t.replicate): trace for t, trace in traces_of(facts, v)} for name, v in sides.items()
+    }
+    common = set.intersection(*(set(traces) for traces in found.values()))
+    if not common:
+        return ""
+    block = min(common, key=lambda b: (facts.settings.worlds.index(b[0]), b[1]))
+    panels = []
+    for name, values in sides.items():
+        config = facts.settings.config(values)
+        if not isinstance(config, MissionConfig) or config.gate.kind != "hyb-h":
+            return ""
+        panels.append(
+            (f"{name}, {facts.world_name(block[0])}, replicate {block[1]}", config.gate, found[name][block])
+        )
+    return draw_gate(panels)
 
 
 def _rocks_measured(facts: CampaignFacts, measured: Sequence[str]) -> int:

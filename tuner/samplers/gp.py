@@ -38,6 +38,8 @@ from tuner.surrogate.settings import SurrogateSettings
 MIN_FEASIBLE_FOR_MODEL = 2
 # Points of the design from beyond it, in place of those that break an exact limit.
 ASIDE, MOST_SKIPPED = 1000, 200
+# So many trials in a row without a photograph of their own, and the next one is drawn from the whole space.
+REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
 # Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
@@ -83,6 +85,9 @@ class GPSampler:
             number = missions_asked(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number, exact.second)
+            elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
+                why = {"sampler": self.name, "phase": "exploration"}
+                proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), why)
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and s.at_least is not None:
@@ -118,7 +123,8 @@ class GPSampler:
         gain: float,
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
-        s, number = self.settings, missions_asked(history, flying)
+        s = self.settings
+        number = missions_asked(history, flying) - sum(o.repeat for o in history)
         if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates

@@ -1,0 +1,64 @@
+"""The recommendation without what has no effect: parameters whose default would have led to the same photographs.
+
+A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing. Which
+values these are is found by missions whose every photograph and model is in the store, and which therefore take no time. The
+simplified configuration then enters the ledger by trials that repeat those of the recommendation and use no budget.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from tuner.campaign.campaign import Campaign
+from tuner.missions.job import MissionJob, Trial
+from tuner.missions.known import known_photographs
+from tuner.problem.observations import Proposal, configuration_key
+from tuner.problem.search_space import Values
+
+
+def simplified(campaign: Campaign) -> list[Proposal]:
+    """Return trials of the recommendation with all values at their default that change no photograph of its own trials.
+
+    The list is empty where there is no such value, or where the simplified configuration has been tried already.
+    """
+    s, best = campaign.settings, campaign.recommendation(save=False)
+    if best is None or best.keep_default:
+        return []
+    trials, space = campaign.trials(), s.space
+    own = [t for t in trials if t.state == "complete" and t.values == best.values]
+    if not own or not all(t.photographs for t in own):
+        return []
+    values = dict(best.values)
+    for paths in _parts(best.changed):
+        trial = {**values, **{path: best.default_values[path] for path in paths}}
+        if trial != values and _same_photographs(campaign, own, trial):
+            values = trial
+    tried = {configuration_key(space, t.values) for t in trials}
+    if values == best.values or configuration_key(space, values) in tried:
+        return []
+    reset = [path for path in best.changed if values[path] == best.default_values[path]]
+    why = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
+    return [Proposal(values, why, t.rock, t.replicate, condition=t.condition) for t in own]
+
+
+def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return what to reset, one after the other: sections of the configuration, then single parameters."""
+    sections = itertools.groupby(sorted(changed), key=lambda path: path.partition(".")[0])
+    return [*(tuple(paths) for _, paths in sections), *((path,) for path in changed)]
+
+
+def _same_photographs(campaign: Campaign, own: Sequence[Trial], values: Values) -> bool:
+    return all(known_photographs(_job(campaign, trial, values)) == trial.photographs for trial in own)
+
+
+def _job(campaign: Campaign, trial: Trial, values: Values) -> MissionJob:
+    s = campaign.settings
+    return MissionJob(
+        id=f"{trial.number:04d}",
+        config=s.config(values, trial.condition),
+        rock=s.rock_flown(trial.rock, trial.replicate),
+        replicate=trial.replicate,
+        directory=trial.path,
+        fidelity=s.fidelity,
+    )
