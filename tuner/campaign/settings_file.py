@@ -39,7 +39,7 @@ _READ_BY = "42627bd"  # the last commit that reads format 2
 SETTINGS = settings_of(CampaignSettings)
 # `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison.
 QUICK: dict[str, Any] = {
-    "budget": 28,
+    "budget": 26,
     "rocks": QUICK_ROCKS,
     "space": "gate_weights_and_pool",
     "compare_on": QUICK_HELD_OUT,
@@ -236,9 +236,11 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
         tree["overrides"] = best_dense_stage(tree.get("overrides") or {})
     if isinstance(tree.get("rocks"), (list, tuple)):
         tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
+    if isinstance(tree.get("compare_on"), (list, tuple)):
+        tree["compare_on"] = absolute_rocks(tree["compare_on"])
     settings = settings_from_dict(tree, source)
     _require_metrics(settings)
-    rock_arguments(settings.rocks, making)
+    rock_arguments((*settings.rocks, *settings.compare_on), making)
     refuse_held_out(settings.rocks)
     return settings
 

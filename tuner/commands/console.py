@@ -158,10 +158,10 @@ class ComparisonProgress(FlightProgress):
             self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}")
         else:
             value = trial.value(self._metric)
-            text = f"{self._metric} " + ("not measured" if value is None else f"{value:.2f}")
+            text = "not measured" if value is None else f"{value:.2f}"
             if trial.status == "failed":
                 text = f"failed: {trial.reason} {trial.message}"
-            line = f"{strategy:<14} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
+            line = f"{strategy:<22} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
             self.landed(job.id, line)
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 

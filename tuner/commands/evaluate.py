@@ -102,6 +102,7 @@ def evaluate(
         timeout_s=timeout_s,
         title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.place}s",
         mission=source.settings.mission,
+        campaign=source,
     )
 
 
@@ -139,6 +140,7 @@ def confirm(
         timeout_s=timeout_s,
         title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.place}s, fresh replicates",
         mission=source.settings.mission,
+        campaign=source,
     )
 
 
@@ -218,6 +220,7 @@ def compare(
     title: str,
     paper: bool = False,
     mission: MissionFile | None = None,
+    campaign: Campaign | None = None,
 ) -> None:
     """Fly what is missing, say what was found, write the report.
 
@@ -235,6 +238,8 @@ def compare(
         Show the paper's numbers beside.
     mission
         The mission file, of missions that are not ours.
+    campaign
+        Whose page is written anew: it shows what its evaluations found.
     """
     from tuner.evaluation.flying import place_for, run_evaluation
     from tuner.report import comparison
@@ -269,6 +274,10 @@ def compare(
         report = comparison.write_comparison_report(
             facts, directory, title=title, paper=paper, command=command
         )
+        if campaign is not None:
+            from tuner.report.campaign_page import write_campaign_report
+
+            write_campaign_report(campaign)
     output.print(f"{duration(run.elapsed_s)}; report: {report}")
     answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
     end(run)

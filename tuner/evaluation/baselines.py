@@ -139,7 +139,8 @@ PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "control
 TUNED_POOL_RANDOM, TUNED_POOL_HYB_H = "random-tuned-pool", "hyb-h-tuned-pool"
 TUNED_WEIGHTS = "tuned-paper-thresholds"
 # What a campaign ends in, beside Tuned and its arms: the paper's four and the plainest plans at equal number.
-COMPARISON = (*PAPER_STRATEGIES, "random", "orbit")
+# In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
+COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "hyb-o")
 
 
 def baseline(name: str) -> Baseline:
@@ -302,6 +303,17 @@ def kind_of(strategy: str) -> str:
     if name not in BASELINES:
         return TUNED_KIND if name in (TUNED, TUNED_WEIGHTS) else CONTROLS
     return ORACLES if BASELINES[name].uses_ground_truth else CONTROLS
+
+
+def in_table_order(strategies: Iterable[str]) -> list[str]:
+    """The strategies as tables list them: kind by kind, in the order of this file."""
+    known = [*BASELINES, TUNED, TUNED_WEIGHTS, TUNED_POOL_HYB_H, TUNED_POOL_RANDOM]
+
+    def place(name: str) -> tuple[int, int]:
+        own = _split(name)[0]
+        return KINDS.index(kind_of(name)), known.index(own) if own in known else len(known)
+
+    return sorted(strategies, key=place)
 
 
 def label(strategy: str) -> str:

@@ -207,7 +207,9 @@ def end_of_campaign(
 ) -> tuple[CampaignEvaluation, CampaignEvaluation]:
     """The comparison on ``compare_on``, then the one on the training rocks."""
     s = source.settings
-    unseen = held_out(source, rocks=s.compare_on, strategies=COMPARISON, fidelity=s.fidelity, making=making)
+    unseen = held_out(
+        source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity, making=making
+    )
     return unseen, training_comparison(source)
 
 
@@ -224,7 +226,8 @@ def _against(
     baselines = baseline_configs(list(names), base)
     against = _reference(baselines, "hyb-h")
     controls, notes = where_photographed(at_equal_number(baselines, counted, against), rocks)
-    return {**tuned_configs(tuned, base, counted), **controls}, notes
+    arms = tuned_configs(tuned, base, counted)
+    return {TUNED: arms.pop(TUNED), **controls, **arms}, notes
 
 
 def _first_fresh(source: Campaign) -> int:

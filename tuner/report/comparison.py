@@ -16,7 +16,13 @@ from rich.table import Table
 from scipy import stats
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
-from tuner.evaluation.baselines import TUNED, controls_at_equal_number, description, sees_ground_truth
+from tuner.evaluation.baselines import (
+    TUNED,
+    controls_at_equal_number,
+    description,
+    in_table_order,
+    sees_ground_truth,
+)
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import (
     PAPER_TABLE_I,
@@ -134,7 +140,7 @@ def comparison_facts(
         The reference was not evaluated.
     """
     records, plan = run.records, run.plan
-    strategies = tuple(plan.strategies)
+    strategies = tuple(in_table_order(plan.strategies))
     asked = asked or Asked(Objective())
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
     if plan.fidelity != EXTERNAL or any("whole" in r.metrics for r in records):
@@ -182,7 +188,7 @@ def _mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[
 
 def _summary(run: EvaluationRun, records: Sequence[Trial], reference: str, asked: Asked) -> ComparisonTable:
     """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
-    strategies = tuple(run.plan.strategies)
+    strategies = tuple(in_table_order(run.plan.strategies))
     costs = OURS_COST if run.plan.fidelity != EXTERNAL else ()
     objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
     counts = {o.metric: o for o in (*objectives, *costs)}

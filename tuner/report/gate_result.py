@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.baselines import (
-    KINDS,
+    CONTROLS,
     TUNED,
-    TUNED_POOL_HYB_H,
+    in_table_order,
     kind_of,
     label,
     sees_ground_truth,
@@ -28,9 +29,9 @@ from tuner.evaluation.comparison import (
 from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps, same_photographs
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
-from tuner.problem.groups import B_AWARE, CHOICE, COVIS, THRESHOLDS, grouped
+from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.labels import MISSING, counted, format_number, metric_label
+from tuner.report.labels import MISSING, counted, format_number
 from tuner.report.style import short_names
 
 HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
@@ -56,7 +57,7 @@ class ResultRow:
 
     strategy: str
     label: str
-    kind: str  # of `KINDS`
+    kind: str  # see `kind_of`
     values: dict[str, float | None]  # by column
     difference: (
         tuple[float, float | None, float | None] | None
@@ -119,8 +120,7 @@ def gate_result(campaign: Campaign) -> GateResult | None:
     if best.changed and not best.exact:
         history = [o for o in campaign.history() if o.feasible]
         groups = believed_gains(campaign.surrogate_from(history), best)
-    sentences = [line for block, records in sources for line in _sentences(block, records, best)]
-    return GateResult(blocks, [*sentences, *_suspects(sources, best)], groups)
+    return GateResult(blocks, _sentences(sources, best), groups)
 
 
 def _plans(campaign: Campaign, name: str, tuned: Any) -> list[Any]:
@@ -138,7 +138,7 @@ def _plans(campaign: Campaign, name: str, tuned: Any) -> list[Any]:
 
 def _block(directory: Any, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
     plan = EvaluationPlan.load(directory)
-    records, names = plan.records(directory), sorted(plan.strategies, key=lambda n: KINDS.index(kind_of(n)))
+    records, names = plan.records(directory), in_table_order(plan.strategies)
     same, metric = same_photographs(records, names), _ROWS["F 48"]
     rows = []
     for name in names:
@@ -165,84 +165,67 @@ def _block(directory: Any, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
 # -- sentences -----------------------------------------------------------------------------------------------
 
 
-def _sentences(block: ResultBlock, records: list[Trial], best: Recommendation) -> list[str]:
-    where = f"On {counted(len(block.rocks), 'held-out rock' if block.held_out else 'training rock')}"
-    rows = {row.strategy: row for row in block.rows}
-    tuned, metric = rows[TUNED], _ROWS["F 48"]
+def _sentences(sources: Sequence[tuple[ResultBlock, list[Trial]]], best: Recommendation) -> list[str]:
+    """Return what the table says: the gain, what earned it, the best control, what the gate did."""
+    block, records = sources[0]
+    rows, metric = {row.strategy: row for row in block.rows}, _ROWS["F 48"]
+    there = counted(len(block.rocks), "held-out rock" if block.held_out else "training rock")
     if best.keep_default:
-        said = [f"{where}: nothing was found that is better than Hyb-H, so Tuned is Hyb-H."]
-    elif tuned.difference is None:
-        return [f"{where} Tuned and Hyb-H have no mission in common."]
+        said = ["The campaign found nothing better than Hyb-H at its default: Tuned is Hyb-H."]
     else:
-        said = [f"{where} Tuned has {_points(*tuned.difference)} over Hyb-H."]
-        steps = measured_steps(records, list(rows), "hyb-h", metric, best.changed)
-        if len(steps) > 1:
-            parts = ", ".join(f"the {step.what} {_interval(step.difference)}" for step in steps)
-            said[0] = f"{said[0][:-1]}; of these {parts}."
-    rivals = {
-        name: row.values["F 48"]
-        for name, row in rows.items()
-        if name != TUNED
-        and row.values["F 48"] is not None
-        and not sees_ground_truth(name)
-        and row.kind == KINDS[2]
+        also = [
+            f", and {difference_text(_row(other, TUNED).difference)} on {counted(len(other.rocks), 'training rock')}"
+            for other, _ in sources[1:]
+        ]
+        said = [
+            f"Tuned against Hyb-H, F-score at 48 mm: {difference_text(rows[TUNED].difference)} points on {there}{''.join(also)}.",
+            *_what_earned_it(block, records, best),
+        ]
+    controls = {
+        row.strategy: row.values["F 48"] or 0.0
+        for row in block.rows
+        if row.kind == CONTROLS and row.values["F 48"] is not None
     }
-    if rivals:
-        name = max(rivals, key=lambda n: rivals[n] or 0.0)
+    if controls:
+        name = max(controls, key=lambda control: controls[control])
         d = strategy_difference(records, TUNED, name, metric)
-        if d is not None:
-            gain = _interval(d)
-            said.append(f"{where} against the best control, {label(name)}: Tuned {gain}.")
-    switched = [label(name) for name, row in rows.items() if name == "hyb-h" and row.same_as]
-    if switched:
         said.append(
-            f"{where} Hyb-H took the photographs of {rows['hyb-h'].same_as} in every mission: its gate had no effect."
+            f"The best control on the {there} is {label(name)}: Tuned against it {_interval(d)} points."
+        )
+    if rows["hyb-h"].same_as:
+        said.append(
+            f"On the {there} Hyb-H took the photographs of {rows['hyb-h'].same_as} in every mission: its gate had no effect."
         )
     return said
 
 
-def _suspects(sources: Sequence[tuple[ResultBlock, list[Trial]]], best: Recommendation) -> list[str]:
-    """Return the verdict on the paper's two suspects: the thresholds, and weights that both scorers share."""
-    if best.keep_default:
-        return []
-    block, records = sources[0]
-    changed, names = grouped(best.changed), [row.strategy for row in block.rows]
-    reset = [name for name in CHOICE if name not in changed]
-    begin = "The paper suspects Hyb-H's thresholds and its shared weights."
-    if len(reset) == len(CHOICE):
-        return [f"{begin} On these rocks it is neither: the recommendation changes none of them."]
-    reference = TUNED_POOL_HYB_H if TUNED_POOL_HYB_H in names else "hyb-h"
-    d = strategy_difference(records, TUNED, reference, _ROWS["F 48"])
-    if d is None:
-        return []
-    what = (
-        "the weights"
-        if THRESHOLDS in reset
-        else "the thresholds"
-        if {COVIS, B_AWARE} <= set(reset)
-        else "both together"
+def _what_earned_it(block: ResultBlock, records: list[Trial], best: Recommendation) -> list[str]:
+    """Return the gain step by step, and which of the paper's two suspects it is: thresholds, or weights shared by the scorers."""
+    names = [row.strategy for row in block.rows]
+    steps = measured_steps(records, names, "hyb-h", _ROWS["F 48"], best.changed)
+    parts = [f"{step.what} {_interval(step.difference)}" for step in steps]
+    said = [f"What earned it, one step after the other: {'; '.join(parts)}."]
+    groups = grouped(best.changed)
+    suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
+    found, without = list[str](), list[str]()
+    for suspect, own in suspects.items():
+        if not set(own) & set(groups):
+            without.append(suspect)
+            continue
+        step = next(step for step in steps if any(group in step.what for group in own))
+        d = step.difference
+        if d is not None and d.interval.excludes_zero and d.interval.mean > 0:
+            found.append(suspect)
+    verdict = f"it is {' and '.join(found)}" if found else "neither is shown to be one"
+    none = f" ({' and '.join(without)} had no effect and stay as they were)" if without else ""
+    said.append(
+        f"The paper names the thresholds and the shared weights as causes: on these rocks {verdict}{none}."
     )
-    against = "over Hyb-H in the tuned pool" if reference == TUNED_POOL_HYB_H else "over Hyb-H"
-    if d.interval.excludes_zero and d.interval.mean > 0:
-        verdict = f"On these rocks it is {what}: {_interval(d)} {against}"
-    else:
-        verdict = f"On these rocks {what} {'are' if what != 'both together' else 'earn'} " + (
-            f"not shown to matter: {_interval(d)} {against}"
-            if what != "both together"
-            else f"{_interval(d)} {against}, which may be nothing"
-        )
-    alone = "" if not reset else f"; without effect or unchanged: {', '.join(reset)}"
-    return [f"{begin} {verdict}{alone}."]
+    return said
 
 
-def _points(mean: float, low: float | None, high: float | None) -> str:
-    """``+3.1 points [+1.2, +5.0]``."""
-    said = f"{format_number(mean, 1, signed=True)} points of {metric_label('observable.f_score_48mm').name}"
-    return (
-        said
-        if low is None
-        else f"{said} [{format_number(low, 1, signed=True)}, {format_number(high, 1, signed=True)}]"
-    )
+def _row(block: ResultBlock, strategy: str) -> ResultRow:
+    return next(row for row in block.rows if row.strategy == strategy)
 
 
 def _interval(d: PairedDifference | None) -> str:
@@ -251,9 +234,9 @@ def _interval(d: PairedDifference | None) -> str:
 
 
 def difference_text(difference: tuple[float, float | None, float | None] | None) -> str:
-    """``+0.2 [−0.4, +0.8]``; empty for none."""
+    """``+0.2 [−0.4, +0.8]``; a dash for none."""
     if difference is None:
-        return ""
+        return MISSING
     mean, low, high = (format_number(value, 1, signed=True) for value in difference)
     return mean if difference[1] is None else f"{mean} [{low}, {high}]"
 
@@ -284,7 +267,7 @@ def notes(block: ResultBlock) -> list[str]:
 
 def terminal_table(block: ResultBlock) -> Table:
     """One block, 80 columns wide at most."""
-    table = Table(title=block.title, box=None, padding=(0, 1, 0, 0), title_justify="left")
+    table = Table(title=block.title, box=None, padding=(0, 1, 0, 0), title_justify="left", pad_edge=False)
     table.add_column("strategy", no_wrap=True)
     for column in _ROWS:
         table.add_column(column, justify="right", no_wrap=True)
@@ -293,6 +276,6 @@ def terminal_table(block: ResultBlock) -> Table:
     for row in block.rows:
         if row.kind != kind:
             kind = row.kind
-            table.add_row(f"[italic]{kind}[/]")
+            table.add_row(Text(kind, style="italic"))
         table.add_row(*cells(row))
     return table

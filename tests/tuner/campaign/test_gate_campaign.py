@@ -1,0 +1,128 @@
+"""A campaign over the gate, to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.simplify import simplified
+from tuner.missions.job import repeated
+from tuner.missions.known import known_photographs
+from tuner.report.gate_result import gate_result
+
+pytestmark = pytest.mark.slow
+
+RUN = (
+    "campaign run --name gate --space gate_weights_and_pool --fidelity geometric --rock slab --rock vesicular "
+    "--budget 20 --learn-from nothing --compare-on arch --workers 1"
+)
+
+
+def gatetune(folder, *arguments, code=0):
+    ended = subprocess.run(
+        [sys.executable, "-m", "tuner.cli", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**__import__("os").environ, "COLUMNS": "80"},
+    )
+    assert ended.returncode == code, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gate")
+    return folder, gatetune(folder, *RUN.split())
+
+
+def test_trials_that_repeat_photographs_use_no_budget(ended):
+    trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
+    again = repeated(trials)
+    searched = [t for t in trials if t.number not in again]
+    assert len(searched) == 20 and again
+    taken = [t.photographs_taken for t in searched]
+    assert len(set(taken)) == len(taken)
+    first = {t.photographs_taken: t.raw for t in searched}
+    assert all(first[t.photographs_taken] == t.raw for t in trials if t.number in again)
+
+
+def test_nothing_inert_is_recommended(ended):
+    """Every recommended change alters a photograph of the recommendation's own trials."""
+    campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
+    best, s = campaign.recommended(), campaign.settings
+    assert best.changed and simplified(campaign) == []
+    own = [t for t in campaign.trials() if t.values == best.values]
+    for path in best.changed:
+        reset = {**best.values, path: best.default_values[path]}
+        same = []
+        for t in own:
+            job = s.config(reset, t.condition), t.rock, t.replicate
+            from nbv.geometric import run_geometric_mission
+            from tuner.problem.observations import photographs_key
+
+            trace = run_geometric_mission(*job, None, keep="summary").trace
+            same.append(photographs_key(job[0], [r.chosen for r in trace]) == t.photographs)
+        assert not all(same), path
+
+
+def test_the_campaign_ends_in_one_table(ended):
+    folder, printed = ended
+    run = folder / "runs/gate"
+    result = json.loads((run / "comparison.json").read_text())
+    held_out, training = result["blocks"]
+    assert (held_out["rocks"], training["rocks"]) == (["arch"], ["slab", "vesicular"])
+    names = {row["strategy"] for row in held_out["rows"]}
+    assert {"covis", "b-aware", "hyb-h", "hyb-o", "tuned", "hyb-h-tuned-pool", "random-tuned-pool"} <= names
+    assert {"random", "orbit"} <= names
+    for row in held_out["rows"]:
+        assert row["label"] in printed
+        if row["strategy"] != "hyb-h":
+            hyb_h = next(r for r in held_out["rows"] if r["strategy"] == "hyb-h")
+            gain = row["values"]["F 48"] - hyb_h["values"]["F 48"]
+            assert row["difference"][0] == pytest.approx(gain, abs=1e-9)  # all pairs are there
+    assert all(len(line) <= 80 for line in printed.splitlines() if "│" not in line), printed
+    page = (run / "report.html").read_text()
+    assert page.index('id="result"') < page.index('id="use"')
+    for sentence in result["sentences"]:
+        words = re.sub(r"[^a-z ]", "", sentence.lower()).split()[:6]
+        assert " ".join(words) in re.sub(r"[^a-z ]", "", re.sub(r"<[^>]*>", "", page).lower())
+    changed = Campaign.open(run, read_only=True).recommended().changed
+    assert sorted(p for g in result["groups"] for p in g["paths"]) == sorted(changed)
+
+
+def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
+    run = tmp_path / "gate"
+    shutil.copytree(ended[0] / "runs/gate", run)
+    kept = gate_result(Campaign.open(run, read_only=True))
+    shutil.rmtree(run / "confirmation")
+    mission = next((run / "evaluation/missions/random").iterdir())
+    shutil.rmtree(mission)
+    (run / "comparison.json").unlink()
+    gatetune(tmp_path, "campaign", "resume", "gate", "--workers", "1")
+    assert mission.is_dir() and (run / "comparison.json").is_file()
+    assert gate_result(Campaign.open(run, read_only=True)) == kept
+
+
+def test_a_later_evaluation_rewrites_the_page(ended, tmp_path):
+    run = tmp_path / "gate"
+    shutil.copytree(ended[0] / "runs/gate", run)
+    arguments = "evaluate gate --rock fin --rock horn --replicates 1 --fidelity geometric --workers 1"
+    gatetune(tmp_path, *arguments.split())
+    page = (run / "report.html").read_text()
+    assert "Held-out rocks: fin, horn" in page
+
+
+def test_a_mission_that_is_not_in_the_store_is_not_known(ended):
+    campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
+    from tuner.missions.job import MissionJob
+
+    config = campaign.settings.config(campaign.settings.default_values())
+    job = MissionJob("1", config, "slab", 977, campaign.directory)
+    assert known_photographs(job) == ""  # photogrammetric, a replicate that nobody has run
