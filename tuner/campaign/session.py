@@ -40,6 +40,7 @@ NOTHING_REGISTERS = (
 )
 # So many trials in a row without a photograph of their own mean that what is tuned changes nothing more.
 MAX_CONSECUTIVE_REPEATS = 12
+SIMPLIFICATIONS = 5  # of the recommendation at the end, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
 _TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
@@ -126,8 +127,12 @@ class _Session:
         self._stop, self._ledger.pause = stop, stop.wait
         self._recover()
         fly(self, self.executor, stop)
-        if not stop.is_set() and not self.given_up:
+        for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
+            if stop.is_set() or self.given_up:
+                break
             self._simplified.extend(stop.computed(lambda: simplified(self.campaign)) or ())
+            if not self._simplified:
+                break
             fly(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"

@@ -2,7 +2,7 @@
 
 Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
 that are better than the default, with a 95 % interval, the one with the fewest changes is taken that is not worse
-than the best of them. Where none is better, the default is recommended: its gain is inside the noise.
+than the best of them, or that had exactly its outcomes wherever it was tried. Where none is better, the default is recommended: its gain is inside the noise.
 
 The best of many posterior means is too good more often than not: most of what the surrogate knows of a configuration that
 flew once is what it concludes from neighbours, and a planner's outcome jumps wherever another view is chosen. So a
@@ -127,6 +127,11 @@ def recommend(
         ):
             among = [i for i, v in enumerate(configurations) if v == default] or among  # nothing is cheaper
     index = fewest_changes(configurations, among, default, belief, model.noise_sd)
+    by_block = [_outcomes(evaluated[configuration_key(space, values)]) for values in configurations]
+    index = min(
+        (i for i in among if i == index or by_block[index].items() <= by_block[i].items()),
+        key=lambda i: len(changes(configurations[i], default)),
+    )
     values, sign = configurations[index], objective.sign
     mean, sd = sign * float(goal.mean[index]), float(goal.sd[index])
     gain, gain_sd = goal.difference(index, reference)
@@ -226,6 +231,11 @@ def fewest_changes(
     return min(
         filter(not_worse, better), key=lambda i: (len(changes(configurations[i], default)), -belief.mean[i])
     )
+
+
+def _outcomes(own: Sequence[Observation]) -> dict[Block, float | None]:
+    """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
+    return {(o.world, o.replicate): o.outcome for o in own}
 
 
 def _rock_row(

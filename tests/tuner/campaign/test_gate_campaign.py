@@ -1,7 +1,6 @@
 """A campaign over the gate, to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -46,7 +45,7 @@ def test_trials_that_repeat_photographs_use_no_budget(ended):
     trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
     again = repeated(trials)
     searched = [t for t in trials if t.number not in again]
-    assert len(searched) == 20 and again
+    assert len(searched) == 20 and again, [t.why for t in trials]
     taken = [t.photographs_taken for t in searched]
     assert len(set(taken)) == len(taken)
     first = {t.photographs_taken: t.raw for t in searched}
@@ -91,8 +90,7 @@ def test_the_campaign_ends_in_one_table(ended):
     page = (run / "report.html").read_text()
     assert page.index('id="result"') < page.index('id="use"')
     for sentence in result["sentences"]:
-        words = re.sub(r"[^a-z ]", "", sentence.lower()).split()[:6]
-        assert " ".join(words) in re.sub(r"[^a-z ]", "", re.sub(r"<[^>]*>", "", page).lower())
+        assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
     changed = Campaign.open(run, read_only=True).recommended().changed
     assert sorted(p for g in result["groups"] for p in g["paths"]) == sorted(changed)
 
