@@ -232,7 +232,7 @@ def _against(
 
 def _first_fresh(source: Campaign) -> int:
     """The first replicate that the campaign has not run anywhere."""
-    return 1 + max((trial.replicate for trial in source.trials()), default=-1)
+    return max([source.settings.blocks, *(trial.replicate + 1 for trial in source.trials())])
 
 
 def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
