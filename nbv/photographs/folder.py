@@ -1,4 +1,4 @@
-"""The user's folder: which of its files are photographs, what EXIF and XMP say of each, and masks beside them."""
+"""The user's folder: which of its files are photographs, what EXIF says of each, and masks beside them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import io
 import math
 import os
 import re
+import unicodedata
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 from PIL.ExifTags import IFD, Base
 
 from nbv.errors import UserError
@@ -28,13 +29,52 @@ from nbv.types import Bools
 PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif", ".hif")
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
-FORMATS = ("JPEG", "PNG", "TIFF")  # JPEG: also several pictures in one file, of which the first counts
+FORMATS = (
+    "JPEG",
+    "PNG",
+    "TIFF",
+)  # whatever the suffix; JPEG: of several pictures in one file the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
-_GIMBAL = re.compile(rb"Gimbal(Yaw|Pitch|Roll)Degree\s*(?:=\s*\"|>)\s*([-+]?\d+(?:\.\d+)?)")
+DARKEST = (
+    64  # of 255: no photograph of a format is brighter anywhere where its bits are shifted, such as 12 in 16
+)
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
+# What says that another lens, zoom or part of the sensor took a photograph.
+_LENS_TAGS = [
+    Base[name]
+    for name in [
+        "LensMake",
+        "LensModel",
+        "LensSerialNumber",
+        "LensSpecification",
+        "BodySerialNumber",
+        "FocalLength",
+        "DigitalZoomRatio",
+        "FocalLengthIn35mmFilm",
+        "FocalPlaneXResolution",
+        "FocalPlaneYResolution",
+    ]
+]
+Turn = Image.Transpose
+_TURNS = dict(  # EXIF's orientation: how stored pixels come upright
+    zip(
+        range(2, 9),
+        (
+            Turn.FLIP_LEFT_RIGHT,
+            Turn.ROTATE_180,
+            Turn.FLIP_TOP_BOTTOM,
+            Turn.TRANSPOSE,
+            Turn.ROTATE_270,
+            Turn.TRANSVERSE,
+            Turn.ROTATE_90,
+        ),
+    )
+)
+_INVERSE = {turn: turn for turn in Turn} | {Turn.ROTATE_90: Turn.ROTATE_270, Turn.ROTATE_270: Turn.ROTATE_90}
+MIRRORED = (2, 4, 5, 7)  # of EXIF's orientations: the stored pixels are a mirror image
 Progress = Callable[[str, int, int], None]  # what is done, how many of them, of how many
 
 
@@ -43,15 +83,14 @@ class SourcePhotograph:
     """A file of the user's and what it says of itself."""
 
     path: Path
-    name: str  # without suffix, unique in the folder
+    name: str  # its path in the folder without suffix, "_" for "/"; unique
     sha256: str
     size_px: tuple[int, int]  # width and height as stored
     orientation: int  # EXIF's: 1 upright, 3 upside down, 6 and 8 turned
-    device: str  # make and model; "" where unknown
+    device: str  # make, model, lens, zoom: whatever tells cameras apart; "" where unknown
     focal_35_mm: float | None  # focal length of a camera with 36 x 24 mm film and the same view
     time: str | None
     gps: tuple[float, float, float | None] | None  # None: no altitude
-    gimbal_deg: tuple[float, float, float] | None
 
     @property
     def upright_size_px(self) -> tuple[int, int]:
@@ -59,9 +98,26 @@ class SourcePhotograph:
         width, height = self.size_px
         return (height, width) if self.orientation in (5, 6, 7, 8) else (width, height)
 
+    def turns(self, *, upright: bool, turned: bool = False) -> tuple[Turn, ...]:
+        """What makes of stored pixels, or of such as are ``turned`` as EXIF says, a picture ``upright`` or as the sensor saw it.
 
-def read_folder(folder: str | Path, progress: Progress) -> tuple[list[SourcePhotograph], list[str]]:
-    """The photographs of a folder in the order in which they were taken, and notes on what was left out.
+        A mirror image is never worked on: COLMAP would find the mirror image of the object.
+        """
+        turn = _TURNS.get(self.orientation)
+        if turn is None or (upright and turned):
+            return ()
+        if upright:
+            return (turn,)
+        mirrored = (Turn.FLIP_LEFT_RIGHT,) if self.orientation in MIRRORED else ()
+        return ((_INVERSE[turn],) if turned else ()) + mirrored
+
+
+def read_folder(
+    folder: str | Path, progress: Progress, masks: Path | None = None
+) -> tuple[list[SourcePhotograph], list[str]]:
+    """The photographs of a folder and those in it, in the order in which they were taken, and notes on what was left out.
+
+    What lies in the folder ``masks`` is none, nor what is named as the mask of a photograph beside it.
 
     Every file is decoded once, so that a truncated one is found before anything else is done.
 
@@ -71,31 +127,41 @@ def read_folder(folder: str | Path, progress: Progress) -> tuple[list[SourcePhot
         There is no such folder, nothing or far too much in it, a video, HEIC without its library, or damaged files.
     """
     folder = expanded(folder)
-    paths, notes = _photograph_files(folder)
+    paths, notes = _photograph_files(folder, masks)
     found: list[SourcePhotograph] = []
     damaged: list[str] = []
+    brightest: dict[str, int] = defaultdict(int)  # value of 255 in all files of a format
     for index, path in enumerate(paths):
         progress("reading photographs", index, len(paths))
         try:
-            found.append(_read(path))
+            photograph, kind, peak = _read(path)
         except UserError as error:
             damaged.append(f"{path.name} ({error})")
+            continue
+        found.append(photograph)
+        brightest[kind] = max(brightest[kind], peak)
     if damaged:
         raise UserError(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
             f"{', ...' if len(damaged) > 3 else ''}; copy them again, or move them out of the folder"
         )
+    for kind, peak in brightest.items():
+        if peak < DARKEST:
+            raise UserError(
+                f"no pixel of the {kind} files in {folder} is brighter than {peak} of 255, as with 12 bits in 16; "
+                "spread their values over all bits, for example: mogrify -evaluate multiply 16 *.tif"
+            )
     unique = {photograph.sha256: photograph for photograph in reversed(found)}
     if len(unique) < len(found):
         notes.append(f"left out {len(found) - len(unique)} files that are copies of others")
     if len(unique) < FEWEST:
         raise UserError(f"{folder} has {len(unique)} photographs; a set needs {FEWEST} or more that overlap")
-    photographs = sorted(unique.values(), key=lambda p: (p.time or "", p.path.name))
-    return _with_names(photographs), notes
+    photographs = sorted(unique.values(), key=lambda p: (p.time or "", p.path))
+    return _with_names(photographs, folder), notes
 
 
-def read_pixels(path: Path, max_size_px: int, *, upright: bool) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB, shrunk to ``max_size_px`` on the long side; ``upright``: turned as EXIF says.
+def read_pixels(path: Path, max_size_px: int, turns: Sequence[Turn] = ()) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB, shrunk to ``max_size_px`` on the long side; the stored pixels are transposed by ``turns`` in turn.
 
     Raises
     ------
@@ -104,13 +170,24 @@ def read_pixels(path: Path, max_size_px: int, *, upright: bool) -> NDArray[np.ui
     """
     with _opened(path) as (picture, _):
         width, height = picture.size
+        stored = _as_stored(picture)
         if picture.format in ("JPEG", "MPO"):
             picture.draft("RGB", (min(width, 2 * max_size_px), min(height, 2 * max_size_px)))
-        turned = ImageOps.exif_transpose(picture) if upright else picture
-        if (width > height) != (turned.width > turned.height):
-            width, height = height, width
         size_px = shrunk_size((width, height), max_size_px)
-        return np.asarray(_eight_bit(turned).resize(size_px, Image.Resampling.LANCZOS))
+        shrunk = _eight_bit(picture).resize(size_px, Image.Resampling.LANCZOS)
+        return np.asarray(_transposed(shrunk, (*stored, *turns)))
+
+
+def _as_stored(picture: Image.Image) -> tuple[Turn, ...]:
+    """What makes the stored pixels of what Pillow loads: it turns TIFF upright, and nothing else."""
+    turn = _TURNS.get(picture.getexif().get(Base.Orientation, 1))
+    return () if turn is None or picture.format != "TIFF" else (_INVERSE[turn],)
+
+
+def _transposed(picture: Image.Image, turns: Sequence[Turn]) -> Image.Image:
+    for turn in turns:
+        picture = picture.transpose(turn)
+    return picture
 
 
 def shrunk_size(size_px: tuple[int, int], max_size_px: int) -> tuple[int, int]:
@@ -119,32 +196,44 @@ def shrunk_size(size_px: tuple[int, int], max_size_px: int) -> tuple[int, int]:
     return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
 
 
-def _photograph_files(folder: Path) -> tuple[list[Path], list[str]]:
+def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], list[str]]:
     if folder.suffix.lower() in VIDEOS and folder.is_file():
         raise UserError(_video(folder))
     if not folder.is_dir():
         raise UserError(f"there is no folder {folder}; name the folder that holds the photographs")
-    try:
-        with os.scandir(folder) as entries:
-            names = sorted(e.name for e in entries if not e.name.startswith(".") and e.is_file())
-    except OSError as error:
-        raise UserError(f"cannot read {folder}: {error.strerror}") from error
-    files = [folder / name for name in names]
-    paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC]
+    files: list[Path] = []
+
+    def unreadable(error: OSError) -> None:
+        raise UserError(f"cannot read {error.filename}: {error.strerror}") from error
+
+    for root, folders, names in os.walk(folder, onerror=unreadable):
+        of_masks = {
+            f for f in folders if f.lower() in ("mask", "masks") or (masks and Path(root, f) == masks)
+        }
+        folders[:] = sorted(f for f in folders if f[0] != "." and f not in of_masks)
+        files += [Path(root, name) for name in sorted(names) if name[0] != "." and Path(root, name).is_file()]
+    lower = {str(p).lower() for p in files}
+    paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC and not _is_mask(p, lower)]
     videos = [p for p in files if p.suffix.lower() in VIDEOS]
     if not paths:
         if videos:
             raise UserError(_video(videos[0]))
         raise UserError(
-            f"there are no photographs in {folder} (JPEG, PNG, TIFF or HEIC; folders in it are not looked into)"
+            f"there are no photographs in {folder} or the folders in it; give JPEG, PNG, TIFF or HEIC files"
         )
     require(len(paths), MOST, f"the number of photographs in {folder}")
-    if any(p.suffix.lower() in HEIC for p in paths):
-        _load_heic()
     notes = []
     if others := Counter(p.suffix.lower() or "no suffix" for p in files if p not in set(paths)):
-        notes.append(f"left out {sum(others.values())} files of other kinds ({', '.join(sorted(others))})")
+        notes.append(
+            f"left out {sum(others.values())} masks and files of other kinds ({', '.join(sorted(others))})"
+        )
     return paths, notes
+
+
+def _is_mask(path: Path, lower: set[str]) -> bool:
+    """Whether a photograph lies beside it that has its name but for ``_mask`` or a second suffix."""
+    base = str(path.with_suffix("")).lower()
+    return base in lower or (base.endswith("_mask") and any(base[:-5] + s in lower for s in PLAIN + HEIC))
 
 
 def _video(path: Path) -> str:
@@ -166,14 +255,13 @@ def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
     data = read_bytes(path, MAX_FILE_BYTES)
     if not data:
         raise UserError("empty")
-    if path.suffix.lower() in HEIC:
+    heic = data[4:8] == b"ftyp"  # a telephone may call it .jpg
+    if heic:
         _load_heic()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of size, which is looked at here, and of odd EXIF
-            with Image.open(
-                io.BytesIO(data), formats=None if path.suffix.lower() in HEIC else FORMATS
-            ) as picture:
+            with Image.open(io.BytesIO(data), formats=(*FORMATS, "HEIF") if heic else FORMATS) as picture:
                 require(picture.width * picture.height, MAX_PIXELS, f"the number of pixels of {path.name}")
                 yield picture, data
     except UserError:
@@ -183,36 +271,52 @@ def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
 
 
 def _eight_bit(picture: Image.Image) -> Image.Image:
-    if picture.mode.startswith("I"):
-        deep = np.asarray(picture).astype(np.float64)
-        return Image.fromarray((deep / max(deep.max(), 1.0) * 255).astype(np.uint8)).convert("RGB")
+    if picture.mode in ("F", "I"):
+        raise UserError("its numbers have 32 bits, and nothing says what is white; save it with 8 or 16")
+    if picture.mode.startswith("I;16"):
+        return Image.fromarray((np.asarray(picture) >> 8).astype(np.uint8)).convert("RGB")
     return picture.convert("RGB")
 
 
-def _read(path: Path) -> SourcePhotograph:
+def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
+    """What a file says of itself, its format, and its brightest value of 255."""
     with _opened(path) as (picture, data):
-        size = picture.size
+        width, height = picture.size
         exif = picture.getexif()
         details: Mapping[int, Any] = exif.get_ifd(IFD.Exif)
         gps: Mapping[int, Any] = exif.get_ifd(IFD.GPSInfo)
-        xmp = picture.info.get("xmp", b"")
-        picture.draft("RGB", (size[0] // 8, size[1] // 8))  # reads all of the file, decodes little of it
-        picture.load()
-    orientation = exif.get(Base.Orientation, 1)
-    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
-    date = _DATE_TEXT.match(str(details.get(Base.DateTimeOriginal) or exif.get(Base.DateTime) or ""))
-    return SourcePhotograph(
+        orientation = exif.get(Base.Orientation, 1)
+        device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
+        date = _DATE_TEXT.match(str(details.get(Base.DateTimeOriginal) or exif.get(Base.DateTime) or ""))
+        if picture.format == "TIFF" and orientation in (5, 6, 7, 8):
+            width, height = height, width  # Pillow's are of the turned picture
+        picture.draft("RGB", (width // 8, height // 8))  # reads all of the file, decodes little of it
+        peak = int(np.asarray(_eight_bit(picture)).max())
+    lens = (f"{tag.name} {told}" for tag in _LENS_TAGS if (told := _told(details.get(tag))))
+    photograph = SourcePhotograph(
         path=path,
         name=path.stem,
         sha256=hashlib.sha256(data).hexdigest(),
-        size_px=size,
-        orientation=orientation if orientation in range(1, 9) else 1,
-        device=device,
-        focal_35_mm=_number(details.get(Base.FocalLengthIn35mmFilm)),
+        size_px=(width, height),
+        orientation=orientation if orientation in _TURNS else 1,
+        device=", ".join(filter(None, (device, *lens))),
+        focal_35_mm=_number(_told(details.get(Base.FocalLengthIn35mmFilm))),
         time="{}-{}-{}T{}".format(*date.groups()) if date else None,
         gps=_position(gps),
-        gimbal_deg=_gimbal(xmp if isinstance(xmp, bytes) else str(xmp).encode()),
     )
+    return photograph, str(picture.format), peak
+
+
+def _told(value: Any) -> str:
+    """A tag's value as text; "" where it means nothing: absent, 0, 1, not a number, no letter or digit."""
+    if isinstance(value, tuple):
+        return " ".join(filter(None, map(_told, value)))
+    if isinstance(value, str | bytes):
+        text = value.decode("latin-1") if isinstance(value, bytes) else value
+        text = " ".join(text.replace("\0", " ").split())
+        return text if any(map(str.isalnum, text)) and text not in ("0", "1") else ""
+    number = _number(value)
+    return "" if number in (None, 1.0) else f"{number:.6g}"
 
 
 def _number(value: Any) -> float | None:
@@ -234,26 +338,85 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | Non
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return None
     altitude = _number(gps.get(6))
-    if altitude is not None and gps.get(5) in (
-        1,
-        3,
-        b"\x01",
-        b"\x03",
-    ):  # below sea level, below the ellipsoid
-        altitude = -altitude
+    below = gps.get(5) in (1, 3, b"\x01", b"\x03")  # sea level, the ellipsoid
+    altitude = -altitude if altitude is not None and below else altitude
     return (degrees[0], degrees[1], altitude) if all(map(math.isfinite, degrees)) and any(degrees) else None
 
 
-def _gimbal(xmp: bytes) -> tuple[float, float, float] | None:
-    found = {axis: float(text) for axis, text in _GIMBAL.findall(xmp)}
-    yaw, pitch, roll = (found.get(axis) for axis in (b"Yaw", b"Pitch", b"Roll"))
-    return None if yaw is None or pitch is None or roll is None else (yaw, pitch, roll)
+def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:
+    """With unique names: two files may differ in their suffix alone, or in "/" that was "_"."""
+    parts = [p.path.relative_to(folder) for p in photographs]
+    for names in (
+        ["_".join(part.with_suffix("").parts) for part in parts],
+        ["_".join(part.parts).replace(".", "_") for part in parts],
+        [f"{index}_{'_'.join(part.with_suffix('').parts)}" for index, part in enumerate(parts)],
+    ):
+        if len({name.lower() for name in names}) == len(names):
+            break
+    return [replace(p, name=_readable(name)) for p, name in zip(photographs, names, strict=True)]
 
 
-def _with_names(photographs: list[SourcePhotograph]) -> list[SourcePhotograph]:
-    """With unique names: two files may differ in their suffix alone."""
-    counts = Counter(p.path.stem for p in photographs)
-    return [p if counts[p.name] == 1 else replace(p, name=p.path.name.replace(".", "_")) for p in photographs]
+def _readable(name: str) -> str:
+    """A file's name as text that can be printed and written: bytes that are no UTF-8 become "?"."""
+    return os.fsencode(name).decode(errors="replace").replace("\ufffd", "?")
+
+
+def files_of_photographs(
+    files: Iterable[str],
+    photographs: Sequence[SourcePhotograph],
+    what: str,
+    *,
+    endings: Sequence[str] = ("",),
+) -> dict[str, str]:
+    """Which of ``files`` is of which photograph, by the photograph's name.
+
+    A file has the photograph's name, with suffix or without and in any case, plus one of ``endings``. Where there are
+    folders, those belong together whose paths have most names in common, counted from the end.
+
+    Raises
+    ------
+    UserError
+        Two files of ``what`` are as good for one photograph, or one for two.
+    """
+    of_file = {file: _parts(file) for file in files}
+    of_mine = {p.name: _parts(str(p.path.absolute())) for p in photographs}
+    common = {
+        (a, b): next(
+            (n for n, (x, y) in enumerate(zip(a[::-1], b[::-1], strict=False)) if x != y), min(len(a), len(b))
+        )
+        for a in {path[:-1] for path in of_file.values()}
+        for b in {path[:-1] for path in of_mine.values()}
+    }
+    most: dict[tuple[int, tuple[str, ...]], int] = defaultdict(int)
+    for pair, count in common.items():
+        for side in enumerate(pair):
+            most[side] = max(most[side], count)
+    by_key: dict[str, list[str]] = defaultdict(list)
+    for file, path in of_file.items():
+        for key in {path[-1], path[-1].rpartition(".")[0]} if path else ():
+            by_key[key].append(file)
+    found: dict[str, str] = {}
+    for ending, whole in ((e, w) for e in endings for w in (True, False)):
+        new: dict[str, str] = {}
+        for name, (*folder, base) in of_mine.items():
+            key = (base if whole else base.rpartition(".")[0]) + ending
+            pairs = ((file, (of_file[file][:-1], tuple(folder))) for file in by_key[key] if name not in found)
+            fit = [f for f, pair in pairs if all(common[pair] == most[side] for side in enumerate(pair))]
+            fit = [file for file in fit if file not in found.values()]
+            if len(fit) > 1 or (fit and fit[0] in new.values()):
+                other = fit[1] if len(fit) > 1 else next(n for n, f in new.items() if f == fit[0])
+                raise UserError(
+                    f"{what} has one name in two folders, and nothing tells which is meant: {fit[0]} for {name}, or {other}; "
+                    "give the photographs' folders the names that they have there"
+                )
+            new.update(dict.fromkeys([name] if fit else [], fit[0] if fit else ""))
+        found |= new
+    return found
+
+
+def _parts(path: str) -> tuple[str, ...]:
+    """Folders and name, as file systems compare them that do not tell cases apart."""
+    return PurePosixPath(unicodedata.normalize("NFC", path.replace("\\", "/")).casefold()).parts
 
 
 @dataclass(frozen=True)
@@ -263,31 +426,46 @@ class Mask:
     path: Path
     sha256: str
 
-    def read(self, size_px: tuple[int, int]) -> Bools:
-        """(H, W) True on the object, shrunk to the photograph's width and height.
+    def read(self, size_px: tuple[int, int], turns: Sequence[Turn] = ()) -> Bools:
+        """(H, W) True on the object, transposed by ``turns``, at the photograph's width and height then.
+
+        White is 255 or, where nothing is above it, 1. An alpha channel that is not opaque everywhere is the mask.
 
         Raises
         ------
         UserError
-            The file is damaged or its sides have another ratio.
+            The file is damaged, its sides have another ratio, or what is neither black nor white is in it.
         """
         try:
-            pixels = read_pixels(self.path, max(size_px), upright=False)
+            with _opened(self.path) as (picture, _):
+                stored, lossy = _as_stored(picture), picture.format in ("JPEG", "MPO")
+                deep = picture.mode in ("F", "I") or picture.mode.startswith("I;16")
+                values = np.asarray(picture if deep else picture.convert("RGBA"))
         except UserError as error:
             raise UserError(f"mask {self.path} cannot be read: {error}") from error
-        width, height = size_px
-        if abs(pixels.shape[1] * height - pixels.shape[0] * width) > 0.02 * width * height:
+        if values.ndim == 3:
+            opaque = values[..., 3].min() == 255
+            values = values[..., :3].max(axis=2) if opaque else values[..., 3]
+        top = float(values.max())
+        white = next(value for value in (1, 255, 65535, math.inf) if top <= value)
+        if 0 < top <= white / 2 and not lossy:
             raise UserError(
-                f"mask {self.path} is {pixels.shape[1]} x {pixels.shape[0]}, its photograph {width} x {height}; "
+                f"mask {self.path} is nowhere brighter than {top:g}; make it 0 and 255, or 0 and 1"
+            )
+        inside = np.asarray(_transposed(Image.fromarray(values > white / 2), (*stored, *turns)))
+        width, height = size_px
+        if abs(inside.shape[1] * height - inside.shape[0] * width) > 0.02 * width * height:
+            raise UserError(
+                f"mask {self.path} is {inside.shape[1]} x {inside.shape[0]}, its photograph {width} x {height}; "
                 "give masks with the photographs' ratio of sides"
             )
-        rows = (np.arange(height) * pixels.shape[0]) // height
-        columns = (np.arange(width) * pixels.shape[1]) // width
-        return np.asarray(pixels[rows][:, columns].max(axis=2) > 127)
+        rows = (np.arange(height) * inside.shape[0]) // height
+        columns = (np.arange(width) * inside.shape[1]) // width
+        return np.asarray(inside[rows][:, columns])
 
 
 def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Mask]:
-    """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``.
+    """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``, in folders as the photographs.
 
     Raises
     ------
@@ -297,18 +475,15 @@ def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> d
     folder = expanded(folder)
     if not folder.is_dir():
         raise UserError(f"there is no folder of masks {folder}; check --masks")
-    files = {p.name.lower(): p for p in sorted(folder.iterdir()) if p.suffix.lower() in PLAIN}
-    found = {}
-    for photograph in photographs:
-        stem, whole = photograph.path.stem.lower(), photograph.path.name.lower()
-        names = [
-            f"{base}{end}{suffix}" for base in (stem, whole) for end in ("", "_mask") for suffix in PLAIN
-        ]
-        path = next((files[name] for name in names if name in files), None)
-        if path is not None and path.resolve() != photograph.path.resolve():
-            found[photograph.name] = Mask(path, hashlib.sha256(read_bytes(path, MAX_MASK_BYTES)).hexdigest())
+    taken = {p.path.resolve() for p in photographs}
+    paths = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PLAIN and p.resolve() not in taken]
+    files = {str(p.relative_to(folder)): p for p in paths}
+    found = files_of_photographs(files, photographs, str(folder), endings=("", "_mask"))
     if not found:
         raise UserError(
             f"no mask in {folder} is of a photograph; call them like the photographs: {photographs[0].path.stem}.png"
         )
-    return found
+    return {
+        name: Mask(files[file], hashlib.sha256(read_bytes(files[file], MAX_MASK_BYTES)).hexdigest())
+        for name, file in found.items()
+    }

@@ -27,7 +27,7 @@ from nbv.photographs.dense_reference import (
 )
 from nbv.photographs.folder import Progress, SourcePhotograph, find_masks, read_folder
 from nbv.photographs.mapping import solve
-from nbv.photographs.object_frame import find_object, placement
+from nbv.photographs.object_frame import find_object, placement, settled
 from nbv.photographs.photograph_set import (
     IMAGES,
     MASKS,
@@ -47,6 +47,7 @@ from nbv.photographs.scale import find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel, write_colmap
 from nbv.photographs.source import Source
 from nbv.rocks.catalogue import check_name, imported_path, write_rock
+from nbv.safe_files import expanded
 from nbv.types import Floats
 
 MAX_SIZE_PX = 1280
@@ -106,11 +107,13 @@ def import_photographs(
         raise UserError(f"{name!r} is the name of a rock; choose another --name")
     if set_folder(name).exists() and not force:
         raise UserError(f"there is already a set {name!r}; choose another --name or pass --force")
-    photographs, notes = read_folder(folder, progress)
+    folder = expanded(folder)
+    photographs, notes = read_folder(folder, progress, options.masks)
     masks = {} if options.masks is None else find_masks(options.masks, photographs)
     source = Source(tuple(photographs), options.max_size_px, progress, store, masks=masks)
     marked = None if options.control_points is None else read_control_points(options.control_points, source)
     model, source, solved_notes = solve(source, options.model)
+    source = settled(model, source)
     scale = find_scale(model, source, options.height_m, marked)
     frame = find_object(model, source, scale.up)
     model = model.moved(frame.set_from_model)
@@ -122,7 +125,7 @@ def import_photographs(
     old = work.with_name(f"{work.name}.old")
     try:
         _write_pictures(source, model, pinhole, work)
-        views = [p for p in _records(source, model) if p.registered]
+        views = [p for p in _records(source, model, folder) if p.registered]
         out = drawn_out(views)
         views = [view for view in views if view.name not in out]
         maker = ReferenceMaker(source, work, pinhole, frame, model.xyz[frame.in_box(model.xyz)])
@@ -136,7 +139,7 @@ def import_photographs(
         )
         progress("comparing the halves", 0, 1)
         low, high = np.percentile(whole.points_m, [0.2, 99.8], axis=0)
-        if not masks:
+        if frame.grounded:
             low[2] = frame.low_m[2]
         placed = placement(low, high, model.centers)
         model = model.moved(placed)
@@ -149,7 +152,7 @@ def import_photographs(
             name=name,
             folder=work,
             camera=pinhole,
-            photographs=_records(source, model),
+            photographs=_records(source, model, folder),
             height_m=height,
             extents_m=(width, depth, height),
             metres_per_unit=scale.metres_per_unit(frame.set_from_model.scale * placed.scale, height),
@@ -203,20 +206,19 @@ def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, w
             Image.fromarray(white).save(work / MASKS / f"{name}.png")
 
 
-def _records(source: Source, model: SolvedModel) -> tuple[Photograph, ...]:
+def _records(source: Source, model: SolvedModel, folder: Path) -> tuple[Photograph, ...]:
     """The photographs as the set has them, with their poses in ``model``."""
     poses: dict[str, Floats] = dict(zip(model.names, model.poses, strict=True))
 
     def record(photograph: SourcePhotograph) -> Photograph:
         return Photograph(
             name=photograph.name,
-            source=photograph.path.name,
+            source=str(photograph.path.relative_to(folder)),
             sha256=photograph.sha256,
             camera_from_world=poses.get(photograph.name),
             masked=photograph.name in source.masks,
             time=photograph.time,
             gps=photograph.gps,
-            gimbal_deg=photograph.gimbal_deg,
         )
 
     return tuple(map(record, source.photographs))

@@ -43,18 +43,28 @@ def solve(source: Source, model_path: Path | None) -> tuple[SolvedModel, Source,
         source = source.turned()
         model, notes = _mapped(source)
     else:
-        model, source = read_model(model_path, source)
-        notes = [f"sparse model: {model_path.name}"]
-        if not len(model.xyz):
-            model = _triangulated(source, model)
+        answers, notes = read_model(model_path, source)
+        notes = [f"sparse model: {model_path.name}", *notes]
+        if not len(answers[0][0].xyz):
+            answers = [(_triangulated(seen, model), seen) for model, seen in answers]
             notes.append("points triangulated with its poses")
-        _check_likeness(model, source, model_path)
+        alike = [_likeness(model, seen) for model, seen in answers]
+        # Points of a model fit it either way, but look alike one way only; triangulated ones look alike and fit one way only.
+        fit = [
+            likeness / (0.1 + _median_px(model)) for likeness, (model, _) in zip(alike, answers, strict=True)
+        ]
+        model, source = answers[int(np.argmax(fit))]
+        if not max(alike) >= LEAST_LIKENESS:
+            raise UserError(
+                f"{model_path} is a model of other photographs: what it takes for one point is not alike in them "
+                f"(correlation {max(alike):.2f})"
+            )
     registered = len(model.names)
     if registered < FEWEST_REGISTERED:
         raise UserError(
             f"only {registered} of {total} photographs have a pose; a set needs {FEWEST_REGISTERED}"
         )
-    median_px = float(np.median(model.reprojection_errors_px()))
+    median_px = _median_px(model)
     if not median_px <= WORST_MEDIAN_PX:
         raise UserError(
             f"the model does not fit the photographs: {median_px:.1f} px median reprojection error"
@@ -66,8 +76,14 @@ def solve(source: Source, model_path: Path | None) -> tuple[SolvedModel, Source,
     return model, source, notes
 
 
-def _check_likeness(model: SolvedModel, source: Source, path: Path) -> None:
-    """`UserError` where the photographs do not show the same grey where the model says they show the same point."""
+def _median_px(model: SolvedModel) -> float:
+    return float(np.median(model.reprojection_errors_px())) if len(model.views) else np.inf
+
+
+def _likeness(model: SolvedModel, source: Source) -> float:
+    """Correlation of the greys that the photographs show where the model says that they show the same point."""
+    if not len(model.views):
+        return 0.0
     grey = np.zeros(len(model.views))
     for view, name in enumerate(model.names):
         source.progress("comparing the model with the photographs", view, len(model.names))
@@ -78,12 +94,7 @@ def _check_likeness(model: SolvedModel, source: Source, path: Path) -> None:
     mean = np.bincount(model.points, weights=grey) / np.maximum(count, 1)
     # Share of the variance that is between points and not within them: the intraclass correlation.
     within = float(((grey - mean[model.points]) ** 2).sum() / max(len(grey) - len(count), 1))
-    likeness = 1 - within / max(float(grey.var()), 1e-9)
-    if likeness < LEAST_LIKENESS:
-        raise UserError(
-            f"{path} is a model of other photographs: what it takes for one point is not alike in them "
-            f"(correlation {likeness:.2f})"
-        )
+    return 1 - within / max(float(grey.var()), 1e-9)
 
 
 def _mapped(source: Source) -> tuple[SolvedModel, list[str]]:

@@ -1,34 +1,44 @@
-"""Models that other programs made of the photographs: COLMAP, ``transforms.json``, Metashape, OpenSfM."""
+"""Models that other programs made of the photographs: COLMAP's and ``transforms.json``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+import struct
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
-import cv2
+import cv2  # noqa: F401  before pycolmap: the other order aborts the process when cv2 writes a PNG
 import numpy as np
 import pycolmap
 
 from nbv.errors import UserError
 from nbv.geometry.frames import invert_rigid
+from nbv.photographs.folder import MIRRORED, files_of_photographs
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.photographs.source import Source
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_json, read_text
-from nbv.types import Floats
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
 
 _SAME_RATIO = 0.02  # of sides, relative, of a camera and its photograph
 _MAX_MODEL_BYTES = 2 * 2**30
-_LENS = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
+_MAX_SIDE_PX = 100_000
+# Of ``camera_model`` in transforms.json: polynomials of which OpenCV's is the longest.
+_PERSPECTIVE = ("", "PERSPECTIVE", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_POSE_KEYS = {"file_path", "transform_matrix", "frames", "camera_model", "is_fisheye"}
+# Keys that may change where a point is seen: they are used, or they are refused.
+_LENS_KEY = re.compile(
+    r"(k|p|b|s|sx|sy|c|d)_?\d*|skew|alpha|beta|xi|omega|.*(fov|distort|dist_|lens|fish|theta|omni|spher|equirect|latlong|"
+    r"ortho|projection|camera_type|model_type|shutter|stereo|vr180|principal|focal).*"
+)
 
 
-def read_model(path: Path, source: Source) -> tuple[SolvedModel, Source]:
-    """A model of the photographs, with points where it has tracks, and the photographs as it sees them: upright or not.
+def read_model(path: Path, source: Source) -> tuple[list[tuple[SolvedModel, Source]], list[str]]:
+    """A model of the photographs, with points where it has tracks, and the photographs as it may see them; notes.
 
-    ``path`` is COLMAP's folder, or a file of ``transforms.json``, Metashape (XML) or OpenSfM (JSON).
+    A file does not say whether it is of photographs that were turned as EXIF says: where their sizes do not tell either,
+    there are several answers. ``path`` is COLMAP's folder or ``transforms.json``.
 
     Raises
     ------
@@ -37,51 +47,80 @@ def read_model(path: Path, source: Source) -> tuple[SolvedModel, Source]:
     """
     path = expanded(path)
     if path.is_dir():
-        return _of_photographs(_colmap(path), path, source)
+        return _of_photographs(_colmap(path), path, source), []
     if not is_file(path):
         raise UserError(f"there is no model {path}; check --model")
     if path.suffix.lower() in (".bin", ".txt"):
-        return _of_photographs(_colmap(path.parent), path.parent, source)
+        return _of_photographs(_colmap(path.parent), path.parent, source), []
+    tree = read_json(path, RESULT_BYTES, RESULT_NODES) if path.suffix.lower() == ".json" else None
+    if not isinstance(tree, dict) or "frames" not in tree:
+        raise UserError(
+            f"{path} is neither transforms.json nor a COLMAP model; export one and give its folder (Metashape: File > "
+            "Export > Export Cameras as Colmap; OpenSfM: bin/opensfm export_colmap DATASET)"
+        )
     try:
-        model = _metashape(path) if path.suffix.lower() == ".xml" else _json(path)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        model, unread = _transforms(tree)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(
-            f"{path} cannot be read as a model ({reason[:100]}); export it again, or leave --model out"
+            f"{path} cannot be read as a model ({reason[:120]}); export it again, or leave --model out"
         ) from error
-    return _of_photographs(model, path, source)
+    notes = [f"{path.name}: not read: {', '.join(sorted(unread))}"] if unread else []
+    return _of_photographs(model, path, source), notes
 
 
-def _of_photographs(model: pycolmap.Reconstruction, path: Path, source: Source) -> tuple[SolvedModel, Source]:
-    """What the model says of the photographs, which are found by their files' names, with suffix or without."""
-    by_file = {key: p.name for p in source.photographs for key in (p.path.stem.lower(), p.path.name.lower())}
+def _of_photographs(
+    model: pycolmap.Reconstruction, path: Path, source: Source
+) -> list[tuple[SolvedModel, Source]]:
+    """What the model says of the photographs, turned as EXIF says or not, as their sizes allow."""
     images = {model.image(i).name: model.image(i) for i in sorted(model.reg_image_ids())}
-    name_of: dict[str, str] = {}
-    for name in images:
-        file = PurePosixPath(PureWindowsPath(name).as_posix()).name.lower()
-        found = by_file.get(file) or by_file.get(file.rpartition(".")[0])
-        if found is not None and found not in name_of.values():
-            name_of[name] = found
-    if not name_of:
+    found = files_of_photographs(images, source.photographs, str(path))
+    if not found:
         raise UserError(
             f"{path} is a model of other photographs: none of its {len(images)} images "
             f"({', '.join(list(images)[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
         )
+    name_of = {file: name for name, file in found.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
-    for upright in (True, False):
+    for name, camera in cameras.items():
+        if wrong := _wrong(camera):
+            raise UserError(f"{path} cannot be read: {wrong} (of {found[name]}); export it again")
+    turns = {source.by_name[name].orientation for name in cameras}
+    answers = []
+    for upright in (True, False) if turns != {1} else (True,):
         seen = replace(source, upright=upright)
         sizes = {name: seen.full_size_px(name) for name in cameras}
         if all(
             abs(c.width / c.height * sizes[name][1] / sizes[name][0] - 1) < _SAME_RATIO
             for name, c in cameras.items()
         ):
-            return solved_from_colmap(model, name_of, seen), seen
+            solved = solved_from_colmap(model, name_of, seen)
+            if not (np.isfinite(solved.poses).all() and np.isfinite(solved.xyz).all()):
+                raise UserError(f"{path} has poses or points that are not finite; export it again")
+            mirrored = not upright and turns <= set(MIRRORED)
+            answers.append((solved.mirrored() if mirrored else solved, seen))
+    if answers:
+        return answers
     name, camera = next(iter(cameras.items()))
     photograph = source.by_name[name]
     raise UserError(
         f"{path} is a model of other photographs: it has {photograph.path.name} with {camera.width} x {camera.height} px, "
         f"the folder with {photograph.size_px[0]} x {photograph.size_px[1]}"
     )
+
+
+def _wrong(camera: pycolmap.Camera) -> str:
+    """What keeps a camera from being one, or nothing."""
+    size = f"{camera.width} x {camera.height} px"
+    if not all(1 <= side <= _MAX_SIDE_PX for side in (camera.width, camera.height)):
+        return f"a camera of {size}"
+    if camera.is_spherical():
+        return f"a camera {camera.model_name}, of which no perspective picture can be made"
+    if not np.isfinite(camera.params).all() or not camera.verify_params():
+        return f"a camera {camera.model_name} with numbers that are not finite"
+    if not min(camera.params[i] for i in camera.focal_length_idxs()) > 0:
+        return f"a camera of {size} with focal length {camera.mean_focal_length():g}"
+    return ""
 
 
 def _colmap(folder: Path) -> pycolmap.Reconstruction:
@@ -94,115 +133,135 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
         raise UserError(f"the COLMAP model in {folder} is larger than 2 GB; leave --model out")
     model = pycolmap.Reconstruction()
     try:
-        (model.read_binary if ends[0] == ".bin" else model.read_text)(folder)
+        if ends[0] == ".bin":
+            for path in folder.glob("*.bin"):
+                _check_counts(path)
+            model.read_binary(folder)
+        else:
+            model.read_text(folder)
+        for image in model.images.values():
+            _ = image.name  # which need not be UTF-8
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"the COLMAP model in {folder} has an image whose name is not UTF-8 ({error.object!r}); rename the photograph, "
+            "and export it again"
+        ) from error
     except Exception as error:  # COLMAP's own of what they meet in a file
         reason = str(error).strip().splitlines() or ["damaged"]
         raise UserError(f"the COLMAP model in {folder} cannot be read: {reason[-1][:120]}") from error
     return model
 
 
-def _add(
-    model: pycolmap.Reconstruction, file: str, camera: pycolmap.Camera, camera_from_model: Floats
-) -> None:
-    """Enter one photograph, ``file``, as another program places it."""
-    pose = camera_from_model[:3].copy()
-    if not np.isfinite(pose).all() or np.abs(pose[:, :3] @ pose[:, :3].T - np.eye(3)).max() > 1e-3:
-        raise ValueError(f"the pose of {file} is not a rigid transform")
-    u, _, vt = np.linalg.svd(pose[:, :3])
-    pose[:, :3] = u @ vt
-    number = model.num_images() + 1
-    camera = pycolmap.Camera({**camera.todict(), "camera_id": number})
-    model.add_camera_with_trivial_rig(camera)
-    image: Any = pycolmap.Image(name=file, keypoints=np.zeros((0, 2)), camera_id=number, image_id=number)
-    model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
+def _check_counts(path: Path) -> None:
+    """Walk through one of COLMAP's binary files; ValueError where it counts more than it holds, which COLMAP would allocate."""
+    data = read_bytes(path, _MAX_MODEL_BYTES)
 
+    def counted(at: int, bytes_each: int) -> int:
+        return at + 8 + bytes_each * struct.unpack_from("<Q", data, at)[0]
 
-def _camera(
-    size_px: tuple[Any, Any],
-    focal_px: tuple[float, float],
-    middle_px: tuple[float, float],
-    lens: Mapping[str, Any],
-) -> pycolmap.Camera:
-    """A camera with OpenCV's lens; ``middle_px`` with pixel centres at half-integers."""
-    width, height = map(int, size_px)
-    params = [*focal_px, *middle_px, *(float(lens.get(key, 0.0)) for key in _LENS), 0.0, 0.0, 0.0]
-    if not (16 <= width <= 100_000 and 16 <= height <= 100_000) or min(focal_px) <= 0:
-        raise ValueError(f"a camera of {width} x {height} px with focal length {focal_px[0]:g}")
-    if not all(map(math.isfinite, params)):
-        raise ValueError("a camera with numbers that are not finite")
-    return pycolmap.Camera(model="FULL_OPENCV", width=width, height=height, params=params)
+    def camera(at: int) -> int:
+        model = pycolmap.CameraModelId(struct.unpack_from("<i", data, at + 4)[0])
+        return at + 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params)
 
+    def rig(at: int) -> int:
+        sensors, at = struct.unpack_from("<I", data, at + 4)[0], at + 8 + 8
+        for _ in range(sensors - 1):
+            at += 65 if data[at + 8] else 9
+        return at if sensors else at - 8
 
-def _json(path: Path) -> pycolmap.Reconstruction:
-    tree = read_json(path, RESULT_BYTES, RESULT_NODES)
-    if isinstance(tree, list):
-        return _opensfm(tree)
-    if isinstance(tree, dict) and "frames" in tree:
-        return _transforms(tree)
-    raise ValueError("it is neither transforms.json nor OpenSfM's reconstruction.json")
-
-
-def _transforms(tree: Mapping[str, Any]) -> pycolmap.Reconstruction:
-    """NeRF's ``transforms.json``: model_from_camera with OpenGL's axes (y up, z backward)."""
-    model = pycolmap.Reconstruction()
-    for frame in tree["frames"]:
-        values = {**tree, **frame}
-        width, height = float(values["w"]), float(values["h"])
-        if "fl_x" in values:
-            focal = (float(values["fl_x"]), float(values.get("fl_y", values["fl_x"])))
-        else:
-            focal = (0.5 * width / math.tan(0.5 * float(values["camera_angle_x"])),) * 2
-        middle = (float(values.get("cx", width / 2)), float(values.get("cy", height / 2)))
-        model_from_camera = np.array(frame["transform_matrix"], dtype=float) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        camera = _camera((width, height), focal, middle, values)
-        _add(model, str(frame["file_path"]), camera, invert_rigid(model_from_camera))
-    return model
-
-
-def _opensfm(tree: Sequence[Mapping[str, Any]]) -> pycolmap.Reconstruction:
-    """OpenSfM's ``reconstruction.json``, its largest model: lengths are shares of the longer side."""
-    model, largest, cameras = pycolmap.Reconstruction(), max(tree, key=lambda part: len(part["shots"])), {}
-    for name, c in largest["cameras"].items():
-        width, height = float(c["width"]), float(c["height"])
-        size = max(width, height)
-        fx, fy = (size * float(c.get(f"focal_{axis}", c.get("focal", 0.0))) for axis in "xy")
-        middle = (width / 2 + size * float(c.get("c_x", 0.0)), height / 2 + size * float(c.get("c_y", 0.0)))
-        cameras[name] = _camera((width, height), (fx, fy), middle, c)
-    for file, shot in largest["shots"].items():
-        pose = np.eye(4)
-        pose[:3, :3] = cv2.Rodrigues(np.array(shot["rotation"], dtype=float))[0]
-        pose[:3, 3] = np.array(shot["translation"], dtype=float)
-        _add(model, file, cameras[shot["camera"]], pose)
-    return model
-
-
-def _metashape(path: Path) -> pycolmap.Reconstruction:
-    """Metashape's camera export: model_from_camera with OpenCV's axes; its p1 and p2 are OpenCV's p2 and p1."""
-    text = read_text(path, RESULT_BYTES)
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ValueError("it declares entities, which no camera export does")
+    walks = {
+        "cameras": camera,
+        "images": lambda at: counted(data.find(b"\0", at + 64) % (len(data) + 1) + 1, 24),
+        "points3D": lambda at: counted(at + 43, 8),
+        "rigs": rig,
+        "frames": lambda at: at + 68 + 16 * struct.unpack_from("<I", data, at + 64)[0],
+    }
+    if (walk := walks.get(path.stem)) is None:
+        return
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ValueError(str(error)) from error
-    cameras = {}
-    for sensor in root.iter("sensor"):
-        found = sensor.find("calibration[@class='adjusted']")
-        calibration = sensor.find("calibration") if found is None else found
-        size = sensor.find(".//resolution")
-        if size is None or calibration is None or calibration.find("f") is None:
-            continue
-        values = {child.tag: float(child.text) for child in calibration if child.text and child.text.strip()}
-        width, height = float(size.get("width", 0)), float(size.get("height", 0))
-        lens = {**values, "p1": values.get("p2", 0.0), "p2": values.get("p1", 0.0)}
-        middle = (width / 2 + values.get("cx", 0.0), height / 2 + values.get("cy", 0.0))
-        cameras[sensor.get("id")] = _camera((width, height), (values["f"],) * 2, middle, lens)
-    model = pycolmap.Reconstruction()
-    for element in root.iter("camera"):
-        matrix, camera = element.findtext("transform"), cameras.get(element.get("sensor_id"))
-        if matrix and camera is not None:
-            pose = np.array([float(word) for word in matrix.split()]).reshape(4, 4)
-            _add(model, element.get("label", ""), camera, invert_rigid(pose))
-    if not model.num_images():
-        raise ValueError("it has no aligned camera")
-    return model
+        at = 8
+        for _ in range(struct.unpack_from("<Q", data)[0]):
+            at = walk(at)
+            if at > len(data):
+                raise IndexError
+    except (IndexError, struct.error) as error:
+        raise ValueError(f"{path.name} counts more than its {len(data)} bytes hold") from error
+
+
+def _transforms(tree: Mapping[str, Any]) -> tuple[pycolmap.Reconstruction, set[str]]:
+    """NeRF's ``transforms.json``, and which of its keys were not read: model_from_camera with OpenGL's axes (y up, z backward)."""
+    model, unread = pycolmap.Reconstruction(), set[str]()
+    for number, frame in enumerate(tree["frames"], start=1):
+        values = {**tree, **frame}
+        camera, used = _camera(values)
+        camera.camera_id = number
+        unread |= {key for key in values if key not in used | _POSE_KEYS}
+        matrix = np.array(frame["transform_matrix"], dtype=float)
+        if matrix.shape not in ((3, 4), (4, 4)):
+            raise ValueError(f"the pose of {frame['file_path']} is not a matrix of 4 x 4")
+        pose = invert_rigid(matrix @ np.diag([1.0, -1.0, -1.0, 1.0]))[:3]
+        turn = pose[:, :3]
+        if (
+            not np.isfinite(pose).all()
+            or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3
+            or np.linalg.det(turn) < 0
+        ):
+            raise ValueError(f"the pose of {frame['file_path']} is not a rigid transform")
+        u, _, vt = np.linalg.svd(turn)
+        rigid = pycolmap.Rigid3d(np.column_stack([u @ vt, pose[:, 3]]))
+        model.add_camera_with_trivial_rig(camera)
+        image: Any = pycolmap.Image(
+            name=str(frame["file_path"]), keypoints=np.zeros((0, 2)), camera_id=number, image_id=number
+        )
+        model.add_image_with_trivial_frame(image, rigid)
+    return model, unread
+
+
+def _camera(values: Mapping[str, Any]) -> tuple[pycolmap.Camera, set[str]]:
+    """The camera of a frame, and which keys say it. ValueError where COLMAP has no model of it."""
+    kind = str(values.get("camera_model") or "").upper()
+    if values.get("is_fisheye"):
+        kind = "OPENCV_FISHEYE" if kind in ("", "OPENCV", "OPENCV_FISHEYE") else f"{kind} that is a fisheye"
+    kind = "FULL_OPENCV" if (full := kind in _PERSPECTIVE) else kind
+    if kind not in pycolmap.CameraModelId.__members__ or kind == "INVALID":
+        raise ValueError(f"camera_model {kind} is none of COLMAP's")
+    width, height = float(values["w"]), float(values["h"])
+    if not all(1 <= side <= _MAX_SIDE_PX for side in (width, height)):
+        raise ValueError(f"a camera of {width:g} x {height:g} px")
+    angles = {}
+    for key, side in (("camera_angle_x", width), ("camera_angle_y", height)):
+        if key in values and (full or kind == "FULL_OPENCV"):
+            if not 0 < float(values[key]) < math.pi:
+                raise ValueError(f"{key} is {values[key]}; it lies between 0 and pi")
+            angles[key] = 0.5 * side / math.tan(0.5 * float(values[key]))
+    focal_x = float(values["fl_x"] if "fl_x" in values else angles.get("camera_angle_x") or values["fl_x"])
+    focal_y = float(
+        values.get("fl_y", focal_x if "fl_x" in values else angles.get("camera_angle_y", focal_x))
+    )
+    camera = pycolmap.Camera.create_from_model_name(1, kind, focal_x, int(width), int(height))
+    names = camera.params_info.replace(" ", "").split(",")
+    if "f" in names and focal_x != focal_y:
+        raise ValueError(f"fl_y is not fl_x, but camera_model {kind} has one focal length")
+    if full:
+        names = names[:9]  # what other programs call k4 is no denominator, as OpenCV's is
+    given = {
+        "fx": focal_x,
+        "fy": focal_y,
+        "f": focal_x,
+        "cx": float(values.get("cx", width / 2)),
+        "cy": float(values.get("cy", height / 2)),
+        "k": float(values.get("k1", 0.0)),
+    }
+    params = [
+        float(given[n] if n in given else values.get(n, 0.0) if n[0] in "kps" else values[n]) for n in names
+    ]
+    camera.params = np.pad(params, (0, len(camera.params) - len(params)))
+    used = {*names, "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} | (
+        {"k1"} if "k" in names else set()
+    )
+    for key, value in values.items():
+        if key not in used | _POSE_KEYS and _LENS_KEY.fullmatch(key.lower()) and any(np.ravel(value)):
+            raise ValueError(f"{key} is {str(value)[:40]}, and COLMAP's {kind} has no such parameter")
+    if wrong := _wrong(camera):
+        raise ValueError(wrong)
+    return camera, used

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,11 @@ LOOKS_AT_DEG = 30.0  # off its optical axis at most lies what a photograph is of
 MIN_LOOKING = 0.6  # share of the photographs that look at one place
 IN_MASK = 0.8  # share of a point's observations that lie in masks where it is the object's
 MIN_POINTS = 50
+MASK_CONTRAST = (
+    0.05  # by which more of what the cameras look at lies in the masks than of what is farther away
+)
+BESIDE = 1.6  # the ground is seen to so many half widths of the object from its middle
+GROUND_SHARE = 0.3  # of the points beside the object that lie in one band where there is ground
 BOX_MARGIN = 0.05  # about the object's box, as a share of its largest side
 _COMPANION_M = 0.1
 _ROUNDS = 30
@@ -34,6 +39,9 @@ class ObjectFrame:
     low_m: Floats  # (3,) of the object's box in the set's frame
     high_m: Floats  # (3,)
     notes: tuple[str, ...]
+    grounded: bool = (
+        True  # the box stands on ground that was seen; else it begins where the object is seen to
+    )
 
     @property
     def half_width_m(self) -> float:
@@ -55,7 +63,8 @@ class ObjectFrame:
 def find_object(model: SolvedModel, source: Source, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
-    ``model`` is in its own frame; so is ``up`` (3,), where control points say it. Masks say what is the object.
+    ``model`` is in its own frame; so is ``up`` (3,), where control points say it. Masks, as `settled` has them, say what
+    is the object.
 
     Raises
     ------
@@ -81,10 +90,53 @@ def find_object(model: SolvedModel, source: Source, up: Floats | None = None) ->
     rotation = _upright(up, model.centers[0] - center)
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
     rough = Similarity(scale, rotation, -scale * rotation @ center)
-    low, high, word = _box(model.moved(rough), _in_masks(model, source))
+    low, high, grounded, word = _box(
+        model.moved(rough), _in_masks(model, source)[0] if source.masks else None
+    )
     notes.append(f"object: {word}")
     placed = placement(low, high, rough.apply(model.centers))
-    return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes))
+    return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes), grounded)
+
+
+def settled(model: SolvedModel, source: Source) -> Source:
+    """``source`` with its masks as they were drawn, on photographs that were turned as EXIF says or on others.
+
+    What tells is how much more of the points lies in them where the cameras look than farther away.
+
+    Raises
+    ------
+    UserError
+        The masks are white or black everywhere, white on what is not the object, or of another size.
+    """
+    if not source.masks:
+        return source
+    away = np.linalg.norm(model.xyz - _looked_at(model), axis=1)[model.points]
+    masked = np.isin(model.views, [view for view, name in enumerate(model.names) if name in source.masks])
+    near, far = (masked & (sign * (away - np.median(away[masked])) <= 0) for sign in (1, -1))
+    same = all(photograph.orientation == 1 for photograph in source.photographs)
+    answers, wrong = [], None
+    for turned in (True,) if same else (True, False):
+        seen = replace(source, masks_turned=turned)
+        try:
+            inside, white = _in_masks(model, seen)
+        except UserError as error:
+            wrong = error
+            continue
+        answers.append((float(inside[near].mean() - inside[far].mean()), white, seen))
+    if not answers and wrong is not None:
+        raise wrong
+    contrast, white, seen = max(answers, key=lambda answer: answer[0])
+    folder = next(iter(source.masks.values())).path.parent
+    if white in (0.0, 1.0):
+        raise UserError(
+            f"the masks in {folder} are {'white' if white else 'black'} everywhere; make them white on the object and "
+            "black beside it"
+        )
+    if contrast < -MASK_CONTRAST:
+        raise UserError(
+            f"the masks in {folder} are black where the cameras look and white around it; invert them: white is the object"
+        )
+    return seen
 
 
 def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
@@ -140,16 +192,31 @@ def _upright(up: Floats, toward: Floats) -> Floats:
     return np.stack([x, np.cross(z, x), z])
 
 
-def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, str]:
-    """Corners (3,), (3,) of the object's box in the rough frame, and how it was found."""
+def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, bool, str]:
+    """Corners (3,), (3,) of the object's box in the rough frame, whether it stands on ground, and how it was found."""
     points = model.xyz
     if in_mask is not None:
         seen = np.bincount(model.points, minlength=len(points))
         inside = np.bincount(model.points, weights=in_mask, minlength=len(points))
-        members = _companions(points[inside >= IN_MASK * np.maximum(seen, 1)])
+        of_object = inside >= IN_MASK * np.maximum(seen, 1)
+        members = _companions(points[of_object])
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
-            return low, high, f"{len(members)} sparse points inside the masks"
+            ground = _ground_beside(points[inside < (1 - IN_MASK) * np.maximum(seen, 1)], low, high)
+            word = f"{len(members)} sparse points inside the masks; "
+            if ground is None:
+                return (
+                    low,
+                    high,
+                    False,
+                    f"{word}no ground is seen beside it, it is measured from its lowest point",
+                )
+            low[2] = ground
+            return low, high, True, f"{word}it stands on the ground seen beside it"
+        raise UserError(
+            f"only {len(members)} points of the model lie inside the masks; are they of these photographs, and white on the "
+            "object?"
+        )
     found = find_target(points, np.zeros(3), model.centers)
     if found is not None:
         x, y, _ = found.center_m
@@ -162,26 +229,44 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, str
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
             low[2] = found.ground_m
-            return low, high, f"{len(members)} sparse points that rise from the ground where the cameras look"
+            return (
+                low,
+                high,
+                True,
+                f"{len(members)} sparse points that rise from the ground where the cameras look",
+            )
     members = _companions(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
     if len(members) < MIN_POINTS:
         raise UserError(
             "hardly a point of the model lies where the cameras look; give masks of the object (--masks)"
         )
     low, high = np.percentile(members, [2.0, 98.0], axis=0)
-    return low, high, "nothing rises from the ground where the cameras look: all that is near there"
+    return low, high, True, "nothing rises from the ground where the cameras look: all that is near there"
 
 
-def _in_masks(model: SolvedModel, source: Source) -> Bools | None:
-    """(T,) whether each observation lies on the object; where a photograph has no mask it does not."""
-    if not source.masks:
+def _ground_beside(points: Floats, low: Floats, high: Floats) -> float | None:
+    """Height on which a box (3,), (3,) stands: where most of the points (N, 3) beside it lie, none of which is its own."""
+    half = float((high - low)[:2].max()) / 2
+    beside = points[np.linalg.norm(points[:, :2] - ((low + high) / 2)[:2], axis=1) <= BESIDE * half]
+    beside = beside[beside[:, 2] <= low[2] + 0.1 * (high - low)[2]]
+    if len(beside) < MIN_POINTS:
         return None
-    inside = np.zeros(len(model.views), dtype=bool)
+    heights = np.sort(beside[:, 2])
+    ends = np.searchsorted(heights, heights + GROUND_BAND_M, side="right")
+    first = int(np.argmax(ends - np.arange(len(heights))))
+    band = heights[first : ends[first]]
+    return float(np.median(band)) if len(band) >= GROUND_SHARE * len(heights) else None
+
+
+def _in_masks(model: SolvedModel, source: Source) -> tuple[Bools, float]:
+    """(T,) whether each observation lies on the object, which it does not where there is no mask; the masks' white share."""
+    inside, white = np.zeros(len(model.views), dtype=bool), []
     for view, name in enumerate(model.names):
         if (mask := source.mask(name)) is not None:
             members, pixels = model.of_view(view)
             inside[members] = mask[pixels]
-    return inside
+            white.append(mask.mean())
+    return inside, float(np.mean(white)) if white else 0.0
 
 
 def _companions(points: NDArray[np.float64]) -> Floats:

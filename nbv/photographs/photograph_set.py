@@ -67,7 +67,6 @@ class Photograph:
     gps: tuple[float, float, float | None] | None = (
         None  # EXIF: latitude and longitude in degrees, altitude in metres
     )
-    gimbal_deg: tuple[float, float, float] | None = None  # XMP: yaw, pitch, roll
 
     def __post_init__(self) -> None:
         if self.name != Path(self.name).name or self.name.startswith("."):

@@ -19,6 +19,8 @@ from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.colmap import camera_from_world_poses
 from nbv.types import Floats, Ints
 
+_ACROSS = ("p0", "p2", "s0", "s1", "sx1")  # COLMAP's lens parameters whose sign is that of x
+
 
 @dataclass(frozen=True)
 class SolvedModel:
@@ -47,6 +49,27 @@ class SolvedModel:
         """The same in another frame."""
         poses = camera_from_world_poses(self.poses, target_from_model)
         return replace(self, poses=poses, xyz=target_from_model.apply(self.xyz))
+
+    def mirrored(self) -> SolvedModel:
+        """The same of photographs whose left and right change places, in a mirrored world."""
+        mirror = np.array([-1.0, 1.0, 1.0, 1.0])
+        cameras = []
+        for camera in self.cameras:
+            names = camera.params_info.replace(" ", "").split(",")
+            across = {
+                "cx": camera.width,
+                **dict.fromkeys(_ACROSS, 0.0),
+            }  # what turns round, about which value
+            params = [across[n] - v if n in across else v for n, v in zip(names, camera.params, strict=True)]
+            cameras.append(pycolmap.Camera({**camera.todict(), "params": params}))
+        widths = np.array([camera.width for camera in cameras])
+        return replace(
+            self,
+            poses=mirror[:, None] * self.poses * mirror,
+            cameras=tuple(cameras),
+            xyz=self.xyz * mirror[:3],
+            xy_px=np.column_stack([widths[self.views] - self.xy_px[:, 0], self.xy_px[:, 1]]),
+        )
 
     def of_view(self, view: int) -> tuple[Ints, tuple[Ints, Ints]]:
         """Which observations (K,) a photograph has, and their pixels' rows (K,) and columns (K,)."""

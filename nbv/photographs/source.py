@@ -23,6 +23,7 @@ class Source:
     progress: Progress
     store: Store | None = None  # keeps features, pairs, models and clouds, so that an import can go on
     upright: bool = True  # turned as EXIF says
+    masks_turned: bool = True  # masks were drawn on photographs that were turned as EXIF says
     masks: Mapping[str, Mask] = field(default_factory=dict)
 
     @cached_property
@@ -41,11 +42,15 @@ class Source:
 
     def pixels(self, name: str) -> NDArray[np.uint8]:
         """(H, W, 3) RGB; errors as `read_pixels`."""
-        return read_pixels(self.by_name[name].path, self.max_size_px, upright=self.upright)
+        photograph = self.by_name[name]
+        return read_pixels(photograph.path, self.max_size_px, photograph.turns(upright=self.upright))
 
     def mask(self, name: str) -> Bools | None:
         """(H, W) True on the object; None where no mask was given."""
-        return self.masks[name].read(self.size_px(name)) if name in self.masks else None
+        if name not in self.masks:
+            return None
+        turns = self.by_name[name].turns(upright=self.upright, turned=self.masks_turned)
+        return self.masks[name].read(self.size_px(name), turns)
 
     def up(self, name: str) -> tuple[float, float]:
         """Direction (right, down) of the picture that is up for who looks at it."""
@@ -53,9 +58,9 @@ class Source:
         return {
             3: (0.0, 1.0),
             4: (0.0, 1.0),
-            5: (-1.0, 0.0),
+            5: (1.0, 0.0),
             6: (-1.0, 0.0),
-            7: (1.0, 0.0),
+            7: (-1.0, 0.0),
             8: (1.0, 0.0),
         }.get(orientation, (0.0, -1.0))
 

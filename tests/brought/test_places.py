@@ -54,7 +54,7 @@ def source(found: list[SourcePhotograph]) -> Source:
 def photographs(places_m: np.ndarray | None = None, at: tuple[float, float] = (46.0, 7.0)) -> Source:
     """With GPS that says ``places_m`` (N, 3; NaN: no altitude), if anything."""
     plain = [
-        SourcePhotograph(Path(f"p{i}.JPG"), f"p{i}", "", (1280, 960), 1, "", None, None, None, None)
+        SourcePhotograph(Path(f"p{i}.JPG"), f"p{i}", "", (1280, 960), 1, "", None, None, None)
         for i in range(len(PLACES if places_m is None else places_m))
     ]
     if places_m is None:

@@ -39,10 +39,7 @@ def import_(
     name: Annotated[str, typer.Option(help="Name of the set, which then stands where a rock may stand.")],
     model: Annotated[
         Path | None,
-        typer.Option(
-            help="Poses that you have: COLMAP's folder, transforms.json, Metashape's cameras (XML) or OpenSfM's "
-            "reconstruction.json."
-        ),
+        typer.Option(help="Poses that you have: the folder of a COLMAP model, or transforms.json."),
     ] = None,
     masks: Annotated[
         Path | None, typer.Option(help="Folder of masks, white on the object, called as the photographs.")

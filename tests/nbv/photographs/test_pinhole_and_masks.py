@@ -47,7 +47,7 @@ def test_what_the_lens_bends_comes_out_straight() -> None:
 
 def test_masks_are_found_by_name(tmp_path: Path) -> None:
     photographs = [
-        SourcePhotograph(Path(f"IMG_{i}.JPG"), f"IMG_{i}", "", (64, 48), 1, "", None, None, None, None)
+        SourcePhotograph(Path(f"IMG_{i}.JPG"), f"IMG_{i}", "", (64, 48), 1, "", None, None, None)
         for i in range(4)
     ]
     white = np.zeros((24, 32), np.uint8)

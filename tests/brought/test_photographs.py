@@ -1,0 +1,324 @@
+"""Photographs that people bring: one small case of each kind, with what is true beside it, and variants that are drawn."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import drawn_ball as ball
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from rendered_photographs import save
+
+from nbv.errors import UserError
+from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
+from nbv.photographs.folder import MIRRORED, find_masks, read_folder
+from nbv.photographs.mapping import _cameras, solve
+from nbv.photographs.model_files import read_model
+from nbv.photographs.object_frame import find_object, settled
+from nbv.photographs.source import Source
+
+SET_RADIUS = ball.RADIUS_M * 3.5 / ball.DISTANCE_M
+
+
+def silent(what: str, done: int, total: int) -> None:
+    pass
+
+
+def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -> Source:
+    photographs, _ = read_folder(folder, silent, masks)
+    found = {} if masks is None else find_masks(masks, photographs)
+    return Source(tuple(photographs), max_size_px, silent, masks=found)
+
+
+def refusal(call, *args: object) -> str:
+    with pytest.raises(UserError) as told:
+        call(*args)
+    assert "\n" not in str(told.value)
+    return str(told.value)
+
+
+def alpha(mask: np.ndarray) -> Image.Image:
+    grey = np.full((*mask.shape, 3), 90, np.uint8)
+    return Image.fromarray(np.dstack([grey, 255 * mask.astype(np.uint8)]))
+
+
+def palette(mask: np.ndarray) -> Image.Image:
+    picture = Image.fromarray(mask.astype(np.uint8)).convert("P")
+    picture.putpalette([0, 0, 0, 128, 0, 0])
+    return picture
+
+
+MASKS = {  # form: of a mask (H, W) the picture, and the words that refuse it
+    "255": (lambda m: Image.fromarray(m.astype(np.uint8) * 255), None),
+    "0 and 1": (lambda m: Image.fromarray(m.astype(np.uint8)), None),
+    "1 bit": (lambda m: Image.fromarray(m), None),
+    "16 bits": (lambda m: Image.fromarray(m.astype(np.uint16) * 65535), None),
+    "alpha": (alpha, None),
+    "palette": (palette, None),
+    "twice as large": (lambda m: Image.fromarray(np.kron(m, np.ones((2, 2), np.uint8)) * 255), None),
+    "inverted": (lambda m: Image.fromarray((~m).astype(np.uint8) * 255), "black where the cameras look"),
+    "white": (lambda m: Image.fromarray(np.full_like(m, 255, np.uint8)), "white everywhere"),
+    "black": (lambda m: Image.fromarray(np.zeros_like(m, np.uint8)), "black everywhere"),
+    "labels": (lambda m: Image.fromarray(m.astype(np.uint8) * 7), "nowhere brighter than 7"),
+    "cut": (lambda m: Image.fromarray(m[20:].astype(np.uint8) * 255), "ratio of sides"),
+}
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    lens=st.sampled_from(sorted(ball.LENSES)),
+    orientation=st.sampled_from(sorted(ball.STORED)),
+    of_stored=st.booleans(),
+    masks_of_stored=st.booleans(),
+    form=st.sampled_from(sorted(MASKS)),
+)
+def test_lens_orientation_and_masks(
+    tmp_path: Path, lens: str, orientation: int, of_stored: bool, masks_of_stored: bool, form: str
+) -> None:
+    """A model of stored or turned pixels, masks drawn on stored or turned pixels: the ball is where and as large as it is."""
+    shutil.rmtree(tmp_path)
+    folder = ball.write_photographs(tmp_path / "photographs", lens, orientation)
+    (tmp_path / "model").mkdir()
+    ball.model(lens, orientation if of_stored else 1).write_binary(tmp_path / "model")
+    make, words = MASKS[form]
+    (tmp_path / "masks").mkdir()
+    for index, (_, mask) in enumerate(ball.drawn(lens), start=1):
+        drawn = ball.STORED[orientation][0](mask) if masks_of_stored else mask
+        make(np.ascontiguousarray(drawn)).save(tmp_path / "masks" / f"view_{index:02d}.png")
+    model, source, _ = solve(source_of(folder, tmp_path / "masks"), tmp_path / "model")
+    fit = align_umeyama(ball.positions_m(), model.centers)
+    assert fit.scale == pytest.approx(1.0, rel=1e-6)
+    assert np.allclose(fit.apply(model.centers), ball.positions_m(), atol=1e-6)
+    if words is not None:
+        assert words in refusal(settled, model, source)
+        return
+    source = settled(model, source)
+    for (_, mask), photograph in zip(ball.drawn(lens), source.photographs, strict=True):
+        true = mask
+        if not source.upright:
+            true = ball.STORED[orientation][0](mask)
+            true = true[:, ::-1] if orientation in MIRRORED else true
+        assert (source.mask(photograph.name) == true).all()
+    frame = find_object(model, source)
+    assert frame.set_from_model.scale * ball.RADIUS_M == pytest.approx(SET_RADIUS, rel=0.01)
+    assert frame.grounded and frame.high_m[2] == pytest.approx(2 * SET_RADIUS, rel=0.02)
+
+
+def tagged(folder: Path, index: int, tags: dict[int, object]) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update(tags)
+    pixels = np.random.default_rng(index).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(folder / f"{index}.jpg", exif=exif)
+
+
+FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X = 0x920A, 0xA405, 0xA404, 0xA434, 0xA432, 0xA20E
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "cameras"),
+    [
+        ({FOCAL: 18.8}, {FOCAL: 29.5}, 2),
+        ({FOCAL_35: 28}, {FOCAL_35: 44}, 2),
+        ({LENS: "EF 24 mm"}, {LENS: "EF 50 mm"}, 2),
+        ({SPEC: (24.0, 24.0, 2.8, 2.8)}, {SPEC: (50.0, 50.0, 1.8, 1.8)}, 2),
+        ({ZOOM: 2.0}, {ZOOM: 1.5}, 2),
+        ({PLANE_X: 3000.0}, {PLANE_X: 6000.0}, 2),
+        ({FOCAL: 18.8, FOCAL_35: 1}, {FOCAL: 18.8}, 1),
+        ({FOCAL: 18.8, FOCAL_35: 0, ZOOM: 0.0, LENS: "----"}, {FOCAL: 18.8, ZOOM: 1.0, LENS: ""}, 1),
+        ({FOCAL: 0.0}, {}, 1),
+    ],
+)
+def test_every_tag_that_says_a_lens_changed_separates_cameras(
+    tmp_path: Path, one: dict, other: dict, cameras: int
+) -> None:
+    for index in range(8):
+        tagged(tmp_path, index, one if index % 2 else other)
+    found, ids = _cameras(source_of(tmp_path))
+    assert len(found) == cameras and len(set(ids)) == cameras
+    for camera in found.values():
+        told = {one.get(FOCAL_35), other.get(FOCAL_35)} - {None, 0, 1}
+        assert camera.has_prior_focal_length == bool(told)
+        assert camera.focal_length_x > 0.5 * camera.width
+
+
+def frames() -> list[dict]:
+    upside = np.diag([1.0, -1.0, -1.0, 1.0])
+    return [
+        {
+            "file_path": f"images/view_{index:02d}.png",
+            "transform_matrix": (invert_rigid(look_at(position, ball.CENTRE_M)) @ upside).tolist(),
+        }
+        for index, position in enumerate(ball.positions_m(), start=1)
+    ]
+
+
+CAMERA = {"w": 160, "h": 120, "fl_x": 130.0, "fl_y": 131.0, "cx": 81.0, "cy": 59.0}
+LENS_4 = {"k1": 0.02, "k2": -0.01, "k3": 0.003, "k4": -0.001}
+FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
+
+
+@pytest.mark.parametrize(
+    ("camera", "true"),
+    [
+        ({**CAMERA, "k1": 0.1, "p1": 0.01}, ("OPENCV", [130, 131, 81, 59, 0.1, 0, 0.01, 0])),
+        ({**CAMERA, "camera_model": "PINHOLE"}, ("PINHOLE", [130, 131, 81, 59])),
+        (
+            {**CAMERA, **LENS_4, "camera_model": "OPENCV_FISHEYE"},
+            ("OPENCV_FISHEYE", [130, 131, 81, 59, 0.02, -0.01, 0.003, -0.001]),
+        ),
+        (
+            {**CAMERA, **LENS_4, "is_fisheye": True},
+            ("OPENCV_FISHEYE", [130, 131, 81, 59, 0.02, -0.01, 0.003, -0.001]),
+        ),
+        (
+            {**CAMERA, **LENS_4, "k5": 0.01, "camera_model": "FULL_OPENCV"},
+            ("FULL_OPENCV", [130, 131, 81, 59, 0.02, -0.01, 0, 0, 0.003, -0.001, 0.01, 0]),
+        ),
+        (FOV, ("PINHOLE", [80 / np.tan(0.5), 60 / np.tan(0.4), 80, 60])),
+        ({**CAMERA, **LENS_4}, "k4 is -0.001, and COLMAP's FULL_OPENCV has no such parameter"),
+        ({**CAMERA, "p1": 0.01, "is_fisheye": True}, "p1 is 0.01, and COLMAP's OPENCV_FISHEYE has no"),
+        ({**CAMERA, "b1": 2.0}, "b1 is 2.0"),
+        ({**CAMERA, "distortion_params": [0, 0.1]}, "distortion_params is"),
+        ({**CAMERA, "ftheta_p0": 0.1}, "ftheta_p0 is 0.1"),
+        ({**CAMERA, "camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        ({**CAMERA, "camera_model": "OMNIDIRECTIONALSTEREO_L"}, "none of COLMAP's"),
+        ({**CAMERA, "camera_model": "SIMPLE_RADIAL_FISHEYE"}, "has one focal length"),
+        ({**FOV, "camera_angle_x": 0}, "camera_angle_x is 0; it lies between 0 and pi"),
+        ({**CAMERA, "w": 0, "h": 0}, "a camera of 0 x 0 px"),
+        ({**CAMERA, "fl_x": 0}, "focal length"),
+        ({**CAMERA, "fl_x": float("nan")}, "finite"),
+    ],
+)
+def test_projection_models_of_transforms_json(tmp_path: Path, camera: dict, true: object) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({**camera, "aabb_scale": 4, "frames": frames()}))
+    if isinstance(true, str):
+        assert true in refusal(read_model, path, source)
+        return
+    [(model, _)], notes = read_model(path, source)
+    assert notes == ["transforms.json: not read: aabb_scale"]
+    expected = pycolmap.Camera(model=true[0], width=160, height=120, params=true[1])
+    rays = np.column_stack([*np.random.default_rng(0).uniform(-0.5, 0.5, (2, 50)), np.ones(50)])
+    assert np.allclose(model.cameras[0].img_from_cam(rays), expected.img_from_cam(rays), atol=1e-9)
+
+
+def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_path: Path) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    mirrored = frames()
+    for frame in mirrored:
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ np.diag([-1, 1, 1, 1])).tolist()
+    (tmp_path / "transforms.json").write_text(json.dumps({**CAMERA, "frames": mirrored}))
+    assert "is not a rigid transform" in refusal(read_model, tmp_path / "transforms.json", source)
+    (tmp_path / "cameras.xml").write_text("<document><chunk/></document>")
+    (tmp_path / "reconstruction.json").write_text('[{"cameras": {}, "shots": {}}]')
+    for name in ("cameras.xml", "reconstruction.json"):
+        message = refusal(read_model, tmp_path / name, source)
+        assert "File > Export > Export Cameras as Colmap" in message and "export_colmap" in message
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "words"),
+    [
+        ("cameras.bin", lambda b: b[:16] + bytes(16) + b[32:], "a camera of 0 x 0 px"),
+        ("images.bin", lambda b: b.replace(b"view_03", b"vi\xe9w_03"), "name is not UTF-8"),
+        ("frames.bin", lambda b: struct.pack("<Q", 10**10) + bytes(8), "frames.bin counts more than its 16"),
+        ("rigs.bin", lambda b: b[:12] + b"\xff\xff\xff\xff" + b[16:], "rigs.bin counts more"),
+        (
+            "points3D.bin",
+            lambda b: struct.pack("<Q", 10**8),
+            "points3D.bin counts more than its 8 bytes hold",
+        ),
+        ("points3D.bin", lambda b: b[:51] + struct.pack("<Q", 10**10) + b[59:], "points3D.bin counts more"),
+        ("images.bin", lambda b: b[:83] + struct.pack("<Q", 10**9) + b[91:], "images.bin counts more"),
+    ],
+)
+def test_a_damaged_colmap_model_is_one_line_at_once(tmp_path: Path, file: str, change, words: str) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    ball.model("PINHOLE").write_binary(tmp_path)
+    whole = (tmp_path / file).read_bytes()
+    (tmp_path / file).write_bytes(change(whole))
+    assert words in refusal(read_model, tmp_path, source)
+
+
+def test_one_name_in_two_folders_of_a_model(tmp_path: Path) -> None:
+    """The one of the folder given; where nothing tells, one line. Photographs in folders have names with their folders."""
+    out = ball.model("PINHOLE", name="right/{}.png")
+    wrong = ball.model("PINHOLE", name="left/{}.png")
+    for i, image in wrong.images.items():
+        copy = pycolmap.Image(name=image.name, keypoints=np.zeros((0, 2)), camera_id=1, image_id=i + 100)
+        out.add_image_with_trivial_frame(copy, pycolmap.Rigid3d())
+    out.write_binary(tmp_path)
+    [(model, _)], _ = read_model(tmp_path, source_of(ball.write_photographs(tmp_path / "right")))
+    assert np.allclose(model.centers, ball.positions_m())
+    message = refusal(read_model, tmp_path, source_of(ball.write_photographs(tmp_path / "other")))
+    assert "has one name in two folders" in message
+    both = tmp_path / "both"
+    for k, side in enumerate(("left", "right")):
+        ball.write_photographs(both / side)
+        for n, path in enumerate(sorted((both / side).iterdir())):
+            Image.fromarray(np.asarray(Image.open(path)) // 2 + n + 20 * k).save(path)
+    (both / "masks").mkdir()
+    shutil.copy(both / "left" / "view_01.png", both / "masks")
+    source = source_of(both)
+    assert len(source.photographs) == 28 and "left_view_01" in source.by_name
+    [(model, _)], _ = read_model(tmp_path, source)
+    at = model.names.index("right_view_03")
+    assert np.allclose(model.centers[at], ball.positions_m()[2])
+    for side in ("left", "right"):
+        shutil.copytree(both / side, tmp_path / "masks" / side)
+    assert find_masks(tmp_path / "masks", source.photographs)["left_view_02"].path.parent.name == "left"
+
+
+def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
+    """Whatever the suffix; and numbers that have no white are refused, not read as black."""
+    deep = (np.arange(64 * 48).reshape(48, 64) % 4096).astype(np.uint16)
+    eps = io.BytesIO()
+    Image.fromarray((deep >> 8).astype(np.uint8)).save(eps, "EPS")
+    cases = {
+        "float.tif": (Image.fromarray((deep / 4095).astype(np.float32)), "nothing says what is white"),
+        "int.tif": (Image.fromarray(deep.astype(np.int32)), "nothing says what is white"),
+        "twelve.tif": (Image.fromarray(deep), "brighter than 11 of 255, as with 12 bits in 16"),
+        "full.tif": (Image.fromarray(deep * 16), None),
+        "eps.heic": (eps.getvalue(), "cannot identify"),
+        "eps.jpg": (eps.getvalue(), "cannot identify"),
+        "bmp.png": (Image.fromarray(deep.astype(np.uint8)), "cannot identify"),
+    }
+    for name, (content, words) in cases.items():
+        folder = tmp_path / name.replace(".", "_")
+        folder.mkdir()
+        for index in range(8):
+            save(Image.fromarray(np.full((8, 8, 3), 30 * index, np.uint8)), folder / f"{index}.jpg", index)
+        if isinstance(content, bytes):
+            (folder / name).write_bytes(content)
+        else:
+            content.save(folder / name, "BMP" if name == "bmp.png" else None)
+        if words is not None:
+            assert words in refusal(read_folder, folder, silent)
+            continue
+        whole = source_of(folder, max_size_px=64).pixels("full")
+        assert (whole[..., 0] == (deep * 16) >> 8).all()
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_tiff_is_turned_once(tmp_path: Path, orientation: int) -> None:
+    """Pillow turns TIFF upright as it reads it, and no other format."""
+    picture = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
+    stored = Image.fromarray(np.ascontiguousarray(ball.STORED[orientation][0](picture)))
+    for index in range(8):
+        Image.fromarray(np.full((8, 8), 30 * index, np.uint8)).save(tmp_path / f"{index}.png")
+    stored.save(tmp_path / "one.tif", tiffinfo={274: orientation})
+    source = source_of(tmp_path)
+    assert source.by_name["one"].size_px == stored.size
+    assert (source.pixels("one")[..., 0] == picture).all()
+    unturned = replace(source, upright=False).pixels("one")[..., 0]
+    assert (unturned == np.asarray(stored)).all()
