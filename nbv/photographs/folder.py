@@ -222,6 +222,8 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
             f"there are no photographs in {folder} or the folders in it; give JPEG, PNG, TIFF or HEIC files"
         )
     require(len(paths), MOST, f"the number of photographs in {folder}")
+    if any(p.suffix.lower() in HEIC for p in paths):
+        _load_heic()
     notes = []
     if others := Counter(p.suffix.lower() or "no suffix" for p in files if p not in set(paths)):
         notes.append(
