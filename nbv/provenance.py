@@ -59,7 +59,7 @@ def provenance() -> dict[str, Any]:
 def _git(*arguments: str) -> str:
     """What git says of this checkout."""
     root = Path(__file__).resolve().parent.parent
-    command = ["git", *arguments]
+    command = ["git", "--no-optional-locks", *arguments]  # it may be killed, or have no room
     return subprocess.run(
         command, cwd=root, capture_output=True, text=True, timeout=10, check=True
     ).stdout.strip()

@@ -254,6 +254,15 @@ def write_atomic(path: Path, content: str | bytes | memoryview) -> None:
         os.close(folder)
 
 
+def require_whole(path: Path) -> None:
+    """Raise ``OSError`` where a full disk, or a limit, cut what a compiled library has just written: most say nothing of it."""
+    with path.open("ab") as file:
+        size = file.tell()
+        file.write(b"\0")
+        file.flush()
+        file.truncate(size)
+
+
 def remove(path: Path) -> None:
     """Take away a file, a link itself, or a folder with what is in it; nothing where there is nothing."""
     if path.is_dir() and not path.is_symlink():

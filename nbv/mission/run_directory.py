@@ -28,7 +28,7 @@ from PIL import Image
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
-from nbv.safe_files import open_to_write, remove, to_yaml, write_atomic
+from nbv.safe_files import open_to_write, remove, require_whole, to_yaml, write_atomic
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
@@ -123,6 +123,7 @@ def write_ply(path: Path, cloud: Cloud) -> None:
     if cloud.colors is not None:
         table.point.colors = tensor(cloud.colors, np.uint8)
     o3d.t.io.write_point_cloud(path, table)
+    require_whole(path)
 
 
 def read_ply(path: Path) -> PointCloud:

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 
 from nbv.geometry.frames import Similarity
-from nbv.safe_files import write_atomic
+from nbv.safe_files import require_whole, write_atomic
 from nbv.sparse.alignment import Alignment
 from nbv.sparse.matching import VerifiedPair
 from nbv.types import Floats, SparseModel
@@ -119,12 +119,15 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
 
 
 def files_of(reconstruction: pycolmap.Reconstruction, *, ply: bool = False) -> dict[str, bytes]:
-    """The model as COLMAP writes it, by file name; ``ply``: with its points as ``points.ply``."""
+    """The model as COLMAP writes it, by file name; ``ply``: with its points as ``points.ply``; ``OSError`` without room."""
     with tempfile.TemporaryDirectory(prefix="nbv-model-") as directory:
         reconstruction.write_binary(directory)
         if ply:
             reconstruction.export_PLY(Path(directory, "points.ply"))
-        return {path.name: path.read_bytes() for path in Path(directory).iterdir()}
+        files = list(Path(directory).iterdir())
+        for path in files:
+            require_whole(path)
+        return {path.name: path.read_bytes() for path in files}
 
 
 def model_of(files: Mapping[str, bytes]) -> pycolmap.Reconstruction:

@@ -6,6 +6,7 @@ import dataclasses
 import errno
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -25,7 +26,7 @@ from nbv.checksums import CHECKSUM
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.run_directory import RunDirectory
-from nbv.safe_files import open_to_write, remove_links, write_atomic
+from nbv.safe_files import open_to_write, remove_links, require_whole, write_atomic
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
@@ -196,6 +197,19 @@ def test_a_flipped_bit_at_the_ledgers_end_is_healed_or_refused_before_writing(
 def test_a_limit_of_the_machine_is_not_the_configurations_fault(number: int, tmp_path: Path) -> None:
     reason, message = _reason(OSError(number, os.strerror(number)))
     assert MissionJob("0", MissionConfig(), "a", 0, tmp_path).failed(reason, message).infrastructure_failure
+
+
+def test_a_file_that_a_compiled_library_could_not_end_is_noticed(tmp_path: Path) -> None:
+    path, limits = tmp_path / "points3D.bin", resource.getrlimit(resource.RLIMIT_FSIZE)
+    path.write_bytes(bytes(8192))
+    require_whole(path)
+    assert path.stat().st_size == 8192
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            require_whole(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_server_stopped_while_it_imports_ends_with_its_coordinator() -> None:
