@@ -156,7 +156,7 @@ def tables(out: Path) -> None:
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
         table = comparison_table(records, STRATEGIES, REFERENCE, surface)  # type: ignore[arg-type]
-        Console().print(for_terminal(table_i_grid(table, f"{surface.capitalize()} surface")))
+        Console().print(*for_terminal(table_i_grid(table, f"{surface.capitalize()} surface"), 120))
 
 
 def main() -> None:

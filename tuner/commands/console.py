@@ -85,7 +85,7 @@ def show_table(
     """Print a table; its last ``right`` columns are of numbers."""
     table = Table(title=title)
     for place, name in enumerate(columns):
-        table.add_column(name, justify="right" if place >= len(columns) - right else "left")
+        table.add_column(name, justify="right" if place >= len(columns) - right else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(str, row))
     output.print(table)

@@ -177,7 +177,8 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers.
+    """Run the paper's default configuration by its four strategies and two references (learned gate, greedy oracle); print its
+    Table I beside the paper's numbers.
 
     Example: gatetune reproduce --replicates 3
     """
@@ -199,13 +200,16 @@ def reproduce(
         conditions=load_conditions(conditions or [IDEAL]),
     )
     asked = Asked(Objective("whole.completeness_48mm"))
+    how = PRESETS[preset].purpose
+    if is_geometric(fidelity):
+        how = "predicted by geometric missions, without photographs"
     compare(
-        CampaignEvaluation(plan, next(iter(configs)), asked),
+        CampaignEvaluation(plan, "hyb-h" if "hyb-h" in configs else next(iter(configs)), asked),
         Path("runs/reproduce"),
         out,
         workers=workers,
         timeout_s=timeout_s,
-        title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
+        title=f"Table I reproduced with preset {preset}: {how}",
         paper=True,
     )
 
@@ -252,8 +256,9 @@ def compare(
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
     for note in notes:
         output.print(note, style="yellow")
+    named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{len(plan.strategies)} strategies on {counted(len(plan.rocks), place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
@@ -264,11 +269,11 @@ def compare(
     tables = {"What was flown, and what it got": facts.summary}
     tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for name, table in tables.items():
-        output.print(comparison.for_terminal(comparison.strategy_grid(table, name)), markup=True)
+        output.print(*comparison.for_terminal(comparison.strategy_grid(table, name), output.width))
     if paper:
         grid = comparison.table_i_grid(facts.tables["whole"], "Table I, whole surface", paper=True)
-        output.print(comparison.for_terminal(grid, "paper"), markup=True)
-        output.print(comparison.PAPER_NOT_COMPARABLE)
+        output.print(*comparison.for_terminal(grid, output.width, "paper"))
+        output.print(comparison.paper_note(plan.fidelity))
     with working("writing the report"):
         command = f"gatetune {shlex.join(sys.argv[1:])}"
         report = comparison.write_comparison_report(

@@ -64,7 +64,7 @@ def run(
     set_: Overrides = None,
     replicate: Annotated[int, typer.Option(help="Draw of arrival errors and sensor noise.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Run directory (default: runs/mission-ROCK-CONDITION-GATE-REPLICATE).")
+        Path | None, typer.Option(help="Run directory (default: in runs/, named after rock and gate).")
     ] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a finished mission in that directory.")] = False,
 ) -> None:

@@ -48,7 +48,7 @@ def noise(
     """
     from tuner.evaluation.flying import run_evaluation
     from tuner.problem.space_files import load_search_space
-    from tuner.studies.noise import METRICS, analyse, noise_plan, noise_table, write_noise
+    from tuner.studies.noise import METRICS, analyse, noise_plan, noise_tables, write_noise
 
     chosen = rock_arguments(rocks or training_rocks())
     refuse_held_out(chosen)
@@ -66,9 +66,8 @@ def noise(
     with executor, ComparisonProgress(asked[0]) as show:
         run = run_evaluation(plan, out, executor, show)
     found = [noise for metric in asked if (noise := analyse(plan, run.records, metric)) is not None]
-    output.print(
-        noise_table(found) if found else "too few configurations are complete, or none has the metrics"
-    )
+    none = ("too few configurations are complete, or none has the metrics",)
+    output.print(*(noise_tables(found, output.width) if found else none))
     output.print(f"in numbers: {write_noise(found, out)}")
     end(run)
 
@@ -85,10 +84,10 @@ def sensitivity(
 
     Example: gatetune study sensitivity runs/mine
     """
-    from tuner.studies.sensitivity import campaign_sensitivity, sensitivity_table, summary_lines
+    from tuner.studies.sensitivity import campaign_sensitivity, sensitivity_tables, summary_lines
 
     result = campaign_sensitivity(campaign, metric)
-    output.print(sensitivity_table(result))
+    output.print(*sensitivity_tables(result, output.width))
     for line in summary_lines(result):
         output.print(line)
     answer_json(result)

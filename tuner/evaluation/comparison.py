@@ -136,6 +136,23 @@ class ComparisonTable:
     rows: list[ComparisonRow]
     missions: dict[str, int]  # with metrics, by strategy
     failures: dict[str, int]  # failed missions, by strategy
+    same: dict[str, str]  # by strategy an earlier one whose photographs it took in every mission
+
+
+def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dict[str, str]:
+    """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
+    taken: dict[str, dict[tuple[str, str, int], str]] = {name: {} for name in strategies}
+    for r in records:
+        if r.strategy in taken and r.status != "failed":
+            taken[r.strategy][r.rock, r.condition, r.replicate] = r.photographs
+    found: dict[str, str] = {}
+    for i, name in enumerate(strategies):
+        own = taken[name]
+        for earlier in strategies[:i]:
+            if own and all(own.values()) and own == taken[earlier]:
+                found[name] = found.get(earlier, earlier)
+                break
+    return found
 
 
 def comparison_table(
@@ -177,6 +194,7 @@ def comparison_table(
         table,
         {name: counts[name] for name in strategies},
         {name: failures[name] for name in strategies},
+        same_photographs(records, strategies),
     )
 
 

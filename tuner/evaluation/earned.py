@@ -98,19 +98,3 @@ def measured_steps(
             steps.append(Step(what, strategy, before, difference))
             before, waiting = strategy, []
     return steps
-
-
-def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dict[str, str]:
-    """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
-    taken: dict[str, dict[tuple[str, str, int], str]] = {name: {} for name in strategies}
-    for r in records:
-        if r.strategy in taken and r.status != "failed":
-            taken[r.strategy][r.rock, r.condition, r.replicate] = r.photographs
-    found: dict[str, str] = {}
-    for i, name in enumerate(strategies):
-        own = taken[name]
-        for earlier in strategies[:i]:
-            if own and all(own.values()) and own == taken[earlier]:
-                found[name] = found.get(earlier, earlier)
-                break
-    return found

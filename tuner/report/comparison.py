@@ -6,17 +6,19 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 from scipy import stats
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
 from tuner.evaluation.baselines import (
+    PAPER_STRATEGIES,
     TUNED,
     controls_at_equal_number,
     description,
@@ -32,6 +34,7 @@ from tuner.evaluation.comparison import (
     MetricRow,
     PairedDifference,
     comparison_table,
+    same_photographs,
     strategy_difference,
     strategy_interval,
     values_of,
@@ -39,7 +42,7 @@ from tuner.evaluation.comparison import (
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
 from tuner.missions.job import Trial
-from tuner.missions.registry import EXTERNAL
+from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.exact_costs import PHOTOGRAPHS
 from tuner.problem.objective import Objective
 from tuner.report.labels import (
@@ -55,6 +58,7 @@ from tuner.report.labels import (
 )
 from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.style import short_names
+from tuner.report.terminal import whole_tables
 
 REPORT_FILE = "report.html"
 SURFACES: tuple[Literal["whole", "observable"], ...] = ("whole", "observable")
@@ -68,12 +72,26 @@ FLOOR_NOTE = (
     "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
     "sees, and what is cut away with the ground, keep a distance from every cloud."
 )
-PAPER_NOT_COMPARABLE = (
+_PAPER_NOT_COMPARABLE = (
     "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), without "
-    "intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. Renderer, light, "
-    "flight, mesh resolution and dense stage differ here, so absolute values do not compare; what can be held against the "
+    "intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. {differs}, so absolute values do not compare; what can be held against the "
     "paper is the order of the strategies and the sign of their differences."
 )
+
+
+def paper_note(fidelity: str) -> str:
+    """Why the paper's numbers do not compare with those of missions of this fidelity."""
+    differs = "Renderer, light, flight, mesh resolution and dense stage differ here"
+    if is_geometric(fidelity):
+        differs = "Here nothing was photographed or reconstructed: completeness is predicted and accuracy taken as 100 %"
+    return _PAPER_NOT_COMPARABLE.format(differs=differs)
+
+
+def strategies_text(names: Collection[str]) -> str:
+    """``the paper's 4 strategies and 2 references``."""
+    own = sum(name in PAPER_STRATEGIES for name in names)
+    more = f" and {counted(len(names) - own, 'reference')}" if own < len(names) else ""
+    return f"{own} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
 
 
 class Sentence(NamedTuple):
@@ -216,12 +234,19 @@ def _verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence
     if not others:
         return []
     subject = TUNED if TUNED in others else others[0]
+    of_paper = [name for name in others if name in PAPER_STRATEGIES]
     out = []
-    if run.plan.owner(subject) != run.plan.owner(reference):
-        out += [_count(run.records, subject, reference, o) for o in asked.counts]
+    for name in [subject] if TUNED in others or reference not in PAPER_STRATEGIES else of_paper or [subject]:
+        if run.plan.owner(name) == run.plan.owner(reference):
+            continue
+        if same_photographs(run.records, (reference, name)):
+            both = strategy_label(name), strategy_label(reference)
+            out.append(Sentence("{} took the same photographs as {} in every mission.".format(*both), "no"))
+            continue
+        out += [_count(run.records, name, reference, o) for o in asked.counts]
         if asked.quality is not None:
             margin = 0.0 if asked.limit is None else asked.margin
-            out.append(_quality(run.records, subject, reference, asked, margin))
+            out.append(_quality(run.records, name, reference, asked, margin))
     if subject == TUNED and asked.limit is not None:
         out += _limit(run.records, asked)
     if subject == TUNED and asked.quality is not None:
@@ -405,9 +430,15 @@ def strategy_grid(table: ComparisonTable, title: str, run: EvaluationRun | None 
     for name in table.strategies:
         cells = [cell(row, name) for row in table.rows]
         note = "" if run is None else _what(name, run)
-        lines.append(Line(strategy_label(name), (*cells, _missions(table, name)), note))
+        lines.append(Line(_label_in(table, name), (*cells, _missions(table, name)), note))
     columns = [_row_name(row.metric) for row in table.rows]
     return Grid(title, ("strategy", *columns, "missions"), lines)
+
+
+def _label_in(table: ComparisonTable, name: str) -> str:
+    """``Hyb-H = B-aware`` where it took the photographs of an earlier strategy in every mission."""
+    same = table.same.get(name)
+    return strategy_label(name) + (f" = {strategy_label(same)}" if same else "")
 
 
 def _what(name: str, run: EvaluationRun) -> str:
@@ -432,7 +463,7 @@ def table_i_grid(table: ComparisonTable, title: str, *, paper: bool = False) -> 
             name = f"– the rocks’ own floor ({row.metric.unit})"
             lines.append(Line(name, (floor,) * len(table.strategies)))
     lines.append(Line("missions", tuple(_missions(table, name) for name in table.strategies)))
-    return Grid(title, ("metric", *map(strategy_label, table.strategies)), lines)
+    return Grid(title, ("metric", *(_label_in(table, name) for name in table.strategies)), lines)
 
 
 def _world_grid(facts: ComparisonFacts) -> Grid:
@@ -497,22 +528,20 @@ def _row_name(metric: MetricRow) -> str:
     return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
 
 
-def for_terminal(grid: Grid, below: Literal["difference", "paper"] = "difference") -> Table:
+def for_terminal(
+    grid: Grid, width: int, below: Literal["difference", "paper"] = "difference"
+) -> Iterator[Table]:
     """The table on the terminal; ``below`` a value the difference from the reference or the paper's."""
     said = "; paired difference below" if below == "difference" else ""
-    out = Table(title=grid.title, caption=f"mean ± 95 % interval{said}; best mean in bold")
-    for name in grid.columns:
-        out.add_column(name, justify="left" if name == grid.columns[0] else "right")
+    rows: list[list[Text]] = []
     for line in grid.lines:
-        texts = [f"[bold]{c.text}[/]" if c.best else c.text for c in line.cells]
-        more = [getattr(c, below) for c in line.cells]
-        if not line.cells:
-            out.add_section()
-        out.add_row(
-            line.name if line.cells else f"[italic]{line.name}[/]",
-            *(f"{text}\n[dim]{extra}[/]" if extra else text for text, extra in zip(texts, more)),
-        )
-    return out
+        row = [Text(line.name, style="" if line.cells else "italic")]
+        for c in line.cells:
+            text = Text(f"{c.text} *" if c.best else c.text, style="bold" if c.best else "")
+            more = getattr(c, below)
+            row.append(Text.assemble(text, "\n", (more, "dim")) if more else text)
+        rows.append(row)
+    return whole_tables(grid.columns, rows, width, grid.title, f"mean ± 95 % interval{said}; * best mean")
 
 
 # -- the page ------------------------------------------------------------------------------------------------
@@ -554,6 +583,7 @@ def write_comparison_report(
     return write_page(
         directory / REPORT_FILE,
         "comparison.html.j2",
+        strategies=strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies",
         title=f"{title} · gatetune",
         heading=title,
         command=command,
@@ -561,7 +591,7 @@ def write_comparison_report(
         kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
         reference=strategy_label(facts.reference),
         place=facts.asked.place,
-        truth="" if plan.fidelity == EXTERNAL else _truth(plan.rocks),
+        truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
         summary=strategy_grid(facts.summary, "", run),
         conditions=[strategy_grid(table, f"Under {name}") for name, table in facts.conditions.items()],
         worlds=_world_grid(facts) if len(plan.worlds) > 1 else None,
@@ -570,7 +600,7 @@ def write_comparison_report(
             for name, table in facts.tables.items()
         ],
         methods=interval_methods(methods).replace("rock", facts.asked.place),
-        paper=PAPER_NOT_COMPARABLE if paper else "",
+        paper=paper_note(plan.fidelity) if paper else "",
         floor=FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         provenance=_provenance(run, facts.asked.place),
     )

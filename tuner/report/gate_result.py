@@ -23,10 +23,11 @@ from tuner.evaluation.baselines import (
 from tuner.evaluation.comparison import (
     MetricRow,
     PairedDifference,
+    same_photographs,
     strategy_difference,
     strategy_interval,
 )
-from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps, same_photographs
+from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label
+from tuner.report.terminal import whole_tables
 from tuner.samplers.design import sobol_point
 
 DEFAULT = "default"
@@ -164,27 +165,29 @@ _COLUMNS = (
 )
 
 
-def noise_table(found: Sequence[Noise]) -> Table:
+def noise_tables(found: Sequence[Noise], width: int) -> Iterator[Table]:
     """For the terminal, a metric a row.
 
     Signal to noise: the variance between configurations of their true mean over these rocks over the variance of one
     configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; draws that
     all configurations share cancel.
     """
-    table = Table(*_COLUMNS, title="Do configurations differ by more than missions do?")
-    table.caption = f"wanted: {WANTED:g} or more"
+    rows = []
     for noise in found:
         label, (low, high) = metric_label(noise.metric), noise.interval_95
         sds = (math.sqrt(max(0.0, part)) for part in (noise.between, noise.mission, noise.paired))
-        table.add_row(
-            f"{label.full} ({label.unit})",
-            format_number(noise.default),
-            *(format_number(sd, 2) for sd in sds),
-            format_number(noise.signal_to_noise),
-            f"{format_number(low)} to {format_number(high)}",
-            format_number(noise.paired_signal_to_noise),
+        rows.append(
+            (
+                f"{label.full} ({label.unit})",
+                format_number(noise.default),
+                *(format_number(sd, 2) for sd in sds),
+                format_number(noise.signal_to_noise),
+                f"{format_number(low)} to {format_number(high)}",
+                format_number(noise.paired_signal_to_noise),
+            )
         )
-    return table
+    title, caption = "Do configurations differ by more than missions do?", f"wanted: {WANTED:g} or more"
+    return whole_tables(_COLUMNS, rows, width, title, caption)
 
 
 def write_noise(found: Sequence[Noise], directory: Path) -> Path:

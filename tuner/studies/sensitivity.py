@@ -7,7 +7,7 @@ variance of the posterior mean over the search space, whose parameters are taken
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from tuner.problem.objective import Objective, direction_of
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label, parameter_label
+from tuner.report.terminal import whole_tables
 from tuner.surrogate.fit import posterior_means
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
@@ -164,18 +165,18 @@ def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
 _COLUMNS = ("parameter", "first order", "95 %", "total", "95 %")
 
 
-def sensitivity_table(result: Sensitivity) -> Table:
+def sensitivity_tables(result: Sensitivity, width: int) -> Iterator[Table]:
     """For the terminal, the most important parameter first."""
 
     def span(bounds: tuple[float, float]) -> str:
         return f"{format_number(bounds[0], 2)} to {format_number(bounds[1], 2)}"
 
-    table = Table(*_COLUMNS, title=f"What matters for {metric_label(result.metric).full}")
+    rows = []
     for item in result.importances:
         first, total = format_number(item.first, 2), format_number(item.total, 2)
         name = parameter_label(item.path).name
-        table.add_row(name, first, span(item.first_95), total, span(item.total_95))
-    return table
+        rows.append((name, first, span(item.first_95), total, span(item.total_95)))
+    return whole_tables(_COLUMNS, rows, width, f"What matters for {metric_label(result.metric).full}")
 
 
 def summary_lines(result: Sensitivity) -> list[str]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 import io
 import re
 from pathlib import Path
+from typing import Literal
 
 from made_evaluations import made_run
 from rich.console import Console
-from rich.table import Table
 
 from tuner.evaluation.comparison import comparison_table
 from tuner.report.comparison import (
+    Grid,
     cell,
     comparison_facts,
     for_terminal,
@@ -35,9 +37,9 @@ PAPER_ROWS = [
 LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
 
 
-def printed(table: Table, width: int) -> str:
+def printed(grid: Grid, width: int, below: Literal["difference", "paper"] = "difference") -> str:
     console = Console(file=io.StringIO(), width=width)
-    console.print(table)
+    console.print(*for_terminal(grid, width, below))
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -78,13 +80,32 @@ def test_no_interval_no_verdict() -> None:
 
 def test_terminal_tables() -> None:
     facts = comparison_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
-    text = printed(for_terminal(table_i_grid(facts.tables["whole"], "Table I", paper=True), "paper"), 140)
-    assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
+    for width in (80, 140):
+        text = printed(table_i_grid(facts.tables["whole"], "Table I", paper=True), width, "paper")
+        assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
+        assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
     many = comparison_facts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
-    text = printed(for_terminal(strategy_grid(many.summary, "")), 80)
-    assert max(map(len, text.splitlines())) <= 80
-    assert all(cell(many.summary.rows[-1], name).text in text for name in names)
+    text = printed(strategy_grid(many.summary, ""), 80)
+    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
+    cells = [cell(many.summary.rows[-1], name) for name in names]
+    assert all(f"{c.text} *" in text if c.best else c.text in text for c in cells)  # in a pipe, too
+    assert all(c.difference in text for c in cells) and sum(c.best for c in cells) == 1
+
+
+def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
+    run = made_run({"covis": 60.0, "b-aware": 58.0, "hyb-h": 58.0, "greedy-oracle": 66.0}, noise=0.0)
+    taken = {"covis": "c", "greedy-oracle": "g"}
+    records = [dataclasses.replace(r, photographs=taken.get(r.strategy, "b")) for r in run.records]
+    run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
+    facts = comparison_facts(run, "hyb-h")
+    names = [line.name for line in strategy_grid(facts.summary, "").lines]
+    assert names == ["Covis", "B-aware", "Hyb-H = B-aware", "Greedy oracle"]
+    assert "Hyb-H = B-aware" in table_i_grid(facts.tables["whole"], "").columns
+    assert "B-aware took the same photographs as Hyb-H in every mission." in [v.text for v in facts.verdicts]
+    page = write_comparison_report(facts, tmp_path, paper=True).read_text()
+    assert "3 of the paper&#39;s 4 strategies and 1 reference, differences from Hyb-H" in page
+    assert "dense clouds against" not in page and "Here nothing was photographed or reconstructed" in page
 
 
 def test_the_page_names_failures(tmp_path: Path) -> None:
