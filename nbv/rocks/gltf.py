@@ -176,7 +176,7 @@ def _as_meant_primitive(context: dict[str, Any]) -> None:
             )
             array[places] = values.reshape(-1, *array.shape[1:])
         if told.get("normalized") and array.dtype.kind in "iu":
-            return np.maximum(array / np.iinfo(array.dtype).max, -1.0)
+            return np.maximum(array / np.iinfo(_TYPES[told["componentType"]]).max, -1.0)
         return array.astype(float)
 
     def give(name: str, array: np.ndarray) -> None:

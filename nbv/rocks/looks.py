@@ -61,23 +61,34 @@ def plain_obj(
     names = re.findall(rb"^[ \t]*usemtl[ \t]+(.*?)[ \t\r]*$", content, re.M)
     numbers = {name: str(i) for i, name in enumerate(dict.fromkeys([b"", *names]))}
     require(len(numbers) - 1, MAX_MATERIALS, "the number of materials that the OBJ file's faces name")
-    libraries = [_text(n) for n in re.findall(rb"^[ \t]*mtllib[ \t]+(.*?)[ \t\r]*$", content, re.M)]
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.*?)[ \t\r]*$", content, re.M)
+    # Several on a line, or one whose name has spaces.
+    libraries = [
+        n for line in dict.fromkeys(map(_text, lines)) for n in re.findall(r".+?\.mtl(?=\s|$)|.+", line, re.I)
+    ]
+    libraries = [name.strip() for name in libraries]
     known: dict[str, dict[str, str]] = {}
-    for name in dict.fromkeys(libraries):
+    for name in libraries:
         try:
-            known |= _read_mtl(files, name)
+            known |= _read_mtl(files(name))
         except Exception as error:
             notes.append(f"not read: materials {name!r} ({' '.join(str(error).split())[:100]})")
     looks = {}
     for called, number in numbers.items():
-        same = _named(_text(called), bool(names), known, ", ".join(dict.fromkeys(libraries)), notes)
+        same = _named(_text(called), bool(names), known, ", ".join(libraries), notes)
         if same is not None and (look := _mtl_look(same, files, notes)) != Look():
             looks[number] = look
     textured = any(look.label for look in looks.values())
     if not textured and re.search(rb"^v([ \t]+[^ \t\r\n]+){6}[ \t\r]*$", content, re.M):
         looks = {}
         if re.search(rb"^v([ \t]+\S+){3}.*[ \t]([2-9]|\d\d+)(\.\d*)?(?=\s)", content, re.M):
-            notes.append("not read: colours of vertices, which go beyond 1")
+            notes.append("colours of vertices go beyond 1: taken as parts of 255")
+            content = re.sub(
+                rb"^(v(?:[ \t]+\S+){3})[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)",
+                lambda m: m[1] + b" %g %g %g" % tuple(float(m[i]) / 255 for i in (2, 3, 4)),
+                content,
+                flags=re.M,
+            )
     drop = rb"^[ \t]*(mtllib[ \t].*)$" if textured else rb"^[ \t]*(mtllib[ \t].*|vt[ \t].*)$"
     content = re.sub(drop, b"", content, flags=re.M)
     content = re.sub(
@@ -109,16 +120,10 @@ def _text(name: bytes) -> str:
     return name.decode("utf-8", "surrogateescape")
 
 
-def _read_mtl(files: Files, name: str) -> dict[str, dict[str, str]]:
-    try:
-        contents = [files(name)]
-    except Exception:
-        if len(name.split()) < 2:
-            raise
-        contents = [files(each) for each in name.split()]
+def _read_mtl(content: bytes) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     current: dict[str, str] = {}
-    for line in b"\n".join(contents).splitlines():
+    for line in content.splitlines():
         key, _, value = re.sub(r"\s+", " ", _text(line).strip(), count=1).partition(" ")
         if key.lower() == "newmtl":
             current = found.setdefault(value, {})

@@ -312,3 +312,185 @@ def test_draco_without_its_decoder(tmp_path, monkeypatch):
     no_decoder(file)
     with pytest.raises(UserError, match=r"pip install 'gatetune\[draco\]'"):
         import_mesh(file.write(tmp_path / "ball.glb"))
+
+
+def obj(folder: Path, *, mtl="newmtl rock\nmap_Kd t.png\n", uses="rock", library="a.mtl", stored="a.mtl", texture="t.png",
+        colors=None, uv=True) -> Path:  # fmt: skip
+    """The ball as OBJ; v goes up there."""
+    (folder / texture).parent.mkdir(exist_ok=True, parents=True)
+    (folder / texture).write_bytes(png())
+    (folder / stored).write_text(mtl)
+    lines = [f"mtllib {library}"]
+    for k, point in enumerate(POINTS):
+        lines.append("v " + " ".join(f"{x:.9g}" for x in (*point, *(() if colors is None else colors[k]))))
+    lines += [f"vt {u:.6f} {1 - v:.6f}" for u, v in UV] if uv else []
+    for quarter in range(4):
+        of = np.flatnonzero(QUARTER[FACES[:, 0]] == quarter)
+        lines += [f"usemtl {uses}".format(quarter)] if uses else []
+        lines += [
+            "f " + " ".join(f"{i + 1}/{i + 1}" if uv else f"{i + 1}" for i in FACES[face]) for face in of
+        ]
+    (folder / "scan.obj").write_text("\n".join(lines) + "\n")
+    return folder / "scan.obj"
+
+
+COLOR_MTL = "".join(f"newmtl m{k}\nKd {c[0] / 255} {c[1] / 255} {c[2] / 255}\n" for k, c in enumerate(COLORS))
+OBJ = {
+    "plain": ({}, ""),
+    "no usemtl": ({"uses": ""}, "no face names a material (usemtl): took 'rock', the only one in a.mtl"),
+    "no usemtl, two materials": (
+        {"uses": "", "mtl": "newmtl rock\nmap_Kd t.png\nnewmtl other\n"},
+        "not read: the 2 materials in a.mtl; no face names one (usemtl)",
+    ),
+    "file in another case": ({"library": "A.MTL"}, ""),
+    "material in another case": ({"uses": "Rock"}, ""),
+    "picture in another case": ({"mtl": "newmtl rock\nmap_Kd T.PNG\n"}, ""),
+    "backslashes": ({"mtl": "newmtl rock\nmap_Kd Textures\\T.png\n", "texture": "textures/t.png"}, ""),
+    "folder of another machine": ({"mtl": "newmtl rock\nmap_Kd C:\\scans\\t.png\n"}, ""),
+    "spaces and a tab": ({"mtl": "newmtl rock\n\tmap_Kd\tmy  t.png  \n", "texture": "my  t.png"}, ""),
+    "quotes": ({"mtl": 'newmtl rock\nmap_Kd "t.png"\n'}, ""),
+    "options that do not matter": ({"mtl": "newmtl rock\nmap_Kd -clamp on -blendu off t.png\n"}, ""),
+    "options that matter": ({"mtl": "newmtl rock\nmap_Kd -s 2 2 1 t.png\n"}, "not read: texture with options (map_Kd -s 2 2 1 t.png)"),
+    "name with spaces": ({"uses": "my rock", "mtl": "newmtl my rock\nmap_Kd t.png\n"}, ""),
+    "two libraries": ({"library": "b.mtl a.mtl"}, "not read: materials 'b.mtl' (cannot read"),
+    "library with spaces": ({"library": "my a.mtl", "stored": "my a.mtl"}, ""),
+    "colours of materials": ({"uses": "m{}", "mtl": COLOR_MTL}, ""),
+    "material that is not there": ({"uses": "stone"}, "not read: material 'stone', which is not in a.mtl"),
+    "library that is not there": ({"library": "b.mtl"}, "not read: materials 'b.mtl' (cannot read"),
+    "picture that is not there": ({"mtl": "newmtl rock\nmap_Kd x.png\n"}, "not read: texture 'x.png' (cannot read"),
+    "picture that is not one": ({"mtl": "newmtl rock\nmap_Kd a.mtl\n"}, "not read: texture 'a.mtl' (cannot identify"),
+    "no coordinates": ({"uv": False}, "not read: texture 't.png'; the mesh has no coordinates for it"),
+    "colours of vertices": ({"colors": SRGB / 255, "mtl": "newmtl rock\nKd 0.75 0.75 0.75\n"}, ""),
+    "colours to 255": ({"colors": SRGB / 1.05, "mtl": "newmtl rock\n"}, "taken as parts of 255"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", OBJ)
+def test_obj(tmp_path, case):
+    options, says = OBJ[case]
+    path = obj(tmp_path, **options)
+    if case == "colours to 255":
+        notes, albedo = (rock := import_mesh(path)).notes, rock.albedo
+        assert albedo.max() == pytest.approx(((1 / 1.05 + 0.055) / 1.055) ** 2.4, abs=1e-3)
+    elif "not read" not in says or case == "two libraries":
+        notes = look_right(path)
+    else:
+        notes = import_mesh(path).notes
+        assert "albedo: procedural, since the mesh's own was not read" in notes
+    assert says in "; ".join(notes) and (says or not any("not read" in note for note in notes)), notes
+
+
+def test_an_mtl_of_very_many_materials(tmp_path):
+    many = "".join(f"newmtl m{k}\nKd 1 1 1\nmap_Kd none{k}.png\n" for k in range(100_000))
+    look_right(obj(tmp_path, mtl=many + "newmtl rock\nmap_Kd t.png\n"))
+    path = obj(tmp_path, mtl=many)
+    path.write_text(path.read_text() + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(100_000)))
+    with pytest.raises(
+        UserError, match=r"materials that the OBJ file's faces name is 100001; the limit is 10000"
+    ):
+        import_mesh(path)
+
+
+def ply(
+    path: Path, *, points="double", colors="", of="vertex", pictures=0, texnumber=True, scale=1, prefix=""
+) -> Path:
+    """The ball as ASCII PLY; colours as numbers of the type ``colors``, from 0 to ``scale``; v goes up there."""
+    for k in range(pictures):
+        (path.parent / f"t{k}.png").write_bytes(png(swap=bool(k)))
+    told = [f"property {colors} {prefix}{c}" for c in ("red", "green", "blue")] if colors else []
+    values = SRGB / 255 * scale if scale != 1 or colors in ("float", "double") else SRGB
+    shown = [" " + " ".join(f"{x:g}" for x in row) if colors else "" for row in values]
+    head = ["ply", "format ascii 1.0", *(f"comment TextureFile t{k}.png" for k in range(pictures))]
+    head += [f"element vertex {len(POINTS)}", *(f"property {points} {axis}" for axis in "xyz")]
+    head += [
+        *(told if of == "vertex" else ()),
+        f"element face {len(FACES)}",
+        "property list uchar int vertex_indices",
+    ]
+    head += (
+        ["property list uchar float texcoord", *(["property int texnumber"] if texnumber else [])]
+        if pictures
+        else []
+    )
+    head += [*(told if of == "face" else ()), "end_header"]
+    for k, point in enumerate(POINTS):
+        head.append(" ".join(f"{x:.9g}" for x in point) + (shown[k] if of == "vertex" else ""))
+    for k, (a, b, c) in enumerate(FACES):
+        which = k % 2 if pictures > 1 else 0
+        uv = [(1 - u if which else u, 1 - v) for u, v in UV[[a, b, c]]]
+        texture = "6 " + " ".join(f"{x:g}" for pair in uv for x in pair) + (f" {which}" if texnumber else "")
+        head.append(
+            f"3 {a} {b} {c}" + (f" {texture}" if pictures else "") + (shown[a] if of == "face" else "")
+        )
+    path.write_text("\n".join(head) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        *[({"colors": kind, "of": of, "scale": scale}, "")
+          for of in ("vertex", "face") for kind, scale in [("uchar", 255), ("ushort", 65535), ("float", 1), ("double", 255), ("int", 255)]],
+        ({"colors": "uchar", "prefix": "diffuse_"}, ""),
+        ({"pictures": 1, "texnumber": False}, ""),
+        ({"pictures": 2}, ""),
+        ({"pictures": 2, "texnumber": False}, "not read: 2 textures; no face says which is its (texnumber)"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_ply(tmp_path, options, says):
+    path = ply(tmp_path / "ball.ply", **options)
+    notes = import_mesh(path).notes if says else look_right(path)
+    assert says in "; ".join(notes) and (says or not any("not read" in note for note in notes))
+
+
+FAR = np.array([512_345.6, 5_123_456.7, 300.1])
+FORMATS = {
+    "f": np.float32,
+    "%g": lambda x: np.array([float(f"{v:g}") for v in x.ravel()]).reshape(x.shape),
+    "%.1f": lambda x: x.round(1),
+}
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb"])
+@pytest.mark.parametrize("rounding", FORMATS)
+def test_coordinates_far_away_in_coarse_steps(tmp_path, suffix, rounding):
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    points = FORMATS[rounding](np.asarray(ball.vertices) * (0.7, 0.6, 0.8) + FAR).astype(float)
+    path = tmp_path / f"far{suffix}"
+    if suffix == ".obj":  # text, of as many digits as there are
+        rows = [
+            *("v {:.9g} {:.9g} {:.9g}".format(*p) for p in points),
+            *("f {} {} {}".format(*f) for f in ball.faces + 1),
+        ]
+        path.write_text("\n".join(rows))
+    else:
+        trimesh.Trimesh(points, ball.faces, process=False).export(path)
+    with pytest.raises(
+        UserError, match=r"coordinates in steps of .* % of its size: they were rounded so far from the origin"
+    ):
+        import_mesh(path)
+
+
+def test_coordinates_far_away_that_are_fine(tmp_path):
+    for scale, offset, told in (
+        (1.0, FAR, ""),
+        (100.0, FAR / 5, "coordinates in steps of"),
+        (1.0, FAR * 0, ""),
+    ):
+        points = POINTS * scale + offset
+        stored = points if not told else points.astype(np.float32)
+        rows = [
+            "ply",
+            "format ascii 1.0",
+            f"element vertex {len(points)}",
+            *(f"property double {a}" for a in "xyz"),
+        ]
+        rows += [f"element face {len(FACES)}", "property list uchar int vertex_indices", "end_header"]
+        rows += [" ".join(repr(float(x)) for x in p) for p in stored] + [
+            "3 {} {} {}".format(*f) for f in FACES
+        ]
+        (tmp_path / "far.ply").write_text("\n".join(rows))
+        assert any(
+            "coordinates in steps" in note for note in import_mesh(tmp_path / "far.ply").notes
+        ) == bool(told)
