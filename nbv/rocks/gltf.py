@@ -28,7 +28,14 @@ MAX_ELEMENTS = 200_000_000  # of all accessors, before memory is taken
 _DRACO, _GLOSS = "KHR_draco_mesh_compression", "KHR_materials_pbrSpecularGlossiness"
 OURS = "GATETUNE_as_meant"
 _READ = {_DRACO, "KHR_texture_transform", "KHR_mesh_quantization", "EXT_texture_webp"}
-_TYPES = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_TYPES: dict[int, type[Any]] = {
+    5120: np.int8,
+    5121: np.uint8,
+    5122: np.int16,
+    5123: np.uint16,
+    5125: np.uint32,
+    5126: np.float32,
+}
 _WRAP = {33071: "clamp", 33648: "mirror"}
 
 
@@ -62,59 +69,48 @@ def as_meant(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict
 
 def _rewrite(header: dict[str, Any], source: str, notes: list[str]) -> dict[str, Look]:
     needed = set(header.get("extensionsRequired", ()))
-    used = needed | set(header.get("extensionsUsed", ()))
-    others = {name for name in used - _READ if not name.startswith("KHR_materials_")}
-    views = header.get("bufferViews", ())
-    packed = sorted({name for view in views for name in view.get("extensions", ()) if "meshopt" in name})
-    if packed:
-        raise UnusableMesh(
-            f"is compressed with {packed[0]}, which is not read; export it without compression"
-        )
-    if others & needed:
-        raise UnusableMesh(
-            f"needs the glTF extension {min(others & needed)}, which is not read; export it without"
-        )
+    views, accessors = header.get("bufferViews", ()), header.get("accessors", [])
+    primitives = [p for mesh in header.get("meshes", ()) for p in mesh["primitives"]]
+    others = {
+        name for name in needed.union(header.get("extensionsUsed", ())) - _READ if "materials" not in name
+    }
+    packed = {name for view in views for name in view.get("extensions", ()) if "meshopt" in name}
+    for name in packed or needed & others:
+        how = "is compressed with" if packed else "needs"
+        raise UnusableMesh(f"{how} the glTF extension {name}, which is not read; export it without")
     if others:
         notes.append(f"glTF extensions that are not read: {', '.join(sorted(others))}")
-    primitives = [p for mesh in header.get("meshes", ()) for p in mesh["primitives"]]
     if any(p.get("targets") for p in primitives) or header.get("skins"):
         notes.append("skins and morph targets are not read: the mesh is as it is stored")
     if any(_DRACO in p.get("extensions", ()) for p in primitives) and not importlib.util.find_spec("DracoPy"):
         raise UserError(
             f"{source} is compressed with Draco, whose decoder is an extra; install it: pip install 'gatetune[draco]'"
         )
-    accessors = header.get("accessors", [])
     total = sum(int(a["count"]) * len(a["type"]) for a in accessors)  # len: 4 to 6, for 1 to 16 numbers
     require(total, MAX_ELEMENTS, f"the number of elements that {source} tells of")
     _check_tree(header, source)
-    infos = header.get("materials", [])
-    looks = {}
-    for i, material in enumerate(infos):
-        base = material.get("pbrMetallicRoughness", {})
-        if (gloss := material.get("extensions", {}).get(_GLOSS)) is not None:
-            base = {
-                "baseColorTexture": gloss.get("diffuseTexture"),
-                "baseColorFactor": gloss.get("diffuseFactor"),
-            }
-        texture = base.get("baseColorTexture")
-        looks[str(i)] = _look(header, texture)
-        if texture is None and material.get("emissiveTexture"):
-            notes.append(
-                f"not read: the picture of {material.get('name', f'material {i}')!r}, which only shines"
-            )
-        infos[i] = {"name": str(i), "pbrMetallicRoughness": {"baseColorTexture": texture} if texture else {}}
-        infos[i]["extras"] = {"factor": base.get("baseColorFactor")}  # not by trimesh, which rounds it
+    bases = [_base_color(material) for material in header.get("materials", ())]
+    # A factor stays here: trimesh rounds it.
+    header["materials"] = [
+        {"name": str(i), "pbrMetallicRoughness": {"baseColorTexture": texture} if texture else {}}
+        for i, (texture, _) in enumerate(bases)
+    ]
     for p in primitives:
-        material = infos[p["material"]] if "material" in p else {"extras": {}, "pbrMetallicRoughness": {}}
-        indices = {*p["attributes"].values(), *([p["indices"]] if "indices" in p else [])}
-        data = {
-            "accessors": {str(i): accessors[i] for i in indices},
-            "factor": material["extras"].get("factor"),
-            "texture": material["pbrMetallicRoughness"].get("baseColorTexture"),
-        }
-        p["extensions"] = {k: v for k, v in p.get("extensions", {}).items() if k == _DRACO} | {OURS: data}
+        texture, factor = bases[p["material"]] if "material" in p else (None, None)
+        indices = [*p["attributes"].values(), *([p["indices"]] if "indices" in p else [])]
+        told = {str(i): accessors[i] for i in indices}
+        ours = {OURS: {"accessors": told, "texture": texture, "factor": factor}}
+        p["extensions"] = {k: v for k, v in p.get("extensions", {}).items() if k == _DRACO} | ours
     _register()
-    return looks
+    return {str(i): _look(header, texture) for i, (texture, _) in enumerate(bases)}
+
+
+def _base_color(material: dict[str, Any]) -> tuple[dict[str, Any] | None, list[float] | None]:
+    """The texture and the linear factor that a material's colour is the product of."""
+    if (gloss := material.get("extensions", {}).get(_GLOSS)) is not None:
+        return gloss.get("diffuseTexture"), gloss.get("diffuseFactor")
+    base = material.get("pbrMetallicRoughness", {})
+    return base.get("baseColorTexture"), base.get("baseColorFactor")
 
 
 def _check_tree(header: dict[str, Any], source: str) -> None:
@@ -140,14 +136,11 @@ def _look(header: dict[str, Any], texture: Mapping[str, Any] | None) -> Look:
         return Look()
     found = header["textures"][texture["index"]]
     sampler = header["samplers"][found["sampler"]] if "sampler" in found else {}
-    webp = found.get("extensions", {}).get("EXT_texture_webp", {})
-    index = webp.get("source", found.get("source"))
+    index = found.get("extensions", {}).get("EXT_texture_webp", found).get("source")
     image = {} if index is None else header["images"][index]
-    name = image.get("uri", "")[:60] if not image.get("uri", "").startswith("data:") else ""
-    label = name or f"its picture ({image.get('mimeType') or 'of an unknown kind'})"
-    return Look(
-        label=label, wrap=tuple(_WRAP.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
-    )
+    uri = "" if image.get("uri", "").startswith("data:") else image.get("uri", "")
+    label = uri[:60] or image.get("mimeType") or "of an unknown kind"
+    return Look(label, wrap=tuple(_WRAP.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT")))
 
 
 @functools.cache
@@ -165,46 +158,40 @@ def _as_meant_primitive(context: dict[str, Any]) -> None:
     def numbers(index: int) -> Floats:
         told, array = data["accessors"][str(index)], np.array(arrays[index])
         if (sparse := told.get("sparse")) is not None:
-            places, values = (
-                np.frombuffer(
-                    context["views"][sparse[key]["bufferView"]],
-                    _TYPES[sparse[key].get("componentType", told["componentType"])],
-                    sparse["count"] * (1 if key == "indices" else array.size // len(array)),
-                    sparse[key].get("byteOffset", 0),
-                )
-                for key in ("indices", "values")
-            )
+            where = sparse["indices"]
+            places = stored(where, where["componentType"], sparse["count"])
+            values = stored(sparse["values"], told["componentType"], sparse["count"] * array[0].size)
             array[places] = values.reshape(-1, *array.shape[1:])
         if told.get("normalized") and array.dtype.kind in "iu":
             return np.maximum(array / np.iinfo(_TYPES[told["componentType"]]).max, -1.0)
         return array.astype(float)
 
-    def give(name: str, array: np.ndarray) -> None:
-        attributes[name] = len(arrays)
+    def stored(at: Mapping[str, Any], kind: int, count: int) -> np.ndarray:
+        return np.frombuffer(context["views"][at["bufferView"]], _TYPES[kind], count, at.get("byteOffset", 0))
+
+    def keep(array: np.ndarray) -> int:
         arrays.append(array)
+        return len(arrays) - 1
 
     before = dict(attributes)
     attributes.clear()
     points = numbers(before["POSITION"])
-    give("POSITION", points)
+    attributes["POSITION"] = keep(points)
     if "COLOR_0" in before or data["factor"] is not None:
-        factor = np.array(data["factor"] or (1.0, 1.0, 1.0))[:3]
-        give(
-            COLOR,
-            factor * (numbers(before["COLOR_0"])[:, :3] if "COLOR_0" in before else np.ones_like(points)),
-        )
-    if data["texture"] is not None:
-        move = data["texture"].get("extensions", {}).get("KHR_texture_transform", {})
-        coordinates = f"TEXCOORD_{move.get('texCoord', data['texture'].get('texCoord', 0))}"
-        if coordinates in before:
-            cos, sin = np.cos(move.get("rotation", 0.0)), np.sin(move.get("rotation", 0.0))
-            uv = numbers(before[coordinates])[:, :2] * move.get("scale", (1.0, 1.0))
-            uv = uv @ np.array([[cos, -sin], [sin, cos]]) + move.get("offset", (0.0, 0.0))
-            give(UV, np.column_stack([uv[:, 0], 1.0 - uv[:, 1]]))
+        colors = numbers(before["COLOR_0"])[:, :3] if "COLOR_0" in before else np.ones_like(points)
+        attributes[COLOR] = keep(colors * (data["factor"] or (1.0, 1.0, 1.0))[:3])
+    texture = data["texture"] or {}
+    move = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    coordinates = f"TEXCOORD_{move.get('texCoord', texture.get('texCoord', 0))}"
+    if texture and coordinates in before:
+        cos, sin = np.cos(move.get("rotation", 0.0)), np.sin(move.get("rotation", 0.0))
+        uv = numbers(before[coordinates])[:, :2] * move.get("scale", (1.0, 1.0))
+        uv = uv @ np.array([[cos, -sin], [sin, cos]]) + move.get("offset", (0.0, 0.0))
+        attributes[UV] = keep(uv * (1, -1) + (0, 1))
+    row = np.arange(len(points))
     if "indices" in primitive:
-        primitive["indices"], index = len(arrays), primitive["indices"]
-        arrays.append(numbers(index).astype(np.int64).reshape(-1))
+        row = numbers(primitive["indices"]).astype(np.int64).reshape(-1)
     if primitive.get("mode") == 6:  # a fan, which trimesh passes over
-        row = arrays[primitive["indices"]] if "indices" in primitive else np.arange(len(points))
-        primitive["mode"], primitive["indices"] = 4, len(arrays)
-        arrays.append(np.column_stack([np.full(len(row) - 2, row[0]), row[1:-1], row[2:]]).reshape(-1))
+        primitive["mode"] = 4
+        row = np.column_stack([np.full(len(row) - 2, row[0]), row[1:-1], row[2:]]).reshape(-1)
+    primitive["indices"] = keep(row)

@@ -159,7 +159,7 @@ def ply_column(part: Any, element: str, name: str) -> np.ndarray | None:
     return np.asarray(data[name]).reshape(-1) if data is not None and name in names else None
 
 
-def ply_colors(part: Any) -> tuple[bool, Floats] | None:
+def ply_colors(part: Any) -> tuple[bool, Floats | None]:
     """Whether faces have the colours, and (N, 3) sRGB values, whatever kind of number the PLY file has them in."""
     for element, count in (("vertex", len(part.vertices)), ("face", len(part.faces))):
         for prefix in ("", "diffuse_"):
@@ -171,4 +171,4 @@ def ply_colors(part: Any) -> tuple[bool, Floats] | None:
                 return element == "face", np.clip(
                     colors / (65535.0 if wide else 255.0 if whole else 1.0), 0, 1
                 )
-    return None
+    return False, None

@@ -112,6 +112,7 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
         raise UnusableMesh(
             f"has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
         )
+    notes[:] = dict.fromkeys(notes)
     return soup
 
 
@@ -222,76 +223,66 @@ class Skin:
         self.looks: dict[str, Look] = {}  # of glTF and OBJ, by the name of a material
         self.pictures: list[Look] | None = None  # of PLY
         self._notes = notes
-        self._opened: dict[int, int] = {}  # index of a texture by the identity of its picture
+        self._opened: dict[Any, int] = {}  # index of a texture by the identity of its picture
 
     def __call__(self, part: Any) -> Floats:
         """(V, 6) a linear colour or NaN, u, v, index of the texture or -1; (3F, 6) where corners of faces differ."""
         visual, attributes = part.visual, part.vertex_attributes
         material = getattr(visual, "material", None)
-        uv = getattr(visual, "uv", None)
+        uv = attributes.get(UV, getattr(visual, "uv", None))
+        if self.pictures and uv is not None:
+            return self._of_pictures(part, uv, self.pictures)
+        srgb = None
         if self.pictures is not None:
-            return self._of_ply(part, uv, self.pictures)
+            by_face, srgb = ply_colors(part)
+        elif visual.kind in ("vertex", "face"):
+            by_face, srgb = visual.kind == "face", getattr(visual, f"{visual.kind}_colors")[:, :3] / 255.0
+        if srgb is not None:
+            return _rows(linear_from_srgb(np.repeat(srgb, 3, axis=0) if by_face else srgb))
         look = self.looks.get(str(getattr(material, "name", None)), Look())
-        if look.image is None:
+        if look.image is None and self.pictures is None:
             image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-            look = replace(look, image=image, label=look.label or ("its texture" if image else ""))
-        if visual.kind in ("vertex", "face"):
-            by_face = visual.kind == "face"
-            srgb = np.repeat(visual.face_colors, 3, axis=0) if by_face else visual.vertex_colors
-            return _rows(len(srgb), linear_from_srgb(srgb[:, :3] / 255.0))
-        linear = None if look.color is None else linear_from_srgb(np.array(look.color))
-        uv = attributes.get(UV, uv)
+            look = replace(look, image=image, label=look.label or ("of the file" if image else ""))
         texture = -1
-        if look.image is None and look.label:
-            self._notes.append(f"not read: texture {look.label!r}, which cannot be opened")
-        elif look.label and (uv is None or len(uv) != len(part.vertices)):
+        if look.label and (uv is None or len(uv) != len(part.vertices) or not np.isfinite(uv).all()):
             self._notes.append(f"not read: texture {look.label!r}; the mesh has no coordinates for it")
         elif look.label:
             texture = self._texture(look)
-        return _rows(len(part.vertices), attributes.get(COLOR, linear), uv, texture)
+        linear = np.full(3, np.nan) if look.color is None else linear_from_srgb(np.array(look.color))
+        return _rows(attributes.get(COLOR, np.tile(linear, (len(part.vertices), 1))), uv, texture)
 
-    def _of_ply(self, part: Any, uv: Floats | None, pictures: list[Look]) -> Floats:
-        colors, numbers = ply_colors(part), ply_column(part, "face", "texnumber")
-        if uv is None or not pictures:
-            if uv is not None and colors is None:
-                self._notes.append(
-                    "not read: texture coordinates; the file names no picture (comment TextureFile)"
-                )
-            if colors is None:
-                return _rows(len(part.vertices))
-            by_face, srgb = colors
-            return _rows(
-                len(srgb) * (3 if by_face else 1),
-                linear_from_srgb(np.repeat(srgb, 3, 0) if by_face else srgb),
-            )
+    def _of_pictures(self, part: Any, uv: Floats, pictures: list[Look]) -> Floats:
+        """As of a PLY file, whose faces say which picture is theirs."""
+        numbers, textures = (
+            ply_column(part, "face", "texnumber"),
+            np.array([*map(self._texture, pictures), -1]),
+        )
         if len(pictures) == 1:
-            return _rows(len(uv), None, uv, self._texture(pictures[0]))
+            return _rows(np.full((len(uv), 3), np.nan), uv, textures[0])
         if numbers is None or len(numbers) != len(part.faces):
             self._notes.append(f"not read: {len(pictures)} textures; no face says which is its (texnumber)")
-            return _rows(len(part.vertices))
-        textures = np.array([*map(self._texture, pictures), -1])[np.clip(numbers, -1, len(pictures))]
-        return _rows(3 * len(numbers), None, uv[part.faces].reshape(-1, 2), np.repeat(textures, 3))
+            return _rows(np.full((len(uv), 3), np.nan))
+        of_corner = np.repeat(textures[np.clip(numbers, -1, len(pictures))], 3)
+        return _rows(np.full((len(of_corner), 3), np.nan), uv[part.faces].reshape(-1, 2), of_corner)
 
     def _texture(self, look: Look) -> int:
         """Index of the look's picture among `textures`; -1 and a note where it cannot be read."""
-        key = id(look.image)
-        if look.image is not None and key not in self._opened:
+        key = (id(look.image), look.wrap)
+        if key not in self._opened:
+            self._opened[key] = -1
             try:
-                self._opened[key] = len(self.textures)
+                if look.image is None:
+                    raise ValueError("missing, or of a format that is not read")
                 self.textures.append((linear_image(look.image), look.wrap))
+                self._opened[key] = len(self.textures) - 1
             except (OSError, ValueError, SyntaxError) as error:
-                self._opened[key] = -1
                 self._notes.append(f"not read: texture {look.label!r} ({' '.join(str(error).split())[:80]})")
-        return self._opened.get(key, -1)
+        return self._opened[key]
 
 
-def _rows(
-    count: int, linear: Floats | Linear | None = None, uv: Floats | None = None, texture: Any = -1
-) -> Floats:
-    rows = np.zeros((count, 6))
-    rows[:, :3] = np.nan if linear is None else linear
-    rows[:, 3:5] = 0.0 if uv is None or not np.isfinite(uv).all() else uv
-    rows[:, 5] = texture
-    if linear is None:
-        rows[rows[:, 5] >= 0, :3] = 1.0
+def _rows(linear: Floats | Linear, uv: Floats | None = None, texture: Any = -1) -> Floats:
+    rows = np.column_stack(
+        [linear, np.zeros((len(linear), 2)) if uv is None else uv, np.full(len(linear), texture)]
+    )
+    rows[:, :3][np.isnan(rows[:, :3]) & (rows[:, 5:] >= 0)] = 1.0
     return rows
