@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from nbv.safe_files import require
 from nbv.types import Floats
@@ -46,7 +46,10 @@ def open_image(files: Files, name: str, notes: list[str]) -> Look:
     try:
         return Look(name, Image.open(io.BytesIO(files(name))))
     except Exception as error:  # what Pillow raises depends on the file
-        notes.append(f"not read: texture {name!r} ({' '.join(str(error).split())[:100]})")
+        told = (
+            "no picture" if isinstance(error, UnidentifiedImageError) else " ".join(str(error).split())[:100]
+        )
+        notes.append(f"not read: texture {name!r} ({told})")
         return Look()
 
 

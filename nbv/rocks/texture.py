@@ -31,12 +31,14 @@ def linear_image(image: Image.Image) -> Linear:
     Raises
     ------
     ValueError
-        It is of no format that textures have; some of Pillow's start other programs.
+        It is of no format that textures have (some of Pillow's start other programs), or its pixels have 32 bits.
     UserError
         More pixels than `MAX_PIXELS`, before they are unpacked.
     """
     if image.format not in (*FORMATS, None):
         raise ValueError(f"{image.format} is no format of textures")
+    if image.mode in ("I", "F"):
+        raise ValueError("its pixels have 32 bits; export it with 8 or 16")
     require(image.width * image.height, MAX_PIXELS, "the texture's number of pixels")
     if image.mode.startswith("I;16"):
         grey = np.asarray(image, dtype=np.float32) / np.float32(65535)

@@ -358,7 +358,7 @@ OBJ = {
     "material that is not there": ({"uses": "stone"}, "not read: material 'stone', which is not in a.mtl"),
     "library that is not there": ({"library": "b.mtl"}, "not read: materials 'b.mtl' (cannot read"),
     "picture that is not there": ({"mtl": "newmtl rock\nmap_Kd x.png\n"}, "not read: texture 'x.png' (cannot read"),
-    "picture that is not one": ({"mtl": "newmtl rock\nmap_Kd a.mtl\n"}, "not read: texture 'a.mtl' (cannot identify"),
+    "picture that is not one": ({"mtl": "newmtl rock\nmap_Kd a.mtl\n"}, "not read: texture 'a.mtl' (no picture)"),
     "no coordinates": ({"uv": False}, "not read: texture 't.png'; the mesh has no coordinates for it"),
     "colours of vertices": ({"colors": SRGB / 255, "mtl": "newmtl rock\nKd 0.75 0.75 0.75\n"}, ""),
     "colours to 255": ({"colors": SRGB / 1.05, "mtl": "newmtl rock\n"}, "taken as parts of 255"),
