@@ -201,9 +201,7 @@ def _require_plain(folder: Path, depth: int) -> None:
 
 def _not_plain(path: Path, *, link: bool) -> UserError:
     if link:
-        return UserError(
-            f"{path} is a link, which is not followed; put a copy of what it leads to in its place"
-        )
+        return UserError(f"{path} is a link, which is not followed; take it away, or put a copy there")
     return UserError(f"{path} is neither a file nor a folder; take it away")
 
 

@@ -3,9 +3,17 @@
 The names below are the stable ones; they are loaded when they are asked for.
 """
 
-from typing import TYPE_CHECKING
+import signal
+import sys
 
-import lazy_loader
+# The command, or `python -m tuner.cli`: Ctrl-C while it loads ends it without a traceback.
+_is_command = sys.argv[0] == "-m" or sys.argv[0].endswith("/gatetune")
+if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+from typing import TYPE_CHECKING  # noqa: E402
+
+import lazy_loader  # noqa: E402
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign

@@ -12,9 +12,6 @@ from typing import Annotated
 
 from nbv.threads import single_thread_environment
 
-_is_command = __name__ == "__main__" or Path(sys.argv[0]).name == "gatetune"
-if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while it loads ends it without a traceback
 single_thread_environment()  # before anything imports numpy: one mission, one thread
 
 import typer  # noqa: E402
@@ -98,7 +95,7 @@ def main() -> None:
 
     The traceback of what nobody foresaw is kept in ``last_error.log`` of the user's folder (``GATETUNE_HOME``).
     """
-    ends_at_once = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    ends_at_once = signal.getsignal(signal.SIGINT) is signal.SIG_DFL  # see `tuner`
     if ends_at_once:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
