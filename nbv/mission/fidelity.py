@@ -19,7 +19,7 @@ from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
-from nbv.mission.run_directory import RunDirectory
+from nbv.mission.run_directory import PROGRESS, RunDirectory
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.stopwatch import Stopwatch
@@ -115,6 +115,12 @@ class Fidelity(ABC):
         if run is not None:
             run.write_config(config.to_dict())
         full_run = run if keep == "all" else None
+
+        def noted(event: str, facts: dict[str, Any]) -> None:
+            if run is not None and event in ("seed", "capture"):
+                run.write_progress(recorder.images, config.seed.total + config.adaptive_budget)
+            log(event, facts)
+
         log(
             "start",
             {
@@ -134,7 +140,7 @@ class Fidelity(ABC):
         gate = make_gate(flown, subject.sha256, replicate, oracle)
         flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
         recorder = Recorder(
-            flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=log
+            flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=noted
         )
         mission = AdaptiveMission(
             flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder, fidelity.viewpoints
@@ -190,6 +196,7 @@ class Fidelity(ABC):
         if full_run is not None:
             full_run.write_json("provenance.json", result.provenance)
         if run is not None:
+            (run.root / PROGRESS).unlink(missing_ok=True)
             run.write_result(result.to_json())
         log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
         return result

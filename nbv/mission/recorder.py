@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 
@@ -51,6 +52,7 @@ class Recorder:
         self._run, self._oracle, self._log = run, oracle, log
         self._rewards: dict[str, float] = {}
         self._decided_at = (0.0, 0.0)  # flight time (s) and path (m) when the next view was chosen
+        self._planned_at_s = 0.0  # wall clock
         self.images = 0
         self.registered_images = 0
         self.trace: list[IterationRecord] = []
@@ -106,6 +108,7 @@ class Recorder:
         if self._oracle is not None:
             with self._stopwatch.timed("shadow_oracle"):
                 self._rewards = oracle_rewards(self._oracle, plan.state, plan.pool, plan.rankings)
+        self._planned_at_s = time.perf_counter()
         self._decided_at = (self._flight.flight_time_s, self._flight.path_length_m)
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
@@ -119,6 +122,8 @@ class Recorder:
             self._run.append_trace(asdict(record))
         facts = {
             "iteration": record.iteration,
+            "budget": self._config.adaptive_budget,
+            "capture_s": time.perf_counter() - self._planned_at_s,
             "chosen": record.chosen,
             "scorer": record.scorer,
             "d95_m": record.d95_m,

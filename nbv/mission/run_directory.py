@@ -6,6 +6,7 @@
     located.yaml           the same with the target as it was found, where it had to be looked for
     provenance.json        rock hash, seeds, versions, backends
     images/NAME.png        every photograph
+    progress.txt           while it runs: a line ``12/32`` per photograph taken
     trace.jsonl            one line per adaptive capture, written as it happens
     states/iter_NN.npz     the planning state of every iteration (``gatetune mission explain``)
     sparse/0/              the final sparse model in COLMAP's format and as points.ply, world frame, metres
@@ -32,8 +33,10 @@ from nbv.safe_files import open_to_write, remove, require_whole, to_yaml, write_
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
+PROGRESS = "progress.txt"
 _MADE_ANEW = (
     "mission.json",
+    PROGRESS,
     "images",
     "states",
     "sparse",
@@ -86,6 +89,11 @@ class RunDirectory:
     def write_json(self, name: str, value: Any) -> None:
         """Save ``value`` as NAME in the directory's root."""
         write_atomic(self.root / name, json.dumps(json_ready(value), indent=1))
+
+    def write_progress(self, taken: int, planned: int) -> None:
+        """Note how far the mission is."""
+        with open_to_write(self.root / PROGRESS, os.O_APPEND) as file:
+            file.write(f"{taken}/{planned}\n".encode())
 
     def append_trace(self, record: dict[str, Any]) -> None:
         """Add one line to ``trace.jsonl`` at once, so that a killed mission leaves its history."""

@@ -18,6 +18,8 @@ from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.commands.campaign_display import (
     CampaignProgress,
     event_line,
+    expected_s,
+    expected_text,
     show_counts,
     show_recommendation,
 )
@@ -293,6 +295,10 @@ def fly(
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )
+    about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
+    if remaining := campaign.status().remaining:
+        then = "; then a comparison" if settings.compare_on else ""
+        output.print(expected_text(remaining, about_s) + then)
     if is_geometric(settings.fidelity):
         output.print(GEOMETRIC_NOTE)
     if campaign.learned is not None:
@@ -305,7 +311,7 @@ def fly(
             )
         )
     with executor:
-        with CampaignProgress(settings) as progress:
+        with CampaignProgress(settings, about_s) as progress:
             summary = fly_campaign(
                 campaign,
                 executor,

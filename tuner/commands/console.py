@@ -23,6 +23,7 @@ from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition,
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
+from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
@@ -124,12 +125,13 @@ class FlightProgress(Progress):
             console=output,
             refresh_per_second=_PER_SECOND,
         )
-        self._flights: dict[str, str] = {}
+        self._flights: dict[str, tuple[str, Path | None]] = {}
+        self._counts = ""
         self._missions = self.add_task("", total=total)
 
-    def took_off(self, key: str, label: str) -> None:
-        """A mission flies."""
-        self._flights[key] = label
+    def took_off(self, key: str, label: str, directory: Path | None = None) -> None:
+        """A mission flies; in its ``directory`` it notes how far it is."""
+        self._flights[key] = label, directory
 
     def landed(self, key: str, line: str) -> None:
         """It is over, and what there is to say of it."""
@@ -137,11 +139,31 @@ class FlightProgress(Progress):
         output.print(line, highlight=False, soft_wrap=True)
 
     def reached(self, finished: int, total: int, counts: str) -> None:
-        """``3/9, flies slab r0, fin r1 and 6 more``."""
-        named = ", ".join(list(self._flights.values())[:_NAMED])
-        more = f" and {len(self._flights) - _NAMED} more" if len(self._flights) > _NAMED else ""
-        said = f"{counts}, flies {named}{more}" if named else counts
-        self.update(self._missions, completed=finished, total=total, description=said)
+        """So many missions are over."""
+        self._counts = counts
+        self.update(self._missions, completed=finished, total=total, description=self.said())
+
+    def said(self) -> str:
+        """``3/9, runs slab r0 (photograph 12/32), fin r1 (photograph 3/32) and 6 more``."""
+        flights = list(self._flights.values())
+        named = ", ".join(label + _how_far(directory) for label, directory in flights[:_NAMED])
+        more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""
+        return f"{self._counts}, runs {named}{more}" if named else self._counts
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The bar, with how far the missions are by now."""
+        for task in self.tasks:
+            task.description = self.said()
+        return super().get_renderables()
+
+
+def _how_far(directory: Path | None) -> str:
+    """``" (photograph 12/32)"`` of a mission that has noted it."""
+    try:
+        lines = (directory / PROGRESS).read_text().splitlines() if directory else []
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return f" (photograph {lines[-1]})" if lines else ""
 
 
 class ComparisonProgress(FlightProgress):
@@ -155,7 +177,7 @@ class ComparisonProgress(FlightProgress):
         job, trial = event.job, event.trial
         world, strategy = World(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
         if trial is None:
-            self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}")
+            self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}", job.directory)
         else:
             value = trial.value(self._metric)
             text = "not measured" if value is None else f"{value:.2f}"

@@ -30,6 +30,12 @@ app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
 
 
+def _time_left(facts: dict[str, Any]) -> str:
+    """How long the captures still to come may take, as long as those before; nothing after the last."""
+    left = facts["budget"] - facts["iteration"] - 1
+    return f"  {duration(facts['capture_s'] * left)} left, then the dense cloud" if left > 0 else ""
+
+
 def say_event(event: str, facts: dict[str, Any]) -> None:
     """A line for what a mission found or chose."""
     text = ""
@@ -47,9 +53,9 @@ def say_event(event: str, facts: dict[str, Any]) -> None:
         )
     elif event == "capture":
         text = (
-            f"capture {facts['iteration'] + 1:2d}: {facts['scorer']:<8} chose {facts['chosen']}  "
+            f"capture {facts['iteration'] + 1:2d} of {facts['budget']}: {facts['scorer']:<8} chose {facts['chosen']}  "
             f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points"
-            f"{'' if facts['registered'] else '  not registered'}"
+            f"{'' if facts['registered'] else '  not registered'}{_time_left(facts)}"
         )
     if text:
         output.print(text, highlight=False, soft_wrap=True)

@@ -87,6 +87,18 @@ def test_every_gate_flies(config):
         assert len(result.trace) == 1
 
 
+def test_a_mission_notes_how_far_it_is_while_it_flies(tmp_path, config):
+    noted = []
+
+    def look(event, facts):
+        if event in ("seed", "capture"):
+            noted.append((tmp_path / "m" / "progress.txt").read_text().splitlines()[-1])
+
+    run_geometric_mission(config, ROCK, 0, tmp_path / "m", keep="summary", log=look)
+    assert noted == [f"{k}/{24 + BUDGET}" for k in range(1, 24 + BUDGET + 1)]
+    assert not (tmp_path / "m" / "progress.txt").exists()
+
+
 def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config):
     result = run_geometric_mission(config, ROCK, 0, tmp_path / "run")
     assert same(MissionResult.load(tmp_path / "run"), MissionResult.from_json(result.to_json()))

@@ -11,12 +11,20 @@ import fake_campaigns
 import pytest
 import typer
 
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate
-from tuner.commands.campaign_display import event_line, mission_line
+from tuner.commands.campaign_display import (
+    PER_PHOTOGRAPH_S,
+    CampaignProgress,
+    event_line,
+    expected_s,
+    expected_text,
+    mission_line,
+)
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
@@ -57,6 +65,23 @@ def test_help_names_the_default_that_the_command_has(path: tuple[str, ...], opti
     for word in path:
         command = command.commands[word]
     assert next(p.help for p in command.params if option in p.opts).endswith(says)
+
+
+def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(tmp_path: Path) -> None:
+    unknown = begin_campaign(tmp_path / "own", fake_campaigns.settings())
+    assert expected_text(9, expected_s(unknown, 2)).startswith(
+        "9 missions to run; how long they take is known"
+    )
+    ours = begin_campaign(
+        tmp_path / "ours", fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
+    )
+    assert expected_s(ours, 2) == pytest.approx(PER_PHOTOGRAPH_S * 32 * 9 / 2)
+    assert expected_text(9, 63.4) == "9 missions to run, in about 63 s where nothing else runs"
+    progress = CampaignProgress(SETTINGS, 63.4)
+    progress(replace(event("launched", directory="m", run=tmp_path), finished=0, elapsed_s=0.4))
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "progress.txt").write_text("11/32\n12/32\n")
+    assert progress.said() == "0/9, 63 s left, runs a r1 (photograph 12/32)"
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(
