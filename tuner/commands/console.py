@@ -16,7 +16,7 @@ import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
@@ -119,8 +119,8 @@ class FlightProgress(Progress):
     def __init__(self, total: int | None = None) -> None:
         # A rock's file may have any name, so it is no markup.
         super().__init__(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
+            TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
+            BarColumn(16),
             TimeElapsedColumn(),
             console=output,
             refresh_per_second=_PER_SECOND,
