@@ -115,10 +115,9 @@ class SourcePhotograph:
 def read_folder(
     folder: str | Path, progress: Progress, masks: Path | None = None
 ) -> tuple[list[SourcePhotograph], list[str]]:
-    """The photographs of a folder and those in it, in the order in which they were taken, and notes on what was left out.
+    """The photographs in a folder and its folders, in the order in which they were taken, and notes on what was left out.
 
-    What lies in the folder ``masks`` is none, nor what is named as the mask of a photograph beside it.
-
+    Masks are left out: the folder ``masks``, one of that name, and what is named as the mask of a photograph beside it.
     Every file is decoded once, so that a truncated one is found before anything else is done.
 
     Raises
@@ -127,7 +126,7 @@ def read_folder(
         There is no such folder, nothing or far too much in it, a video, HEIC without its library, or damaged files.
     """
     folder = expanded(folder)
-    paths, notes = _photograph_files(folder, masks)
+    paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
     found: list[SourcePhotograph] = []
     damaged: list[str] = []
     brightest: dict[str, int] = defaultdict(int)  # value of 255 in all files of a format
@@ -136,7 +135,7 @@ def read_folder(
         try:
             photograph, kind, peak = _read(path)
         except UserError as error:
-            damaged.append(f"{path.name} ({error})")
+            damaged.append(f"{_readable(path.name)} ({error})")
             continue
         found.append(photograph)
         brightest[kind] = max(brightest[kind], peak)
@@ -202,14 +201,14 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
     if not folder.is_dir():
         raise UserError(f"there is no folder {folder}; name the folder that holds the photographs")
     files: list[Path] = []
+    notes: list[str] = []
 
     def unreadable(error: OSError) -> None:
         raise UserError(f"cannot read {error.filename}: {error.strerror}") from error
 
     for root, folders, names in os.walk(folder, onerror=unreadable):
-        of_masks = {
-            f for f in folders if f.lower() in ("mask", "masks") or (masks and Path(root, f) == masks)
-        }
+        of_masks = [f for f in folders if f.lower() in ("mask", "masks") or Path(root, f).resolve() == masks]
+        notes += [f"left out the masks in {f}" for f in of_masks if Path(root, f).resolve() != masks]
         folders[:] = sorted(f for f in folders if f[0] != "." and f not in of_masks)
         files += [Path(root, name) for name in sorted(names) if name[0] != "." and Path(root, name).is_file()]
     lower = {str(p).lower() for p in files}
@@ -224,7 +223,6 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
     require(len(paths), MOST, f"the number of photographs in {folder}")
     if any(p.suffix.lower() in HEIC for p in paths):
         _load_heic()
-    notes = []
     if others := Counter(p.suffix.lower() or "no suffix" for p in files if p not in set(paths)):
         notes.append(
             f"left out {sum(others.values())} masks and files of other kinds ({', '.join(sorted(others))})"

@@ -213,12 +213,10 @@ def _records(source: Source, model: SolvedModel, folder: Path) -> tuple[Photogra
     def record(photograph: SourcePhotograph) -> Photograph:
         return Photograph(
             name=photograph.name,
-            source=str(photograph.path.relative_to(folder)),
+            source=str(photograph.path.relative_to(folder)).encode(errors="replace").decode(),
             sha256=photograph.sha256,
             camera_from_world=poses.get(photograph.name),
             masked=photograph.name in source.masks,
-            time=photograph.time,
-            gps=photograph.gps,
         )
 
     return tuple(map(record, source.photographs))

@@ -63,10 +63,6 @@ class Photograph:
     sha256: str  # of the user's file
     camera_from_world: Floats | None  # (4, 4) in the set's frame; None: did not register
     masked: bool  # there is masks/NAME.png
-    time: str | None = None  # EXIF, "2016-11-18T16:11:33"
-    gps: tuple[float, float, float | None] | None = (
-        None  # EXIF: latitude and longitude in degrees, altitude in metres
-    )
 
     def __post_init__(self) -> None:
         if self.name != Path(self.name).name or self.name.startswith("."):

@@ -17,6 +17,7 @@ from scipy.stats import t as student
 
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama
+from nbv.photographs.folder import files_of_photographs
 from nbv.photographs.photograph_set import ScaleSource
 from nbv.photographs.solved import SolvedModel
 from nbv.photographs.source import Source
@@ -90,7 +91,10 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
     if not 2 <= len(lines) <= _MOST_LINES:
         raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
     crs = _system(lines[0], path)
-    of_file = {p.path.name.lower(): p for p in source.photographs}
+    texts = (line.split()[5:] for line in lines[1:] if not line.startswith("#"))  # names may have spaces
+    names = {" ".join(words[:end]).lower() for words in texts for end in range(len(words), 0, -1)}
+    found = files_of_photographs(names, source.photographs, str(path))
+    of_file = {file: source.by_name[name] for name, file in found.items()}
     marks: dict[Place, list[tuple[str, float, float]]] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not line or line.startswith("#"):
@@ -105,9 +109,7 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
             raise UserError(
                 f"{path} line {number}: every number must be finite; only Z may be NaN, if it is not known"
             )
-        named = (
-            " ".join(words[5:end]).lower() for end in range(len(words), 5, -1)
-        )  # of names with spaces, the longest
+        named = (" ".join(words[5:end]).lower() for end in range(len(words), 5, -1))  # the longest
         if (photograph := next((of_file[name] for name in named if name in of_file), None)) is None:
             continue
         sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it

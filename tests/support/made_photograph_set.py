@@ -28,9 +28,6 @@ def write_set(name: str = "mine", registered: int = 6) -> PhotographSet:
                 f"{index:064d}",
                 look_at(place, CENTER_M),
                 False,
-                "2016-11-18T16:11:33",
-                (35.0, 139.0, 5.0),
-                (10.0, -45.0, 0.0),
             )
         )
     photographs.append(Photograph("lost", "LOST.JPG", "9" * 64, None, False))
