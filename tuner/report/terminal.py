@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 from rich.table import Table
 from rich.text import Text
@@ -25,6 +26,7 @@ def whole_tables(
         )
         for k, name in enumerate(columns)
     ]
+    widths[0] = min(widths[0], max(1, width - 1 - 2 * _BETWEEN - max(widths[1:], default=0)))
     groups: list[list[int]] = [[]]
     for k in range(1, len(columns)):
         together = [0, *groups[-1], k]
@@ -32,11 +34,13 @@ def whole_tables(
             groups.append([])
         groups[-1].append(k)
     for number, group in enumerate(groups):
-        table = Table(title=title if number == 0 else None, width=None)
-        for k in (0, *group):
-            table.add_column(
-                columns[k], justify="right" if k else "left", min_width=widths[k], overflow="fold"
-            )
+        table = Table(title=title if number == 0 else None)
+        room = width - 1 - sum(widths[k] + _BETWEEN for k in (0, *group))
+        for k in (0, *group):  # headers in one line as far as there is room
+            more = max(0, min(room, len(columns[k]) - widths[k]))
+            room -= more
+            side: Literal["left", "right"] = "right" if k else "left"
+            table.add_column(columns[k], justify=side, width=widths[k] + more, overflow="fold")
         for row in texts:
             if len(row) < 2:
                 table.add_section()

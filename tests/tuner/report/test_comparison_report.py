@@ -102,6 +102,12 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
     names = [line.name for line in strategy_grid(facts.summary, "").lines]
     assert names == ["Covis", "B-aware", "Hyb-H = B-aware", "Greedy oracle"]
     assert "Hyb-H = B-aware" in table_i_grid(facts.tables["whole"], "").columns
+    for width in (60, 80):
+        lines = printed(strategy_grid(facts.summary, ""), width).splitlines()
+        assert max(map(len, lines)) <= width
+        assert all(
+            line.rstrip()[-1] in "┓┃┩│┘" for line in lines if line.strip()[:1] in set("┏┃┡│└")
+        )  # to its right end
     assert "B-aware took the same photographs as Hyb-H in every mission." in [v.text for v in facts.verdicts]
     page = write_comparison_report(facts, tmp_path, paper=True).read_text()
     assert "3 of the paper&#39;s 4 strategies and 1 reference, differences from Hyb-H" in page
