@@ -90,8 +90,6 @@ def _rewrite(header: dict[str, Any], source: str, notes: list[str]) -> dict[str,
     require(total, MAX_ELEMENTS, f"the number of elements that {source} tells of")
     _check_tree(header, source)
     bases = [_base_color(material) for material in header.get("materials", ())]
-    if any(m.get("emissiveTexture") and not base[0] for m, base in zip(header.get("materials", ()), bases)):
-        notes.append("not read: an emissive texture of a material that has no other")
     # A factor stays here: trimesh rounds it.
     header["materials"] = [
         {"name": str(i), "pbrMetallicRoughness": {"baseColorTexture": texture} if texture else {}}
@@ -141,7 +139,7 @@ def _look(header: dict[str, Any], texture: Mapping[str, Any] | None) -> Look:
     index = found.get("extensions", {}).get("EXT_texture_webp", found).get("source")
     image = {} if index is None else header["images"][index]
     uri = "" if image.get("uri", "").startswith("data:") else image.get("uri", "")
-    label = uri[:60] or image.get("mimeType") or "without a name"
+    label = uri[:60] or image.get("mimeType") or "of an unknown kind"
     return Look(label, wrap=tuple(_WRAP.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT")))
 
 

@@ -156,22 +156,15 @@ def _load(path: Path, notes: list[str]) -> tuple[Any, Skin]:
             io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
         )
     except Exception as error:  # loaders raise whatever their parsers do
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise UnusableMesh(f"cannot be read: {(_failed(heard) or reason)[:160]}") from error
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise UnusableMesh(f"cannot be read: {reason}") from error
     finally:
         log.removeHandler(heard)
-    if reason := _failed(heard):
-        raise UnusableMesh(f"cannot be read: {reason[:160]}")
+    for message in (record.getMessage() for record in heard.buffer):
+        if message.startswith("failed to process extension"):
+            told = message.removeprefix("failed to process extension ").removeprefix(f"{OURS}: ")
+            raise UnusableMesh(f"cannot be read: {told[:160]}")
     return scene, skin
-
-
-def _failed(heard: BufferingHandler) -> str:
-    """What trimesh only logs: that it could not read a part of a glTF file; "" where it could."""
-    start = "failed to process extension "
-    messages = [record.getMessage() for record in heard.buffer]
-    return next(
-        (m.removeprefix(start).removeprefix(f"{OURS}: ") for m in messages if m.startswith(start)), ""
-    )
 
 
 def _check_archive(path: Path) -> None:

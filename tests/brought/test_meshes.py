@@ -247,21 +247,6 @@ def under_a_camera(file: Gltf) -> None:
     file.tree["nodes"] = [{"camera": 0, "children": [1], "scale": [2, 2, 2]}, {"mesh": 0}]
 
 
-def shining(file: Gltf) -> None:
-    file.tree["materials"] = [{"emissiveTexture": {"index": 0}}]
-
-
-def sparse_beyond(file: Gltf) -> None:
-    told = {"indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}}
-    file.tree["accessors"][0]["sparse"] = {"count": 9} | told
-
-
-def an_eps(file: Gltf) -> None:
-    data = io.BytesIO()
-    picture().save(data, "EPS")
-    file.tree["images"] = [{"bufferView": file.view(data.getvalue()), "mimeType": "image/png"}]
-
-
 def edit(**changes):
     return lambda file: file.tree.update(changes)
 
@@ -296,9 +281,6 @@ GLTF = {
     "nodes in a circle": (edit(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}]), "node 0 twice in its scene or in a circle"),
     "very many nodes": (edit(nodes=[{"mesh": 0}] * 200_000), "the number of nodes in .* is 200000; the limit is 20000"),
     "very many elements": (edit(accessors=[{"count": 10**10, "type": "VEC3", "componentType": 5126}]), "number of elements"),
-    "sparse beyond": (sparse_beyond, "cannot be read: index .* is out of bounds"),
-    "emissive texture alone": (shining, "not read: an emissive texture of a material that has no other"),
-    "picture that starts a program": (an_eps, "not read: texture 'image/png' .EPS is no format of textures"),
     "no glTF": (edit(meshes=7), "is no valid glTF 2.0"),
 }  # fmt: skip
 
@@ -311,8 +293,7 @@ def test_gltf(tmp_path, case):
     path = file.write(tmp_path / "ball.glb")
     said = ""
     try:
-        lost = case in ("emissive texture alone", "picture that starts a program")
-        notes = import_mesh(path).notes if lost else look_right(path)
+        notes = look_right(path)
         said = "; ".join(note for note in notes if "not read" in note)
     except UserError as error:
         said = str(error)

@@ -85,7 +85,7 @@ class LogBelievedSaving(AcquisitionFunction):
             across = covariance[:, 1:, :1]
             noisy = covariance[:, 1:, 1:] + self._noise * torch.eye(q - 1, dtype=X.dtype)
             variance = variance - (across * torch.linalg.solve(noisy, across)).sum((1, 2))
-        variance = variance.clamp_min(_LEAST)
+        variance = variance.clamp_min(_LEAST * self._noise)
         after = (variance * self._noise / (variance + self._noise)).sqrt()
         moved = variance / (variance + self._noise).sqrt()
         log_chance: torch.Tensor = torch.special.log_ndtr(

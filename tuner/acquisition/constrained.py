@@ -12,7 +12,6 @@ import torch
 from botorch.acquisition import AcquisitionFunction
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
-from botorch.acquisition.utils import prune_inferior_points
 from botorch.models import ModelListGP
 from botorch.sampling import SobolQMCNormalSampler
 from scipy import special
@@ -26,7 +25,7 @@ from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import SURE, ShareBelief
 from tuner.problem.worlds import Place
 from tuner.surrogate.model import RockMeanGP, moments
-from tuner.surrogate.numerics import numerics
+from tuner.surrogate.numerics import numerics, pruned
 from tuner.surrogate.posterior import FREEDOM, KnownOutcome, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -98,7 +97,8 @@ class Constraint:
         if self.is_share:
             beliefs = self.shares(configurations)
             return np.array([belief.probability(self.at_least / 100.0) for belief in beliefs])
-        return np.array([probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)])
+        sd = np.maximum(sd, 1e-9 * self.model.mean_scale)
+        return np.array([probability_positive(m - self.at_least, s) for m, s in zip(mean, sd)])
 
     def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
         """Return the belief about each share, worth as many rocks as the mean's variance goes into one mission's."""
@@ -183,12 +183,12 @@ def propose_constrained(
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
     flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
-    with numerics(seed):
+    with numerics():
         near = constraint.promising(first)
         if known is not None:
             unit = np.unique(model.unit, axis=0)
             kept = unit[known(unit)]
-            baseline = prune_inferior_points(model.model, model.inputs(kept if len(kept) else near[:1]))
+            baseline = pruned(model.model, model.inputs(kept if len(kept) else near[:1]), seed)
             flying = None if flying is None else flying[known(flying[:, : model.space.dimension].numpy())]
             baseline = baseline if flying is None else torch.unique(torch.cat([baseline, flying]), dim=0)
             acquisition: AcquisitionFunction = LogNoisyImprovement(
@@ -223,13 +223,17 @@ def _with_probability(
 ) -> AcquisitionFunction:
     second, floor = constraint.model, constraint.floor()
     assert isinstance(second, RockMeanGP)
+    model = ModelListGP(first.model, second.model)
+    objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
+    constraints = [lambda samples: floor - samples[..., 1]]
+    flown = first.inputs(np.unique(first.unit, axis=0))
     return qLogNoisyExpectedImprovement(
-        ModelListGP(first.model, second.model),
-        X_baseline=first.inputs(np.unique(first.unit, axis=0)),
+        model,
+        X_baseline=pruned(model, flown, seed, objective=objective, constraints=constraints),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-        objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
-        constraints=[lambda samples: floor - samples[..., 1]],
+        objective=objective,
+        constraints=constraints,
         X_pending=flying,
-        prune_baseline=True,
+        prune_baseline=False,
         cache_root=False,
     )

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from botorch.utils.sampling import manual_seed
 
 from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.numerics import numerics, tensor
+from tuner.surrogate.numerics import draws_of, numerics, seeded, tensor
 from tuner.surrogate.posterior import KnownOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
@@ -46,7 +45,7 @@ def draw(
         The seed of points and draws.
     """
     model = surrogate_of(models)
-    with numerics(seed), torch.no_grad():
+    with numerics(), torch.no_grad():
         near = None if constraint is None else constraint.promising(models[0])
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
@@ -54,30 +53,32 @@ def draw(
         if allowed is not None:
             points = only_allowed(model, points, allowed, seed)
         inputs = model.inputs(points)
-        with manual_seed(seed):
-            draws, *others = (_drawn(m, inputs, count) for m in models)
+        generator = seeded(seed)
+        draws, *others = (_drawn(m, inputs, count, generator) for m in models)
         if constraint is not None and allowed is None:  # of what costs the same the better one
             (second,) = others
             draws = torch.where(second >= constraint.floor(), draws + _LITTLE * second, second - _BREAKS)
-        return _distinct(model, points, draws, seed)
+        return _distinct(model, points, draws, generator)
 
 
-def _drawn(model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int) -> torch.Tensor:
+def _drawn(
+    model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
+) -> torch.Tensor:
     """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
     if isinstance(model, RockMeanGP):
-        drawn: torch.Tensor = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
-        return drawn
+        return draws_of(model.model, inputs, count, generator)
     known = model.at(inputs)
     return ((known - known.mean()) / (known.std(correction=0) + _LITTLE)).expand(count, -1).clone()
 
 
-def _distinct(model: RockMeanGP, points: Floats, draws: torch.Tensor, seed: int) -> list[Values]:
+def _distinct(
+    model: RockMeanGP, points: Floats, draws: torch.Tensor, generator: torch.Generator
+) -> list[Values]:
     """Return the best of each draw, (count, points), that none before has and that may work."""
     if model.feasibility is not None:
         # Each draw has one opinion on what works: a point's own would let some of many through.
         chance = model.feasibility.log_chance(tensor(points)).exp()
-        with manual_seed(seed):
-            draws[torch.rand(len(draws), 1, dtype=chance.dtype) > chance] -= _FAILS
+        draws[torch.rand(len(draws), 1, dtype=chance.dtype, generator=generator) > chance] -= _FAILS
     chosen: list[int] = []
     for draw in draws:
         if len(chosen) < len(points):

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from botorch.acquisition import AcquisitionFunction
 from botorch.acquisition.logei import TAU_RELU
-from botorch.acquisition.utils import prune_inferior_points
 from botorch.models import SingleTaskGP
 from botorch.optim import optimize_acqf
 from botorch.utils.safe_math import log_fatplus, logmeanexp
@@ -21,7 +20,7 @@ from nbv.types import Bools, Floats
 from tuner.problem.search_space import Values
 from tuner.surrogate.fit import EXACT_MISSIONS
 from tuner.surrogate.model import RockMeanGP, moments
-from tuner.surrogate.numerics import numerics
+from tuner.surrogate.numerics import numerics, pruned
 
 BLOCK = 128  # points tried at once
 LOCAL_BEST = 4
@@ -49,8 +48,8 @@ def propose(
     the acquisition value, the improvement it stands for, and the model's mean and standard deviation there (objective's
     unit, larger is better).
     """
-    with numerics(seed):
-        known = prune_inferior_points(model.model, model.inputs(model.promising(BASELINE)))
+    with numerics():
+        known = pruned(model.model, model.inputs(model.promising(BASELINE)), seed)
         if pending:
             flying = model.inputs(np.array([model.space.to_unit(v) for v in pending]))
             known = torch.unique(torch.cat([known, flying]), dim=0)

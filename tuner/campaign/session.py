@@ -26,7 +26,7 @@ from tuner.missions.fly import fly
 from tuner.missions.job import MissionJob, Trial, landed, repeated
 from tuner.missions.long_runs import Stop, long_run
 from tuner.problem.objective import dotted
-from tuner.problem.observations import Proposal, next_block
+from tuner.problem.observations import Proposal, configuration_key, next_block
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
@@ -160,6 +160,14 @@ class _Session:
                 f"{self._infrastructure_failures} missions were ended by the machine, the last with "
                 f"{self._last_infrastructure_failure}; they are not counted, and flown again by a resume",
             )
+        left = self._settings.budget - self._finished
+        if left > 0 and self._has_run_all(self._ledger.trials()):
+            return self._end(
+                "exhausted",
+                "done",
+                f"all {self._settings.space.size:.0f} configurations have run with every replicate: the other {left} missions "
+                "of the budget would repeat them; for repeats give --replicates",
+            )
         return self._end("budget", "done", "the budget is used")
 
     def _end(
@@ -248,7 +256,12 @@ class _Session:
         started = time.monotonic()
         if self._simplified:
             proposal: Proposal | None = self._simplified.popleft()
-        elif left <= 0 or self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS or self._nothing_registers(trials):
+        elif (
+            left <= 0
+            or self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS
+            or self._nothing_registers(trials)
+            or self._has_run_all(trials)
+        ):
             return None
         elif self._prefetches:
             proposal = self.prefetch.next(trials, self.executor.capacity, left)
@@ -268,6 +281,15 @@ class _Session:
         if isinstance(config, UserError):
             return self._refuse(trial, config)
         return trial
+
+    def _has_run_all(self, trials: Sequence[Trial]) -> bool:
+        """Return whether every configuration has run with every replicate in every world: what follows would be repeats."""
+        s = self._settings
+        every = s.space.size * len(s.worlds) * s.blocks
+        if len(trials) < every:
+            return False
+        run = {(configuration_key(s.space, t.values), t.world, t.replicate) for t in trials}
+        return sum(replicate < s.blocks for _, _, replicate in run) >= every
 
     def _nothing_registers(self, trials: Sequence[Trial]) -> bool:
         """Return whether no planned photograph of the first few missions registered, and no tuned parameter can change that."""

@@ -12,7 +12,7 @@ from tuner.evaluation.baselines import photographs
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
 from tuner.problem.search_space import ours
-from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label
+from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -82,8 +82,8 @@ def best_text(found: Recommendation) -> str:
     """``26`` where the configuration decides it, else ``98.3 (97.8 to 98.8)``."""
     if found.exact:
         return f"{found.mean:g}"
-    low, high = found.interval_95
-    return f"{found.mean:.1f} ({low:.1f} to {high:.1f})"
+    mean, low, high = (format_number(v, decimals_for(found.sd, 1)) for v in (found.mean, *found.interval_95))
+    return f"{mean} ({low} to {high})"
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
@@ -97,8 +97,9 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
     else:
         mark = " degraded" if trial.status == "degraded" else ""
         second = trial.measured(settings.second) if settings.second else None
-        also = f" at {second:.1f}" if second is not None else ""
-        value = f"{trial.raw:7.{0 if settings.exact.first else 2}f}{also}{mark}"
+        also = f" at {number_text(second)}" if second is not None else ""
+        raw = trial.raw or 0.0
+        value = f"{f'{raw:g}' if settings.exact.first else number_text(raw):>7}{also}{mark}"
         outcome = f"{value} {trial.wall_s:4.0f} s  {trial.why.get('phase', '')}"
     line = (
         f"#{trial.number:04d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"

@@ -28,6 +28,7 @@ from nbv.safe_files import parse_yaml, printable
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
 from tuner.problem.worlds import World
+from tuner.report.labels import number_text
 
 if TYPE_CHECKING:
     from tuner.evaluation.flying import EvaluationEvent
@@ -180,7 +181,7 @@ class ComparisonProgress(FlightProgress):
             self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}", job.directory)
         else:
             value = trial.value(self._metric)
-            text = "not measured" if value is None else f"{value:.2f}"
+            text = "not measured" if value is None else number_text(value)
             if trial.status == "failed":
                 text = f"failed: {trial.reason} {trial.message}"
             line = f"{strategy:<22} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"

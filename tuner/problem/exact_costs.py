@@ -6,6 +6,7 @@ mission that is not ours is what it is. Flight time, early stops and whatever a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -46,8 +47,7 @@ class ExactCost:
     def agrees(self, missions: Iterable[tuple[Mapping[str, Any], float]]) -> bool:
         """Return whether the cost computed is that of every mission (values and outcome): a pool may run empty."""
         return all(
-            abs(self.outcome(values) - measured) <= _SAME * max(1.0, abs(measured))
-            for values, measured in missions
+            math.isclose(self.outcome(values), measured, rel_tol=_SAME) for values, measured in missions
         )
 
 

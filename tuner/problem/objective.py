@@ -68,12 +68,14 @@ def direction_of(metric: str) -> Direction:
     )
 
 
-def dotted(metrics: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Return the path of every number in a mission's metrics."""
+def dotted(
+    metrics: Mapping[str, Any], prefix: str = "", of: type | tuple[type, ...] = (int, float)
+) -> Iterator[str]:
+    """Return the path of every number in a mission's metrics, or of whatever is ``of`` another type."""
     for name, value in metrics.items():
         if isinstance(value, Mapping):
-            yield from dotted(value, f"{prefix}{name}.")
-        elif isinstance(value, (int, float)):
+            yield from dotted(value, f"{prefix}{name}.", of)
+        elif isinstance(value, of):
             yield f"{prefix}{name}"
 
 
@@ -128,7 +130,8 @@ class Objective:
             return None, "mission failed"
         value = self.measure(metrics)
         if value is None:
-            return None, f"metric_missing: {self.metric}"
+            there = self.metric in dotted(metrics, of=object)
+            return None, f"{'metric_not_a_number' if there else 'metric_missing'}: {self.metric}"
         return value, ""
 
 

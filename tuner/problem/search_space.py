@@ -137,6 +137,13 @@ class SearchSpace:
         return len(self.parameters)
 
     @property
+    def size(self) -> float:
+        """Number of configurations; infinite where a parameter is continuous."""
+        return math.prod(
+            math.inf if p.kind == "float" else len(p.choices) or p.high - p.low + 1 for p in self.parameters
+        )
+
+    @property
     def paths(self) -> tuple[str, ...]:
         """Parameter paths in order."""
         return tuple(parameter.path for parameter in self.parameters)

@@ -13,6 +13,10 @@ from nbv.types import Floats
 
 # Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
 _SCALE_PRIOR_COUNT = 5.0
+FAR = 2.0  # ranges of all others: no outcome counts as further from them
+FEW = 20  # one outcome in so many may be an outlier
+_SMALLEST = 1e-6  # spread within rocks, of the range of all outcomes
+_ROUNDING = 1e-14  # of a number
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,8 @@ class RockStandardiser:
         between = float(np.var(list(means.values()), ddof=1)) if len(means) > 1 else 0.0
         # With one mission per rock nothing tells rock from configuration: share the spread between them.
         within = sum(squares.values()) / degrees if degrees > 0.5 else between / 2 if len(means) > 1 else 1.0
-        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
+        within = max(within, (_SMALLEST * float(np.ptp(y))) ** 2, (_ROUNDING * float(np.abs(y).max())) ** 2)
+        within = within or 1.0  # all are 0
         mean_inverse_count = float(np.mean([1 / count for count in counts.values()]))
         rock_variance = max(0.0, between - within * mean_inverse_count)
 
@@ -98,6 +103,51 @@ class RockStandardiser:
             float(np.mean([self.centre(rock) for rock in rocks])),
             float(np.mean([self.scale(rock) for rock in rocks])),
         )
+
+
+def believed(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -> Floats:
+    """Return (n,) outcomes, those far from all others moved to `FAR` ranges of the others: winsorised.
+
+    The middle half of the deviations from the groups' medians is believed, and step by step the next one on either side, where
+    its distance is at most `FAR` ranges of what is believed already. Where more lie beyond than one in `FEW`, they are believed
+    on the good side, and on the bad one up to a distance that grows with the square of their number.
+
+    Parameters
+    ----------
+    groups
+        (n,) places whose outcomes have a level of their own.
+    outcomes
+        (n,) outcomes, larger is better.
+    """
+    y = np.asarray(outcomes, dtype=float)
+    if len(y) == 0:
+        return y
+    centre = _middles(groups, y)
+    deviation = y - centre
+    v, n = np.sort(deviation), len(y)
+    some = np.unique(v)
+    low, high = some[len(some) // 4], some[-1 - len(some) // 4]
+    least = _ROUNDING * float(np.abs(centre).max())
+    while True:
+        width, before = max(high - low, least), (low, high)
+        below, above = np.searchsorted(v, low), n - np.searchsorted(v, high, "right")
+        if below and low - v[below - 1] <= FAR * width * max(1.0, (FEW * below / n) ** 2):
+            low = v[below - 1]
+        if above and (above > max(1, n // FEW) or v[n - above] - high <= FAR * width):
+            high = v[n - above]
+        if (low, high) == before:
+            taken = np.clip(deviation, low - FAR * width, high + FAR * width)
+            return np.where(taken == deviation, y, centre + taken)
+
+
+def _middles(groups: Sequence[Hashable], y: Floats) -> Floats:
+    """Return (n,) medians of the groups; of the two in the middle of a group the one nearer to all outcomes' median."""
+    overall, middle = np.median(y), np.empty(len(y))
+    for group in set(groups):
+        inside = np.array([g == group for g in groups])
+        own = np.sort(y[inside])
+        middle[inside] = min(own[(len(own) - 1) // 2], own[len(own) // 2], key=lambda m: abs(m - overall))
+    return middle
 
 
 def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:

@@ -16,16 +16,20 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from tuner.acquisition.constrained import Constraint
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Block, Observation, blocks_flown, changes, configuration_key
 from tuner.problem.search_space import SearchSpace
+from tuner.problem.standardise import FEW
 from tuner.problem.worlds import Place, World, are_drawn, conditions_of, rocks_of, worlds_of
 from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
-from tuner.recommendation.recommendation import Recommendation, RockRow, RunnerUp
+from tuner.recommendation.recommendation import Outlier, Recommendation, RockRow, RunnerUp
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import KnownOutcome, Posterior, interval_95, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -34,9 +38,11 @@ MAY_KEEP = 0.5  # probability from which on the default is not given up for some
 JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
+SUSPECT, CONTRADICTS = 2.5, 6.0  # standard deviations
 ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 
 
+@numerics()
 def recommend(
     space: SearchSpace,
     observations: Sequence[Observation],
@@ -86,11 +92,12 @@ def recommend(
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, places, seed, settings)
+    model, outliers = without_outliers(RockMeanGP(space, feasible, places, seed, settings), seed)
+    feasible = list(model.observations)
     if constraint is not None and exact is not None:
         constraint = dataclasses.replace(constraint, model=model)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
-    for o in observations:
+    for o in (o for o in observations if o not in outliers):
         groups.setdefault(configuration_key(space, o.values), []).append(o)
     evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
     configurations = [dict(group[0].values) for group in evaluated.values()]
@@ -133,7 +140,10 @@ def recommend(
         key=lambda i: len(changes(configurations[i], default)),
     )
     values, sign = configurations[index], objective.sign
-    mean, sd = sign * float(goal.mean[index]), float(goal.sd[index])
+    # No number lies beyond all that is believed.
+    seen = model.believed if exact is None else goal.mean
+    shown = np.clip(goal.mean, min(seen), max(seen))
+    mean, sd = sign * float(shown[index]), float(goal.sd[index])
     gain, gain_sd = goal.difference(index, reference)
     own = evaluated[configuration_key(space, values)]
     runner_up = None
@@ -143,7 +153,7 @@ def recommend(
         runner_up = RunnerUp(
             values=configurations[rival],
             missions=len(evaluated[configuration_key(space, configurations[rival])]),
-            mean=sign * float(goal.mean[rival]),
+            mean=sign * float(shown[rival]),
             difference=difference[0],
             difference_interval_95=interval_95(*difference),
             improvement=improvement[0],
@@ -172,13 +182,13 @@ def recommend(
         interval_95=interval_95(mean, sd),
         per_rock=[_rock_row(model, world, own, values, modelled.sign) for world in model.worlds],
         default_values=dict(default),
-        default_mean=sign * float(goal.mean[reference]),
+        default_mean=sign * float(shown[reference]),
         improvement=gain,
         improvement_sd=gain_sd,
         improvement_interval_95=interval_95(gain, gain_sd),
         noise_sd=model.noise_sd,
         observations=len(feasible),
-        failures=len(observations) - len(feasible),
+        failures=sum(not o.feasible for o in observations),
         metric=objective.metric,
         direction=objective.direction,
         leave_one_out=model.leave_one_out(),
@@ -187,7 +197,34 @@ def recommend(
         runner_up=runner_up,
         next_rock=elsewhere,
         limit=kept_limit,
+        outliers=tuple(
+            Outlier(o.number, modelled.sign * o.outcome, None if o in outliers else modelled.sign * y)
+            for o, y in [*((o, 0.0) for o in outliers), *zip(feasible, model.believed)]
+            if o.outcome is not None and (o in outliers or o.outcome != y)
+        ),
     )
+
+
+def without_outliers(model: RockMeanGP, seed: int) -> tuple[RockMeanGP, list[Observation]]:
+    """Return the model without missions that contradict all others, and these; at most one in `FEW`.
+
+    The mission that is worst predicted by the others is left out where it lies more than `CONTRADICTS` standard deviations from
+    what a model fitted without it says.
+    """
+    left_out: list[Observation] = []
+    for _ in range(len(model.observations) // FEW + 1 if len(model.observations) >= FEW // 2 else 0):
+        z = np.abs(model.leave_one_out_z())
+        worst = model.fitted_to[int(z.argmax())]
+        if z.max() < SUSPECT:
+            break
+        rest, o = list(model.observations), model.observations[worst]
+        del rest[worst]
+        other = RockMeanGP(model.space, rest, model.worlds, seed, model.settings)
+        mean, sd = other.predict_mission(o.values, o.world)
+        if abs((o.outcome or 0.0) - mean) <= CONTRADICTS * sd:
+            break
+        model, left_out = other, [*left_out, o]
+    return model, left_out
 
 
 def fewest_changes(
@@ -226,7 +263,7 @@ def fewest_changes(
     def not_worse(i: int) -> bool:
         mean, sd = belief.difference(i, best)
         unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
-        return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd <= 1e-12))
+        return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
     return min(
         filter(not_worse, better), key=lambda i: (len(changes(configurations[i], default)), -belief.mean[i])

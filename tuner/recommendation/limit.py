@@ -91,7 +91,7 @@ def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelie
     if not are_drawn(rocks):  # as if so many of the training rocks kept it
         return ShareBelief(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
     belief, one = model.posterior([values]), model.one_mission_sd  # every block is a rock
-    flown = (one / max(float(belief.sd[0]), 1e-9)) ** 2
+    flown = (one / max(float(belief.sd[0]), 1e-9 * one)) ** 2
     z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
     return ShareBelief(float(special.stdtr(PRIOR_ROCKS + flown, z)), flown)
 

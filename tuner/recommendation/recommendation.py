@@ -97,6 +97,15 @@ class NextRock:
 
 
 @dataclass(frozen=True)
+class Outlier:
+    """A mission whose outcome is not believed as it was measured."""
+
+    mission: int  # from 0
+    measured: float  # of the modelled metric, in its unit
+    counts_as: float | None  # None: all others contradict it, and the recommendation was made without it
+
+
+@dataclass(frozen=True)
 class Recommendation:
     """The answer of a campaign: ``values``, a configuration that has been flown, or the default.
 
@@ -136,6 +145,7 @@ class Recommendation:
         None  # None: nobody asked, it is the default, or one rock was flown: how rocks differ is unknown
     )
     limit: Limit | None = None  # of the second objective
+    outliers: tuple[Outlier, ...] = ()
 
     def __repr__(self) -> str:
         """``Recommendation(seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""

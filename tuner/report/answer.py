@@ -19,6 +19,7 @@ from tuner.report.labels import (
     decimals_for,
     interval_text,
     metric_label,
+    number_text,
     parameter_label,
     with_unit,
 )
@@ -120,7 +121,23 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         lines.append(
             f"Only one {place} was flown: how {place}s differ is not known, nor what holds on the next one."
         )
+    lines += outlier_sentences(best)
     return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
+
+
+def outlier_sentences(best: Recommendation) -> list[str]:
+    """Which missions are not believed, and what becomes of them."""
+    name, said = short_name(metric_label(best.modelled_metric)), []
+    for o in best.outliers[:FEW]:
+        line = f"Mission #{o.mission + 1:03d} measured {name} {number_text(o.measured)}, "
+        if o.counts_as is None:
+            line += "which all others contradict: this was found without it; fly its configuration again if it may be true."
+        else:
+            line += f"far from all others: it counts as {number_text(o.counts_as)}."
+        said.append(line)
+    if len(best.outliers) > FEW:
+        said.append(f"So it is with {len(best.outliers) - FEW} missions more.")
+    return said
 
 
 def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str]:
@@ -230,7 +247,7 @@ def _gain(mean: float, interval_95: tuple[float, float], sd: float, label: Metri
 
 def _decimals(sd: float) -> int:
     """One significant digit of the uncertainty."""
-    return max(1, decimals_for(sd) - 1)
+    return decimals_for(sd, 1)
 
 
 def _percent(part: int, whole: int) -> str:

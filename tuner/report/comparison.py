@@ -342,7 +342,7 @@ def _share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interv
         values = [value for (where, _), value in found.items() if where == rock]
         if values and len(values) == sum(r.rock == rock for r in own):
             mean = sum(values) / len(values)
-            kept += asked.second.sign * mean >= asked.second.sign * asked.limit - 1e-9
+            kept += asked.second.sign * mean >= asked.second.sign * asked.limit - 1e-9 * abs(asked.limit)
     share = 100 * kept / len(rocks)
     if asked.second.metric in asked.decided:
         return Interval(share, None, None, len(rocks), len(own), "none")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.objective import reached
 
 MISSING = "–"
+# With more decimals what is smaller is written with an exponent; so is what has an uncertainty of more digits than `LARGE`.
+MOST_DECIMALS, LEAST_DECIMAL, LARGE = 6, 1e-3, 4
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
 COSTS = {
     "images": ("Photographs", ""),
@@ -63,13 +66,27 @@ def with_unit(number: float | None, unit: str, digits: int = 1, *, signed: bool 
 
 
 def format_number(number: float | None, digits: int = 1, *, signed: bool = False) -> str:
-    """Fixed decimals with a true minus sign; a dash for a missing value."""
+    """Decimals, of what is tiny or huge as ``2.5e-9``, with a true minus sign; a dash for a missing value."""
     if number is None or not math.isfinite(number):
         return MISSING
-    text = f"{number:{'+' if signed else ''}.{digits}f}"
-    if float(text) == 0:  # no "-0.0"
-        text = f"{0:.{digits}f}"
+    sign, size = "+" if signed else "", abs(number)
+    if digits < 0 or (digits > MOST_DECIMALS and size < LEAST_DECIMAL):
+        rounded = round(number, digits)
+        places = max(0, digits + math.floor(math.log10(abs(rounded)))) if rounded else 0
+        text = (
+            re.sub(r"e([+-])0*", r"e\1", f"{rounded:{sign}.{places}e}").replace("e+", "e") if rounded else "0"
+        )
+    else:
+        text = f"{number:{sign}.{digits}f}"
+        if float(text) == 0:  # no "-0.0"
+            text = f"{0:.{digits}f}"
     return text.replace("-", "−")
+
+
+def number_text(number: float) -> str:
+    """One number of which nothing else is known: two decimals, or its first digits where they show nothing."""
+    plain = number == 0 or 0.1 <= abs(number) < 1e10
+    return format_number(number, 2 if plain else 3 - math.floor(math.log10(abs(number))))
 
 
 def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bool = False) -> str:
@@ -92,11 +109,12 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def decimals_for(spread: float) -> int:
-    """Decimals that show two significant digits of an uncertainty, between 1 and 6."""
+def decimals_for(spread: float, significant: int = 2) -> int:
+    """Decimals that show so many digits of an uncertainty, at least 1; negative, as for `round`, where it is huge."""
     if not math.isfinite(spread) or spread <= 0:
         return 1
-    return min(6, max(1, 1 - math.floor(math.log10(spread))))
+    decimals = significant - 1 - math.floor(math.log10(spread))
+    return decimals if decimals < -LARGE else max(1, decimals)
 
 
 def metric_label(path: str) -> MetricLabel:

@@ -131,8 +131,8 @@ def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> li
     if missing:
         return [*lines, f"what {len(kept)} of {len(changed)} changes are worth alone was not measured"]
     low, high = best.improvement_interval_95
-    sure = "" if low == high else f" [{low:+.2f}, {high:+.2f}] (95 %)"
-    gain = f"{best.metric}: {best.improvement:+.2f}{sure}"
+    sure = "" if low == high else f" [{low:+.3g}, {high:+.3g}] (95 %)"
+    gain = f"{best.metric}: {best.improvement:+.3g}{sure}"
     return [*lines, f"gain over the default on the training rocks, {gain}"]
 
 

@@ -20,7 +20,8 @@ from tuner.acquisition.propose import propose
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
-from tuner.problem.worlds import rocks_of
+from tuner.problem.worlds import are_drawn, rocks_of
+from tuner.recommendation.choose import REPLICATES
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
@@ -32,6 +33,7 @@ from tuner.samplers.base import (
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import KnownOutcome
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -65,6 +67,7 @@ class GPSampler:
         """Propose the maximiser of the acquisition, or the next point of the initial design."""
         return self.ask_many(history, pending, 1)[0]
 
+    @numerics()
     def ask_many(
         self, history: Sequence[Observation], pending: Sequence[Observation], count: int
     ) -> list[Proposal]:
@@ -127,7 +130,11 @@ class GPSampler:
         number = missions_asked(history, flying) - sum(o.repeat for o in history)
         if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
-        last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
+        rocks = rocks_of(s.worlds)
+        # A family has as many replicates as the budget has missions.
+        last = number >= s.budget - len(rocks) * min(
+            s.replicates, REPLICATES if are_drawn(rocks) else s.replicates
+        )
         model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None
         return verification(
             model, history, flying, s.replicates, gain, last=last, constraint=constraint, exact=exact

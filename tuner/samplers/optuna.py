@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import optuna
 from optuna.distributions import (
     BaseDistribution,
@@ -19,7 +18,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.problem.standardise import RockStandardiser
+from tuner.problem.standardise import RockStandardiser, believed
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
 
 
@@ -58,7 +57,7 @@ class OptunaSampler:
     def _replay(self, history: Sequence[Observation], pending: Sequence[Observation]) -> list[FrozenTrial]:
         feasible = [o for o in history if o.outcome is not None]
         worlds = [o.world for o in feasible]
-        outcomes = np.array([o.outcome for o in feasible], dtype=float)
+        outcomes = believed(worlds, [o.outcome or 0.0 for o in feasible])
         standard = RockStandardiser.fit(worlds, outcomes).standardise(worlds, outcomes)
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
         known, flying = distributions(self.settings.space), {p.number for p in pending}

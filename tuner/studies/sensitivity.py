@@ -26,7 +26,7 @@ from tuner.report.labels import format_number, metric_label, parameter_label
 from tuner.report.terminal import whole_tables
 from tuner.surrogate.fit import posterior_means
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.numerics import numerics
+from tuner.surrogate.numerics import draws_of, numerics, seeded
 
 MEAN_POINTS, DRAW_POINTS = 2048, 128  # per sample, of the posterior mean and of joint draws
 DRAWS = 200
@@ -107,12 +107,12 @@ def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: 
             f"{len(missions)} missions for {d} parameters; fly at least {2 * (d + 1)} before asking what matters"
         )
     gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.world for o in missions)), SEED)
-    with numerics(SEED), torch.no_grad():
+    with numerics(), torch.no_grad():
         points = _points(space, MEAN_POINTS)
         mean = posterior_means(gp.model, gp.inputs(points)).numpy()
         first, total = (found[0] for found in _indices(mean[None], d))
         points = _points(space, DRAW_POINTS)
-        draws = gp.model.posterior(gp.inputs(points)).rsample(torch.Size([DRAWS]))[..., 0].numpy()
+        draws = draws_of(gp.model, gp.inputs(points), DRAWS, seeded(SEED)).numpy()
         first_95, total_95 = (np.nanpercentile(found, (2.5, 97.5), axis=0).T for found in _indices(draws, d))
     importances = [
         Importance(

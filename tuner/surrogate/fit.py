@@ -122,7 +122,7 @@ class Feasibility:
         y = torch.ones(len(x), 1, dtype=torch.float64)
         y[: len(failed)] = -1.0
         chosen = fitted_subset(len(x))
-        with numerics(seed), torch.enable_grad():  # whoever asks first
+        with numerics(), torch.enable_grad():  # whoever asks first
             kernel = landscape_kernel(ordered, space.categorical_dimensions)
             self._model = fitted([kernel], x[chosen], y[chosen])
 

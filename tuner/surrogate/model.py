@@ -36,7 +36,7 @@ from botorch.models import SingleTaskGP
 from nbv.types import Floats
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
-from tuner.problem.standardise import RockStandardiser
+from tuner.problem.standardise import RockStandardiser, believed
 from tuner.problem.worlds import Place, World, worlds_of
 from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
 from tuner.surrogate.kernel import (
@@ -88,7 +88,7 @@ class RockMeanGP:
         self.space = space
         self.worlds = worlds_of(places)
         self.observations = tuple(feasible)
-        outcomes = np.array([o.outcome for o in feasible], dtype=float)
+        self.believed = outcomes = believed([o.world for o in feasible], [o.outcome or 0.0 for o in feasible])
         rocks = [o.rock for o in feasible]
         flown = [(o.world, o.replicate) for o in feasible]
         self._models_blocks = self.settings.blocks and blocks_identifiable(flown)
@@ -98,7 +98,8 @@ class RockMeanGP:
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         self._seed = seed
-        self.targets = self.standardiser.standardise(rocks, outcomes)  # (n,)
+        # (n,), to a hundredth of the least noise: what a number's last digits round to proposes nothing
+        self.targets = np.round(self.standardiser.standardise(rocks, outcomes), 4)
         self._world_index = _levels([*self.worlds, *(o.world for o in feasible)])
         self._block_index = _levels(flown)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
@@ -106,7 +107,7 @@ class RockMeanGP:
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
         # Indices of the missions that hyperparameters are fitted to.
         self.fitted_to = fitted_subset(len(feasible))
-        with numerics(seed):
+        with numerics():
             self._fitted = self._fit(x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
@@ -227,13 +228,21 @@ class RockMeanGP:
 
         Share in the 95 % intervals, and root mean square error of the standardised outcomes.
         """
-        found = efficient_loo_cv(self._fitted)
-        error = (found.observed_Y - found.posterior.mean).flatten().numpy()
-        z = error / found.posterior.variance.sqrt().flatten().numpy()
+        error, sd = self._left_out()
         return {
-            "coverage_95": float(np.mean(np.abs(z) <= NORMAL_95)),
+            "coverage_95": float(np.mean(np.abs(error) <= NORMAL_95 * sd)),
             "rmse": float(np.sqrt(np.mean(error**2))),
         }
+
+    def leave_one_out_z(self) -> Floats:
+        """Return (m,) errors of those predictions, in standard deviations of each."""
+        error, sd = self._left_out()
+        return error / sd
+
+    def _left_out(self) -> tuple[Floats, Floats]:
+        found = efficient_loo_cv(self._fitted)
+        error = (found.observed_Y - found.posterior.mean).flatten().numpy()
+        return error, found.posterior.variance.sqrt().flatten().numpy()
 
 
 def _levels(names: Iterable[Any]) -> dict[Any, float]:

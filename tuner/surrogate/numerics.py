@@ -1,39 +1,67 @@
-"""How numbers are computed here: float64, seeded, one thread."""
+"""How numbers are computed here: float64, one thread, one computation at a time; chance has generators of its own."""
 
 from __future__ import annotations
 
 import contextlib
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
+from botorch.acquisition.utils import prune_inferior_points
 from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
+from botorch.models import SingleTaskGP
+from botorch.models.model import Model
+from botorch.sampling import SobolQMCNormalSampler
 from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats
 
+PRUNING_SAMPLES = 2048
 NORMAL_95 = 1.959963984540054
 
 
-@contextlib.contextmanager
-def numerics(seed: int) -> Iterator[None]:
-    """Seed torch, use one thread, hide warnings about tiny data sets; at the end restore the random state.
+_turn = threading.RLock()
 
-    More threads than one make matrices of this size slower, several times so on a busy machine.
+
+@contextlib.contextmanager
+def numerics() -> Iterator[None]:
+    """Take turns with other threads, use one thread, hide warnings about tiny data sets.
+
+    BoTorch's fits change the process's warning filters, and threads and filters are the process's here too; torch's global random
+    state is neither used nor changed. More threads than one make matrices of this size slower, several times so on a busy machine.
     """
-    threads = torch.get_num_threads()
-    state = torch.random.get_rng_state()
-    torch.set_num_threads(1)
-    torch.manual_seed(seed)
-    try:
-        with threadpool_limits(1), warnings.catch_warnings():
-            for category in (InputDataWarning, OptimizationWarning, BotorchWarning, RuntimeWarning):
-                warnings.simplefilter("ignore", category)
+    with _turn, threadpool_limits(1), warnings.catch_warnings():
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        for category in (InputDataWarning, OptimizationWarning, BotorchWarning, RuntimeWarning):
+            warnings.simplefilter("ignore", category)
+        try:
             yield
-    finally:
-        torch.set_num_threads(threads)
-        torch.random.set_rng_state(state)
+        finally:
+            torch.set_num_threads(threads)
+
+
+def draws_of(
+    model: SingleTaskGP, inputs: torch.Tensor, count: int, generator: torch.Generator
+) -> torch.Tensor:
+    """Return (count, n) joint draws from the posterior at (n, inputs)."""
+    normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
+    drawn = model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)
+    return drawn[..., 0]
+
+
+def seeded(seed: int) -> torch.Generator:
+    """Return a generator of random numbers of its own."""
+    return torch.Generator().manual_seed(seed)
+
+
+def pruned(model: Model, inputs: torch.Tensor, seed: int, **asked: Any) -> torch.Tensor:
+    """Return those of (n, inputs) that may be the best; as BoTorch's, whose sampler takes its seed from the global state."""
+    sampler = SobolQMCNormalSampler(torch.Size([PRUNING_SAMPLES]), seed=seed)
+    return prune_inferior_points(model, inputs, sampler=sampler, **asked)
 
 
 def tensor(array: Floats | Sequence[Sequence[float]] | Sequence[Floats]) -> torch.Tensor:

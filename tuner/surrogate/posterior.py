@@ -22,6 +22,7 @@ from tuner.problem.search_space import SearchSpace
 
 FREEDOM = 5.0  # degrees of freedom of what is stated
 ROUNDING = 1e-9
+CANCELLED = 1e-13  # of variances: what is left of their difference is rounding
 MOST_ENDS = 256
 
 
@@ -33,7 +34,7 @@ def interval_95(mean: float, sd: float) -> tuple[float, float]:
 
 def probability_positive(mean: float, sd: float) -> float:
     """Return the probability that is stated for the quantity being above 0; a half where the model knows it to be 0."""
-    return 0.5 if sd <= 1e-12 else float(special.stdtr(FREEDOM, mean / sd))
+    return 0.5 if sd == 0.0 else float(special.stdtr(FREEDOM, mean / sd))
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ class Posterior:
         """Return ``(mean, sd)`` of entry ``index`` minus entry ``reference``."""
         c = self.covariance
         variance = c[index, index] + c[reference, reference] - 2 * c[index, reference]
-        return float(self.mean[index] - self.mean[reference]), math.sqrt(max(0.0, float(variance)))
+        known = variance <= CANCELLED * (c[index, index] + c[reference, reference])
+        return float(self.mean[index] - self.mean[reference]), 0.0 if known else math.sqrt(variance)
 
 
 class KnownOutcome:

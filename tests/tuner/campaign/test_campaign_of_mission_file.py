@@ -220,6 +220,26 @@ def test_a_metric_that_a_mission_has_not_stops_the_campaign(gatetune, toy):
     assert [t.state for t in trials] == ["running"]
 
 
+def test_a_space_that_has_been_tried_out_ends_the_campaign(gatetune, toy):
+    gain = {"kind": "int", "low": 0, "high": 1, "default": 0}
+    changed = {
+        "parameters": {**FILE["parameters"], "gain": gain},
+        "instances": ["a"],
+        "baselines": {},
+        "replicates": 1,
+    }
+    (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, **changed}))
+    for command in (RUN, ["campaign", "resume", "runs/toy", "--workers", 1]):
+        code, out, err = gatetune(*command, *(["--budget", 12] if command is RUN else []))
+        assert code == 0, err
+        trials = Campaign.open(toy / "runs/toy", read_only=True).trials()
+        assert (
+            f"all 4 configurations have run with every replicate: the other {12 - len(trials)} missions"
+            in out
+        )
+        assert len({tuple(t.values.values()) for t in trials}) == 4 and len(trials) < 12
+
+
 def test_a_campaign_without_one_success_does_not_exit_0(gatetune, toy):
     entry = {"kind": "float", "low": 3.95, "high": 4, "default": 4}
     parameters = {**FILE["parameters"], "gain": entry}

@@ -1,6 +1,8 @@
 """Many missions at once: the acquisition's values are BoTorch's, and a batch is half the acquisition's, half drawn."""
 
+import concurrent.futures
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from botorch.sampling import SobolQMCNormalSampler
 
 from tuner.acquisition.constrained import Constraint, two_models
 from tuner.acquisition.draws import draw
-from tuner.acquisition.propose import LogNoisyImprovement
+from tuner.acquisition.propose import LogNoisyImprovement, propose
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
@@ -56,6 +58,28 @@ def test_half_a_batch_is_by_the_acquisition(flying: int, by_acquisition: int) ->
     proposals = gp.GPSampler(synthetic.sampler_settings(0, 4)).ask_many(history, pending, 12)
     assert [("log_nei" in p.why) for p in proposals].count(True) == by_acquisition
     assert len({tuple(p.values.values()) for p in proposals}) == 12
+
+
+def test_what_is_proposed_does_not_depend_on_another_thread() -> None:
+    """A proposal is made in a thread of its own, beside a recommendation and whatever else uses torch."""
+    model = model_of(24)
+
+    def proposed(seed: int) -> list[Values]:
+        return [propose(model, [], seed)[0], *draw([model], None, 3, seed)]
+
+    alone, stop = [proposed(seed) for seed in range(3)], threading.Event()
+
+    def beside() -> None:
+        while not stop.is_set():
+            torch.manual_seed(7)
+            torch.rand(1000)
+
+    with concurrent.futures.ThreadPoolExecutor(3) as threads:
+        busy = threads.submit(beside)
+        found = list(threads.map(proposed, range(3)))
+        stop.set()
+        busy.result()
+    assert found == alone
 
 
 def two_objectives(count: int) -> list[Observation]:

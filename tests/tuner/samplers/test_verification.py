@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import synthetic
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
+from tuner.samplers import gp
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
 
@@ -39,6 +42,22 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
         flying.append(Observation(4 + len(flying), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
     assert sorted(blocks) == [(rock, k) for rock in ROCKS for k in range(2)]
+
+
+def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case(monkeypatch) -> None:
+    """Every mission meets a rock of its own, so that a family has as many replicates as the budget has missions."""
+    asked: list[bool] = []
+    monkeypatch.setattr(gp, "verification", lambda *arguments, last, **options: asked.append(last))
+    s = dataclasses.replace(
+        synthetic.sampler_settings(0, 4), places=("any-cleft",), replicates=18, budget=18, earlier=None
+    )
+    for flown in (11, 12, 15, 16):
+        history = [
+            seen(i, o.values, "any-cleft", o.outcome, i)
+            for i, o in enumerate(synthetic.random_design(flown, 0.1, 0))
+        ]
+        gp.GPSampler(s).ask(history, [])
+    assert asked == [False, False, True]  # of 11 missions nobody verifies anything
 
 
 def test_nothing_to_verify_while_exploring_promises_more() -> None:

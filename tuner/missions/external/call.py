@@ -14,7 +14,7 @@ def main(target: str, request_file: str) -> None:
     request = json.loads(Path(request_file).read_text(encoding="utf-8"))
     module, _, name = target.partition(":")
     result = getattr(importlib.import_module(module), name)(request)
-    Path(request["output"], "result.json").write_text(json.dumps(result), encoding="utf-8")
+    Path(request["output"], "result.json").write_text(json.dumps(result, default=float), encoding="utf-8")
 
 
 if __name__ == "__main__":

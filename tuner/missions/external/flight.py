@@ -35,6 +35,7 @@ from tuner.missions.external.program import (
     Cloud,
     Request,
     Result,
+    numbers,
     read_result,
     run_program,
     seed_of,
@@ -86,8 +87,12 @@ def run_external_mission(
         request = Request(config.values, instance, replicate, seed, str(output))
         started = time.monotonic()
         result = _flown(mission, request)
-        costs = {**result.costs, "wall_s": time.monotonic() - started}
-        metrics, reason, message = dict(result.metrics), result.failure or "", ""
+        (metrics, others), (costs, no_costs) = numbers(result.metrics), numbers(result.costs, "costs.")
+        costs["wall_s"] = time.monotonic() - started
+        reason, message = result.failure or "", ""
+        tunable = {path: value for path, value in others.items() if path in mission.directions} | no_costs
+        if tunable and not reason:
+            reason, message = "metric_not_a_number", "{} is {!r}".format(*next(iter(tunable.items())))
         if result.cloud and mission.score and not reason:
             try:
                 scored, message, provenance["rock_sha256"] = score_cloud(mission, request, result.cloud)

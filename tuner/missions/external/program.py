@@ -16,17 +16,18 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO
 
 import msgspec
 import psutil
 
 from nbv.cache import home
 from nbv.errors import UserError
-from nbv.safe_files import open_to_write, read_bytes, read_json, write_atomic
+from nbv.safe_files import RESULT_NODES, open_to_write, parse_json, read_json, read_text, write_atomic
 from tuner.missions.external.mission_file import MissionFile
 
 LOG_FILE = "mission.log"
+KEPT_BYTES = 500_000
 GRACE_S = 5.0  # from SIGTERM to SIGKILL
 _CALL = Path(__file__).with_name("call.py")
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"
@@ -71,6 +72,19 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
             return None
         finally:
             _end(_below() - before)
+            _cut(log)
+
+
+def _cut(log: BinaryIO) -> None:
+    """Leave the beginning and the end of what a program printed, `KEPT_BYTES` each."""
+    with Path(f"/proc/self/fd/{log.fileno()}").open("rb") as printed:  # whatever the program made of its name
+        left_out = printed.seek(0, os.SEEK_END) - 2 * KEPT_BYTES
+        if left_out > 0:
+            printed.seek(-KEPT_BYTES, os.SEEK_END)
+            end = printed.read()
+            log.truncate(KEPT_BYTES)
+            log.seek(KEPT_BYTES)
+            log.write(b"\n[%d bytes left out]\n" % left_out + end)
 
 
 def adopt_orphans() -> None:
@@ -134,8 +148,8 @@ class Cloud(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Result(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The content of ``result.json``: metrics, a cloud, or why the configuration fails."""
 
-    metrics: dict[str, float | dict[str, float]] = {}
-    costs: dict[str, float] = {}
+    metrics: dict[str, Any] = {}  # numbers, or groups of them; what is none is told by `numbers`
+    costs: dict[str, Any] = {}
     cloud: Cloud | None = None
     failure: Annotated[str, msgspec.Meta(min_length=1)] | None = None
 
@@ -151,12 +165,32 @@ def read_result(path: Path) -> Result:
     if not path.exists():
         raise UserError(f"no {path.name}")
     try:
-        result = msgspec.json.decode(read_bytes(path, _LARGEST_RESULT_BYTES), type=Result)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        text = read_text(path, _LARGEST_RESULT_BYTES)
+        result = msgspec.convert(parse_json(text, path.name, RESULT_NODES), Result)
+    except msgspec.ValidationError as error:
         raise UserError(f"{path.name}: {error}") from error
     if not (result.metrics or result.cloud or result.failure):
         raise UserError(f"{path.name} needs metrics, cloud or failure")
     return result
+
+
+def numbers(tree: Mapping[str, Any], prefix: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the finite numbers of metrics or costs, in their groups, and by its path whatever is none."""
+    found: dict[str, Any] = {}
+    others: dict[str, Any] = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            found[name], inside = numbers(value, f"{prefix}{name}.")
+            others |= inside
+        elif (
+            isinstance(value, (int, float))
+            and not isinstance(value, bool)
+            and abs(value) <= sys.float_info.max
+        ):
+            found[name] = float(value)
+        else:
+            others[f"{prefix}{name}"] = value
+    return found, others
 
 
 def trust(identity: str, mission: MissionFile) -> None:

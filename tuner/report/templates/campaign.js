@@ -4,7 +4,8 @@
   const SVG = "http://www.w3.org/2000/svg";
   const BLUE = "#0072B2", INK = "#1d2329", SOFT = "#59636e", LINE = "#d9dee3", RED = "#D55E00";
   const filter = document.getElementById("rock-filter"), tip = document.getElementById("tip");
-  const text = (v, digits = data.digits) => (v === null || v === undefined ? "–" : v.toFixed(digits).replace("-", "−"));
+  const decimal = (v, digits) => (digits < 0 || (digits > 6 && Math.abs(v) < 1e-3) ? (v ? v.toExponential(2) : "0") : v.toFixed(digits));
+  const text = (v, digits = data.digits) => (v === null || v === undefined ? "–" : decimal(v, digits).replaceAll("-", "−"));
   const tickDigits = (low, high) => Math.min(data.digits, Math.max(0, -Math.floor(Math.log10((high - low) / 4))));
 
   const el = (name, attributes, parent, content) => {

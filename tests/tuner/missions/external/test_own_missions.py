@@ -56,7 +56,10 @@ def test_a_result_becomes_a_mission(tmp_path):
     [
         ("echo no fix; exit 3", "no result.json; it ended with status 3: 'no fix'; see .*mission.log"),
         ("kill -9 $$", "it ended with SIGKILL"),
-        ("""echo '{"metrics": {"lo' > $GATETUNE_OUTPUT/result.json""", "JSON is malformed"),
+        (
+            """echo '{"metrics": {"lo' > $GATETUNE_OUTPUT/result.json""",
+            "result.json is not valid JSON: .*; it ended",
+        ),
         ("truncate -s 20G $GATETUNE_OUTPUT/result.json", r"in bytes is 2.1\d*e\+10"),
         ("mkfifo $GATETUNE_OUTPUT/result.json", "not a regular file"),
         ("rm -r $GATETUNE_OUTPUT", "no result.json"),
@@ -66,6 +69,35 @@ def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says
     with pytest.raises(MissionFailure, match=says) as failure:
         fly(tmp_path, script)
     assert failure.value.reason == "machine_error: no_result" and "\n" not in failure.value.message
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        ('{"metrics": {"loss": NaN}}', "loss is nan"),
+        ('{"metrics": {"loss": -Infinity}}', "loss is -inf"),
+        ('{"metrics": {"loss": 1e999}}', "loss is inf"),
+        ('{"metrics": {"loss": null}}', "loss is None"),
+        ('{"metrics": {"loss": "n/a"}}', "loss is 'n/a'"),
+        ('{"metrics": {"loss": 1}, "costs": {"fuel": NaN}}', "costs.fuel is nan"),
+    ],
+)
+def test_what_is_no_number_is_the_configurations_failure(tmp_path, result, message):
+    flown = fly(tmp_path, f"echo '{result}' > $GATETUNE_OUTPUT/result.json")
+    assert (flown.status, flown.reason, flown.message) == ("failed", "metric_not_a_number", message)
+
+
+def test_what_a_mission_prints_is_cut(tmp_path):
+    fly(tmp_path, f"echo first; head -c 30000000 /dev/zero; echo last; {FINE}")
+    log = (tmp_path / "m/output/mission.log").read_bytes()
+    assert len(log) < 1_100_000 and log.startswith(b"first") and log.endswith(b"last\n")
+    assert b"[29000011 bytes left out]" in log
+
+
+def test_a_further_metric_that_is_no_number_is_left_out(tmp_path):
+    text = '{"metrics": {"loss": 1, "of": {"psnr": NaN, "rmse": 2}, "note": "x"}}'
+    flown = fly(tmp_path, f"echo '{text}' > $GATETUNE_OUTPUT/result.json")
+    assert (flown.status, flown.metrics) == ("ok", {"loss": 1, "of": {"rmse": 2}})
 
 
 def test_a_time_out_is_the_configurations_unless_there_is_a_result(tmp_path):

@@ -1,0 +1,111 @@
+"""The unit of a metric changes nothing, and one wild outcome hardly anything."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.standardise import believed
+from tuner.recommendation.choose import recommend
+from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import outlier_sentences
+from tuner.report.labels import decimals_for, format_number, number_text
+from tuner.samplers.base import make_sampler
+
+LINE = SearchSpace("line", (Parameter("x", "float", default=0.1),))
+MISSIONS = synthetic.random_design(16, 0.05, 0, 2)
+
+
+@functools.cache
+def answers(a: float, b: float) -> list[Any]:
+    """What is proposed and recommended where every outcome y is a y + b."""
+    outcomes = [a * o.outcome + b for o in MISSIONS if o.outcome is not None]
+    history = [dataclasses.replace(o, outcome=y, raw=y) for o, y in zip(MISSIONS, outcomes)]
+    proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
+    best = recommend(
+        synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective(), only_verified=False
+    )
+    assert best is not None and best.runner_up is None
+    return [proposal.values, best.values, round(best.improvement / float(np.ptp(outcomes)), 5)]
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.floats(-12, 12), st.floats(-1e6, 1e6))
+@example(12.0, 0.0)
+@example(-12.0, 0.0)
+@example(0.0, 1e9)
+def test_proposals_and_recommendation_do_not_depend_on_the_unit(exponent: float, shift: float) -> None:
+    a = 10.0**exponent
+    assert answers(a, a * shift if abs(shift) < 1e7 else shift) == answers(1.0, 0.0)
+
+
+def on_a_line(wild: dict[int, float]) -> Recommendation:
+    """20 missions of -(x - 0.3)^2, the default first, some with another outcome."""
+    places = [0.1, *(np.arange(19) + 0.5) / 19]
+    outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
+    history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
+    best = recommend(LINE, history, ("one",), {"x": 0.1}, Objective("q"))
+    assert best is not None
+    return best
+
+
+@pytest.mark.parametrize("outcome", [-0.3, -1.0, -10.0, -1e12, -1e300, 0.2, 1.0, 1e12])
+@pytest.mark.parametrize("where", [0, 7, 13])
+def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentieth(
+    outcome: float, where: int
+) -> None:
+    best = on_a_line({where: outcome})
+    assert abs(best.values["x"] - 0.3) <= 0.05
+    assert -0.5 < best.default_mean <= best.mean <= 0.0
+    (said,) = outlier_sentences(best)
+    assert said.startswith(
+        f"Mission #{where + 1:03d} measured Q {number_text(outcome)}, which all others contradict"
+    )
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "expected"),
+    [
+        ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 2.0, 3.0, 4.0]),
+        ([0.0, 1.0, 2.0, 3.0, -1e12], [0.0, 1.0, 2.0, 3.0, -6.0]),  # two ranges away
+        ([0.0, 1.0, 2.0, 3.0, 1e12], [0.0, 1.0, 2.0, 3.0, 9.0]),
+        ([0.0] * 17 + [0.5, 1.0, 90.0], [0.0] * 17 + [0.5, 1.0, 3.0]),
+        ([0.0] * 17 + [0.5, 90.0, 91.0], [0.0] * 17 + [0.5, 90.0, 91.0]),  # two are believed
+        ([*np.linspace(0, 1, 17), -99.0, -99.0, -99.0], [*np.linspace(0, 1, 17), -2.0, -2.0, -2.0]),
+        ([1.0] * 9, [1.0] * 9),
+        ([], []),
+    ],
+)  # fmt: skip
+def test_what_is_believed(outcomes: list[float], expected: list[float]) -> None:
+    assert believed(["r"] * len(outcomes), outcomes) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("number", "spread", "text"),
+    [
+        (94.567, 0.4, "94.57"),
+        (94.567, 40.0, "94.6"),
+        (1e-8, 2e-11, "1.0000e−8"),
+        (-3.2e-12, 1e-8, "0"),
+        (2.345e11, 3e9, "2.345e11"),
+        (1e9 + 0.25, 0.1, "1000000000.25"),
+        (0.0, 1e-9, "0"),
+        (99.87654321, 1e-7, "99.87654321"),
+    ],
+)
+def test_numbers_have_the_digits_that_their_spread_deserves(number: float, spread: float, text: str) -> None:
+    assert format_number(number, decimals_for(spread)) == text
+
+
+def test_a_number_alone_shows_its_first_digits() -> None:
+    assert [number_text(x) for x in (94.567, -1e-8, 0.0, 1e12)] == ["94.57", "−1.000e−8", "0.00", "1.000e12"]
