@@ -129,7 +129,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     """Which missions are not believed, and what becomes of them."""
     name, said = short_name(metric_label(best.modelled_metric)), []
     for o in best.outliers[:FEW]:
-        line = f"Mission #{o.mission + 1:03d} measured {name} {number_text(o.measured)}, "
+        line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
         if o.counts_as is None:
             line += "which all others contradict: this was found without it; fly its configuration again if it may be true."
         else:

@@ -69,7 +69,7 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
     assert -0.5 < best.default_mean <= best.mean <= 0.0
     (said,) = outlier_sentences(best)
     assert said.startswith(
-        f"Mission #{where + 1:03d} measured Q {number_text(outcome)}, which all others contradict"
+        f"Mission #{where:04d} measured Q {number_text(outcome)}, which all others contradict"
     )
 
 
