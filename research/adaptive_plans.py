@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from nbv.mission.result import MissionResult
 from nbv.photogrammetric.mission import PhotogrammetricFidelity
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 from nbv.types import Capture, Cloud, SparseModel, UpdateReport
+from research.other_shapes import SHAPES, load_shape
 
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
 FIDELITIES: dict[str, Any] = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
@@ -29,10 +30,10 @@ BASE: dict[str, Any] = {
 }
 
 
-def rocks_of(split: str, per_family: int, first: int = 0) -> list[str]:
+def rocks_of(split: str, per_family: int, first: int = 0, families: Iterable[str] = FAMILIES) -> list[str]:
     """The first so many rocks of every family in a split, family by family within a seed."""
     start = FIRST_SEED[split] + first
-    return [f"{family}-{seed}" for seed in range(start, start + per_family) for family in FAMILIES]
+    return [f"{family}-{seed}" for seed in range(start, start + per_family) for family in families]
 
 
 def base(**values: Any) -> MissionConfig:
@@ -94,7 +95,7 @@ def fly(
     Parameters
     ----------
     config, rock, replicate
-        As `nbv.mission.MissionFunction` has them.
+        As `nbv.mission.MissionFunction` has them; or one of `research.other_shapes.SHAPES`.
     fidelity
         A name in `FIDELITIES`.
     listen
@@ -103,6 +104,8 @@ def fly(
     kept: list[Any] = []
 
     class Listening(FIDELITIES[fidelity]):  # type: ignore[misc]
+        load = staticmethod(load_shape if rock in SHAPES else FIDELITIES[fidelity].load)
+
         def __init__(self, context: MissionContext) -> None:
             super().__init__(context)
             self.reconstructor = _Kept(self.reconstructor, listen, self.believed)

@@ -4,8 +4,9 @@ The surface that the vehicle believes in is the convex hull of the sparse points
 the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
 (`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes come where it is weakest: the least
 chance of the best nine tenths, and the rock's height, give the completeness by a logistic curve that was fitted to simulated
-missions on rocks of training seeds (``python -m research.predict_completeness fit``;
-docs/results/predicted_completeness.md).
+missions on boulders of training seeds (``python -m research.predict_completeness fit``;
+docs/results/predicted_completeness.md). On other shapes it holds less well: inside of what is open from above, like a
+bucket, no photograph matches points, and it is predicted some 20 points too high (docs/results/other_shapes.md).
 """
 
 from __future__ import annotations
