@@ -452,28 +452,33 @@ def _check_events(text: str, source: str) -> None:
 
 
 def _check_tree(tree: Any, source: str, nodes: int) -> None:
-    stack, count = [(tree, 0)], 0
-    while stack:
-        node, depth = stack.pop()
-        count += 1
-        if isinstance(node, (dict, list)):
-            if depth >= TREE_DEPTH:
-                require(depth + 1, TREE_DEPTH, f"{source}: the depth")
-            if isinstance(node, dict) and (odd := [key for key in node if not isinstance(key, str)]):
-                raise UserError(f"{source}: the key {str(odd[0])[:40]} is not a text; quote it")
-            children = [*node, *node.values()] if isinstance(node, dict) else node
-            stack += [(child, depth + 1) for child in children]
-        elif isinstance(node, str):
-            if not node.isascii() and any("\ud800" <= c <= "\udfff" for c in node):
-                raise UserError(f"{source}: half of a surrogate pair in {node[:40]!a}; take it out")
-        elif isinstance(node, int):
-            if not -_INT_BOUND <= node < _INT_BOUND:
-                raise UserError(f"{source}: a whole number beyond 64 bits; give a smaller one")
-        elif node is not None and not isinstance(node, float):
-            kind = type(node).__name__
-            raise UserError(
-                f"{source}: {str(node)[:40]!r} is a {kind}, not a plain value; quote it if it is a text"
-            )
+    level, depth, count = [tree], 0, 0
+    while level:
+        count += len(level)
+        below: list[Any] = []
+        for node in level:
+            if node is None or isinstance(node, float):
+                continue
+            if isinstance(node, str):
+                if not node.isascii() and any("\ud800" <= c <= "\udfff" for c in node):
+                    raise UserError(f"{source}: half of a surrogate pair in {node[:40]!a}; take it out")
+            elif isinstance(node, int):
+                if not -_INT_BOUND <= node < _INT_BOUND:
+                    raise UserError(f"{source}: a whole number beyond 64 bits; give a smaller one")
+            elif isinstance(node, (dict, list)):
+                if depth >= TREE_DEPTH:
+                    require(depth + 1, TREE_DEPTH, f"{source}: the depth")
+                below += node
+                if isinstance(node, dict):
+                    if (odd := next((key for key in node if not isinstance(key, str)), "")) != "":
+                        raise UserError(f"{source}: the key {str(odd)[:40]} is not a text; quote it")
+                    below += node.values()
+            else:
+                kind = type(node).__name__
+                raise UserError(
+                    f"{source}: {str(node)[:40]!r} is a {kind}, not a plain value; quote it if it is a text"
+                )
+        level, depth = below, depth + 1
     require(count, nodes, f"{source}: the number of nodes")
 
 

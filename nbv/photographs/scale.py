@@ -31,7 +31,7 @@ SURE_ERROR = 0.01  # of the scale, below which places are taken as their file sa
 BETTER = 3.0  # times less rest speaks for another reading of the places than the one that their file says
 WGS84 = "EPSG:4326"
 _MOST_LINES = 20_000
-_UTM = re.compile(r"(\w*?)\s*/?\s*UTM\s*(?:zone)?\s*(\d+)\s*([C-X])", re.IGNORECASE)
+_UTM = re.compile(r"([\w ]*?)\s*/?\s*UTM\s*(?:zone)?\s*(\d+)\s*([C-X])", re.IGNORECASE)
 
 Place = tuple[float, float, float | None]  # as the file has it; None: no height
 
@@ -133,14 +133,15 @@ def _system(text: str, path: Path) -> CRS | None:
     """The coordinate system of a file's first line; None where it says that places are in metres of the user's own."""
     if re.fullmatch(r"local|m|met(re|er)s?", text, re.IGNORECASE):
         return None
+    named = text
     if utm := _UTM.fullmatch(text):
         datum, zone, band = utm.groups()
         datum = "WGS 84" if datum.upper() in ("", "WGS84") else datum
-        text = f"{datum} / UTM zone {zone}{'S' if band.upper() == 'S' or band.upper() < 'N' else 'N'}"
+        named = f"{datum} / UTM zone {zone}{'S' if band.upper() == 'S' or band.upper() < 'N' else 'N'}"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of old ways to write it
-            crs = CRS.from_user_input(text)
+            crs = CRS.from_user_input(named)
         if len(crs.axis_info) >= 2:
             return crs
     except CRSError:
