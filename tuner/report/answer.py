@@ -51,7 +51,19 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
         if _leads(best.runner_up):
             return f"Keep {default} for now: what looks better has not run often enough to be recommended."
         return f"Keep {default}: nothing flown is known to be better."
-    return f"Use {configuration_words(best.values, best, s)}."
+    words = configuration_words(best.values, best, s)
+    if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
+        place, (low, high) = place_word(s), best.limit.next_hundred or (0, 100)
+        return (
+            f"{words} kept {limit_words(best.limit)} on the training {place}s, and is expected to on "
+            f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {place}s (95 % interval {low} to {high})."
+        )
+    return f"Use {words}."
+
+
+def may_fail_on_most(limit: Limit) -> bool:
+    """Whether the interval of the rocks that keep the limit reaches below a half."""
+    return limit.next_hundred is not None and limit.next_hundred[0] < 50
 
 
 def configuration_words(values: Mapping[str, Any], best: Recommendation, s: CampaignSettings) -> str:
@@ -154,7 +166,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str
     if limit.flown is not None:
         said += "; reached on {} of the {} that were flown".format(*limit.flown)
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
-    if limit.next_rock_keeps is not None and limit.next_hundred is not None:
+    if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
         line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {place}s (95 % interval {low} to {high})"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:

@@ -32,6 +32,7 @@ from tuner.evaluation.comparison import MIN_ROCKS
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
+from tuner.problem.exact_costs import PHOTOGRAPHS
 from tuner.problem.objective import COUNTS
 from tuner.problem.observations import configuration_key, short
 from tuner.problem.search_space import Parameter, ours
@@ -42,6 +43,7 @@ from tuner.report.answer import (
     bound,
     gate_words,
     limit_words,
+    may_fail_on_most,
     place_word,
     runner_up_sentence,
     use_sentence,
@@ -154,6 +156,8 @@ def write_campaign_report(campaign: Campaign) -> Path:
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
         kind = "better" if low > 0 else "worse" if high < 0 else "no"
+        if best.limit is not None and may_fail_on_most(best.limit):
+            kind = "no"
     return write_page(
         directory / REPORT_FILE,
         "campaign.html.j2",
@@ -186,6 +190,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         unit=facts.label.unit,
         not_drawn=max(0, len(facts.trials) - MOST_MISSIONS),
         explorer=_explorer_data(facts),
+        counts=s.objective.metric == PHOTOGRAPHS,
         model="" if best is None or facts.model is None else _model_text(facts, best),
         per_rock=[] if best is None else _rock_rows(facts, best),
         failures=_failure_rows(facts),
@@ -573,6 +578,8 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
         offset, factor = model.standardiser.mean_over([world.rock for world in model.worlds])
         values = sign * (offset + factor * model.targets)
         adjusted = {o.number: round(float(v), 6) for o, v in zip(model.observations, values, strict=True)}
+    # Where the number of photographs is the objective, the page shows it against the quality.
+    counts = facts.settings.objective.metric == PHOTOGRAPHS and facts.modelled != facts.settings.objective
     trials = [
         {
             "n": t.number,
@@ -584,6 +591,7 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
             "why": str(t.why.get("phase", "")),
             "best": best is not None and t.values == best.values,
             "default": t.values == facts.default,
+            "photos": t.raw if counts else None,
             "href": _mission_link(facts.campaign.directory, t),
             "u": [_position(p, t.values[p.path]) for p in parameters],
             "v": [short(t.values[p.path]) for p in parameters],
@@ -597,6 +605,8 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
     tree = {
         "axis": facts.label.axis,
         "digits": facts.digits,
+        "sign": sign,
+        "most": 100.0 if facts.label.unit == "%" else None,
         "parameters": [_parameter(p) for p in parameters],
         "best": [_position(p, best.values[p.path]) for p in parameters] if best else [],
         "trials": trials,

@@ -46,25 +46,52 @@
     return g;
   };
 
-  function history() {
-    const [svg, width] = canvas("history", 250), trials = shownTrials();
+  const PALETTE = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999", "#882255", "#999933"];
+  const places = [...new Set(data.trials.map((t) => t.where))];
+  const colour = (t) => PALETTE[places.indexOf(t.where) % PALETTE.length];
+  const betters = (a, b) => (data.sign > 0 ? a > b : a < b);
+
+  // Outcomes over `key` of every trial; `lines`: with the best so far of every rock.
+  function scatter(id, key, label, lines) {
+    if (!document.getElementById(id)) return;
+    const [svg, width] = canvas(id, 270), trials = shownTrials().filter((t) => t[key] !== null);
     const values = trials.filter((t) => t.raw !== null).map((t) => t.raw);
     if (!values.length) { el("text", { x: 8, y: 20 }, svg, "no successful mission here"); return; }
-    const [low, high] = range(values), digits = tickDigits(low, high), left = roomFor(low, high, digits), last = Math.max(...data.trials.map((t) => t.n));
-    const x = (n) => left + 10 + (width - left - 26) * n / Math.max(1, last), y = (v) => 205 - 190 * (v - low) / (high - low);
+    let [low, high] = range(values);
+    if (data.most !== null) high = Math.min(high, data.most);
+    const digits = tickDigits(low, high), left = roomFor(low, high, digits);
+    const xs = data.trials.filter((t) => t[key] !== null).map((t) => t[key]), first = Math.min(...xs), last = Math.max(...xs);
+    const x = (n) => left + 10 + (width - left - 26) * (n - first) / Math.max(1, last - first), y = (v) => 205 - 190 * (v - low) / (high - low);
     for (let k = 0; k <= 4; k++) {
       const v = low + k * (high - low) / 4;
       el("line", { x1: left + 4, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
       el("text", { x: left, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
     }
-    el("text", { x: left + 10, y: 243, class: "soft" }, svg, `mission 0 to ${last}; ${data.axis}`);
-    for (const t of trials) {
-      const g = linked(svg, t);
-      if (t.raw === null) el("path", { d: `M${x(t.n) - 4} 216l8 8m0 -8l-8 8`, stroke: RED, "stroke-width": 2, fill: "none" }, g);
-      else if (t.best) el("circle", { cx: x(t.n), cy: y(t.raw), r: 6, fill: BLUE }, g);
-      else if (t.default) el("circle", { cx: x(t.n), cy: y(t.raw), r: 5, fill: "#fff", stroke: "#000", "stroke-width": 1.8 }, g);
-      else el("circle", { cx: x(t.n), cy: y(t.raw), r: 3.5, fill: SOFT }, g);
+    el("text", { x: left + 10, y: 243, class: "soft" }, svg, `${label} ${first} to ${last}; ${data.axis}`);
+    let at = left + 10;
+    for (const where of new Set(trials.map((t) => t.where))) {
+      el("circle", { cx: at, cy: 258, r: 4, fill: colour({ where }) }, svg);
+      el("text", { x: at + 8, y: 262, class: "soft" }, svg, where);
+      at += 24 + 7 * where.length;
+      if (!lines) continue;
+      let best = null, path = "";
+      for (const t of trials.filter((o) => o.where === where && o.raw !== null)) {
+        if (best !== null) path += `H${x(t[key])}`;
+        if (best === null || betters(t.raw, best)) { best = t.raw; path += `${path ? "V" : `M${x(t[key])} `}${y(best)}`; }
+      }
+      if (path) el("path", { d: `${path}H${x(last)}`, fill: "none", stroke: colour({ where }), "stroke-width": 1.2, opacity: 0.6 }, svg);
     }
+    for (const t of trials) {
+      const g = linked(svg, t), c = colour(t);
+      if (t.raw === null) el("path", { d: `M${x(t[key]) - 4} 216l8 8m0 -8l-8 8`, stroke: RED, "stroke-width": 2, fill: "none" }, g);
+      else if (t.best) el("circle", { cx: x(t[key]), cy: y(t.raw), r: 6, fill: c }, g);
+      else if (t.default) el("circle", { cx: x(t[key]), cy: y(t.raw), r: 5, fill: "#fff", stroke: c, "stroke-width": 1.8 }, g);
+      else el("circle", { cx: x(t[key]), cy: y(t.raw), r: 3.5, fill: c, opacity: 0.75 }, g);
+    }
+  }
+  function history() {
+    scatter("history", "n", "trial", true);
+    scatter("photographs", "photos", "photographs", false);
   }
 
   function slices() {
@@ -72,7 +99,9 @@
     box.textContent = "";
     if (!data.slices.length) return;
     const all = data.slices.flatMap((s) => s.mean.flatMap((m, i) => [m - 1.96 * s.sd[i], m + 1.96 * s.sd[i]]));
-    const [low, high] = range([...all, ...trials.map((t) => t.adj)]), digits = tickDigits(low, high), left = roomFor(low, high, digits);
+    let [low, high] = range([...all, ...trials.map((t) => t.adj)]);
+    if (data.most !== null) high = Math.min(high, data.most);
+    const digits = tickDigits(low, high), left = roomFor(low, high, digits);
     data.slices.forEach((s, k) => {
       const p = data.parameters[k];
       const svg = el("svg", { viewBox: "0 0 320 190", class: "drawing slice", role: "img", "aria-label": `slice along ${p.name}` }, box);
