@@ -1,4 +1,4 @@
-"""`make tune` in small, and the whole way on from it: one recommendation, the same values wherever they stand."""
+"""`make tune` and `make tune-photographs` in small, and the whole way on: one recommendation, the same values everywhere."""
 
 import json
 import re
@@ -13,15 +13,40 @@ from tuner.campaign.campaign import Campaign
 BUDGET = "24"
 
 
+def recipe(target: str, name: str) -> str:
+    """The command line of a target of the Makefile, for a run of this name."""
+    lines = re.sub(r"\\\n\s*", " ", (ROOT / "Makefile").read_text())
+    command = re.search(rf"^{target}: setup\n\t\$\(BIN\)/(gatetune.*)$", lines, re.MULTILINE)[1]
+    return command.replace("$(RUN)-photographs", name).replace("$(RUN)", name)
+
+
 @pytest.mark.slow
 def test_from_make_tune_to_every_command_that_it_names(tmp_path):
     street = Street(tmp_path, SMALL | {"budget": BUDGET})
-    recipe = re.search(r"campaign run (--quick.*)", (ROOT / "Makefile").read_text())[1]
-    terminal = street.run("gatetune campaign run " + recipe.replace("$(RUN)", "tune"))
+    terminal = street.run(recipe("tune", "tune"))
+    answer = json.loads(street.run("gatetune campaign status runs/tune --json"))["recommendation"]
+    page, result = street.file("runs/tune/report.html"), json.loads(street.file("runs/tune/comparison.json"))
+    recommended = same_everywhere(street, answer)
+    for block in result["blocks"]:
+        plan = yaml.safe_load(street.file(f"runs/tune/{block['directory']}/evaluation.yaml"))
+        assert config_from_dict(plan["strategies"]["tuned"]).digest() == recommended
+        for row in block["rows"]:
+            assert row["label"] in terminal and row["label"] in page
+    changed = [path for path, value in answer["values"].items() if value != answer["default_values"][path]]
+    assert changed and all(path in terminal for path in changed)
+    for line in dict.fromkeys(commands_on(terminal) + commands_on(page)):
+        street.run(line)
+
+
+@pytest.mark.slow
+def test_from_make_tune_photographs_to_every_command_that_it_names(tmp_path):
+    street = Street(tmp_path, SMALL | {"budget": BUDGET})
+    terminal = street.run(recipe("tune-photographs", "tune"))
     answer = json.loads(street.run("gatetune campaign status runs/tune --json"))["recommendation"]
     page = street.file("runs/tune/report.html")
     says_what_is_known(answer, terminal, page)
     recommended = same_everywhere(street, answer)
+    street.run("gatetune export runs/tune --to scoring.yaml", code=2)  # it would carry nothing
     for command, against in (("evaluate", "Hyb-H"), ("confirm", "default")):
         found = json.loads(street.run(f"gatetune {command} runs/tune --json"))
         plan = yaml.safe_load(street.file(found["directory"] + "/evaluation.yaml"))
@@ -55,7 +80,6 @@ def same_everywhere(street: Street, answer: dict) -> str:
     for to in ("unified_mission.yaml", "gatetune.yaml", "csv"):
         street.run(f"gatetune export runs/tune --to {to}")
     street.run("gatetune export runs/tune --to plan --home 47.4,8.5")
-    street.run("gatetune export runs/tune --to scoring.yaml", code=2)  # it would carry nothing
     exported = config_from_dict(yaml.safe_load(street.file("runs/tune/gatetune.yaml")))
     assert exported.digest() == campaign.recommended_config().digest()
     return exported.digest()
