@@ -159,6 +159,10 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
 
     for line in (use_sentence(best, settings), *worth_sentences(best, settings)):
         output.print(line, highlight=False)
+    from tuner.report.gate_switches import switch_sentences
+
+    for line in switch_sentences(campaign, campaign.trials()):
+        output.print(line, highlight=False)
     if best.changed:
         changed = [
             (path, short(best.default_values[path]), short(best.values[path])) for path in best.changed

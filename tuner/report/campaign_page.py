@@ -17,7 +17,6 @@ from markupsafe import Markup
 
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
-from nbv.mission.result import IterationRecord, MissionResult
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
@@ -51,6 +50,7 @@ from tuner.report.answer import (
     worth_sentences,
 )
 from tuner.report.gate_figure import draw_gate
+from tuner.report.gate_switches import switch_sentences, traces_of
 from tuner.report.labels import (
     counted,
     decimals_for,
@@ -302,48 +302,12 @@ def _gate_answer(facts: CampaignFacts) -> str:
     config = facts.settings.config(best.values)
     if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
-    traces = [trace for _, trace in traces_of(facts, best.values)]
+    traces = [trace for _, trace in traces_of(facts.campaign, facts.flown(best.values))]
     if not traces:
         return "The missions' documents hold no choices."
     records = [record for trace in traces for record in trace]
     said = gate_words(records, strategy_label(config.gate.kind), len(traces))
-    return " ".join([*switch_sentences(facts), said])
-
-
-def traces_of(facts: CampaignFacts, values: Mapping[str, Any]) -> list[tuple[Trial, list[IterationRecord]]]:
-    """The trials of exactly these values with what their planners chose, those without a planned view left out."""
-    found = []
-    for t in facts.flown(values):
-        with contextlib.suppress(UserError, OSError):
-            trace = MissionResult.load(facts.campaign.directory / t.directory).trace
-            found += [(t, trace)] if trace else []
-    return found
-
-
-def switch_sentences(facts: CampaignFacts) -> list[str]:
-    """In how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
-    planned = [t for t in facts.trials if t.switched is not None]
-    if not planned:
-        return []
-    switched = sum(bool(t.switched) for t in planned)
-    said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
-    reset = [t.why["without_effect"] for t in facts.trials if t.why.get("phase") == "simplified"]
-    if reset:
-        named = ", ".join(parameter_label(path).name for path in reset[-1])
-        said.append(f"Without effect on any photograph, so left at the default: {named}.")
-    if best := facts.recommendation:
-        traces = traces_of(facts, best.default_values)
-        spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
-        if spread and not any(t.switched for t, _ in traces):
-            config = facts.settings.config(best.default_values)
-            threshold = config.gate.d95_m if isinstance(config, MissionConfig) else 0.0
-            low, high = min(spread), max(spread)
-            if not low < threshold < high:
-                said.append(
-                    f"At the default it never switches: d95 is {low:.2f} to {high:.2f} m here, and the threshold is "
-                    f"{threshold:.2f} m. A `gate.d95_m` between the two ends would make it switch."
-                )
-    return said
+    return " ".join([*switch_sentences(facts.campaign, facts.trials), said])
 
 
 def gate_figure(facts: CampaignFacts) -> str:
@@ -353,7 +317,8 @@ def gate_figure(facts: CampaignFacts) -> str:
         return ""
     sides = {"default": best.default_values} | ({} if best.keep_default else {"recommended": best.values})
     found = {
-        name: {(t.world, t.replicate): trace for t, trace in traces_of(facts, v)} for name, v in sides.items()
+        name: {(t.world, t.replicate): trace for t, trace in traces_of(facts.campaign, facts.flown(v))}
+        for name, v in sides.items()
     }
     common = set.intersection(*(set(traces) for traces in found.values()))
     if not common:
