@@ -320,7 +320,7 @@ def label(strategy: str) -> str:
     """What tables print for a strategy."""
     own = {
         TUNED: "Tuned",
-        TUNED_WEIGHTS: "Tuned weights alone",
+        TUNED_WEIGHTS: "Tuned, paper's gate",
         TUNED_POOL_HYB_H: "Hyb-H, tuned pool",
         TUNED_POOL_RANDOM: "Random, tuned pool",
     }

@@ -215,10 +215,10 @@ def _what_earned_it(block: ResultBlock, records: list[Trial], best: Recommendati
             continue
         step = next(step for step in steps if any(group in step.what for group in own))
         d = step.difference
-        if d is not None and d.interval.excludes_zero and d.interval.mean > 0:
-            found.append(suspect)
+        if d is not None and d.interval.low is not None and round(d.interval.low, 1) > 0:
+            found.append(f"{suspect}, {_interval(d)} points")
     verdict = f"it is {' and '.join(found)}" if found else "neither is shown to be one"
-    none = f" ({' and '.join(without)} had no effect and stay as they were)" if without else ""
+    none = f" ({' and '.join(without)} stay at the paper's values)" if without else ""
     said.append(
         f"The paper names the thresholds and the shared weights as causes: on these rocks {verdict}{none}."
     )
