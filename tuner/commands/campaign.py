@@ -345,23 +345,26 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
     from tuner.commands.console import ComparisonProgress
     from tuner.evaluation.flying import place_for, run_evaluation
     from tuner.evaluation.of_campaign import end_of_campaign
-    from tuner.report import gate_result
+    from tuner.report import comparison, gate_result
+    from tuner.report.style import short_names
 
     places = (gate_result.HELD_OUT, gate_result.TRAINING)
-    complete = True
     for asked, name in zip(end_of_campaign(campaign, working), places):
         plan = asked.plan
+        directory = place_for(plan, campaign.directory / name)
         output.print(
             f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
         )
         with ComparisonProgress("observable.f_score_48mm") as show:
-            run = run_evaluation(plan, place_for(plan, campaign.directory / name), executor, show)
-        complete &= run.complete
-        if not complete:
+            run = run_evaluation(plan, directory, executor, show)
+        if not run.complete:
             output.print(
                 f"not complete; go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True
             )
             raise typer.Exit(130)
+        facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=asked.notes)
+        title = f"{campaign.settings.name}: all strategies on {', '.join(short_names(plan.rocks))}"
+        comparison.write_comparison_report(facts, directory, title=title)
     result = gate_result.gate_result(campaign)
     assert result is not None, "both comparisons are there"
     write_atomic(campaign.directory / "comparison.json", _json.dumps(json_ready(result.to_dict()), indent=1))

@@ -37,6 +37,7 @@ def draw_gate(panels: Sequence[tuple[str, GateConfig, Sequence[IterationRecord]]
                     axis.plot(step, value, "o", color=colour, fillstyle="none" if len(bests) == 1 else "full")
             axes[0, column].set_title(title)
             axes[1, column].set_xlabel("planned view")
+        axes[1, 0].set_yscale("log")
         axes[0, 0].set_ylabel("budget used")
         axes[1, 0].set_ylabel("d95 (m)")
         named = sorted({r.scorer for _, _, trace in panels for r in trace})

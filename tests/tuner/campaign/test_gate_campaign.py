@@ -89,6 +89,8 @@ def test_the_campaign_ends_in_one_table(ended):
     assert all(len(line) <= 80 for line in printed.splitlines() if "│" not in line), printed
     page = (run / "report.html").read_text()
     assert page.index('id="result"') < page.index('id="use"')
+    assert 'id="gate-figure"' in page and "measured on 1 held-out rock" not in page
+    assert "Measure it on more rocks: 1 rock cannot speak for others." in page.replace("\u00a0", " ")
     for sentence in result["sentences"]:
         assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
     changed = Campaign.open(run, read_only=True).recommended().changed

@@ -10,8 +10,8 @@ from tuner.evaluation.comparison import MetricRow, strategy_difference
 from tuner.evaluation.earned import believed_gains, measured_steps, same_photographs
 from tuner.missions.job import Trial
 from tuner.problem.groups import B_AWARE, COVIS, OTHER, POOL, SEEDS, STOP, THRESHOLDS, grouped
-from tuner.problem.observations import Observation
 from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import recommend
 from tuner.surrogate.model import RockMeanGP
