@@ -52,15 +52,15 @@ def azimuth_deg(plan):
 
 def test_the_chance_falls_with_the_angle_to_what_is_registered():
     chance = registration_chance(state().model, at([120.0, 140.0, 160.0, 200.0]), MissionConfig())
-    assert chance[0] > 0.95 and (np.diff(chance) < 0).all() and chance[-1] < 0.2
+    assert chance[0] > 0.8 and (np.diff(chance) < 0).all() and chance[-1] < 0.2
 
 
 def test_a_candidate_below_the_floor_is_not_flown_and_the_likeliest_is_left():
     given = state()
     chance = registration_chance(given.model, at(POOL_DEG), MissionConfig())
-    assert chance[int(planned(given).decision.ranking.top)] < 0.9  # novelty goes where little matches
-    kept = planned(given, **{"pool.min_register_chance": 0.9})
-    assert len(kept.pool) == kept.pool.counts["registrable"] == (chance >= 0.9).sum() < len(POOL_DEG)
+    assert chance[int(planned(given).decision.ranking.top)] < 0.8  # novelty goes where little matches
+    kept = planned(given, **{"pool.min_register_chance": 0.8})
+    assert len(kept.pool) == kept.pool.counts["registrable"] == (chance >= 0.8).sum() < len(POOL_DEG)
     far = pool_at(at([180.0, 240.0, 210.0]), TARGET_M)
     config = MissionConfig().with_values({"pool.min_register_chance": 1.0})
     assert registrable(far, given.model, config).ids == ("cand_000",)
