@@ -24,6 +24,7 @@ from tuner.evaluation.baselines import (
     EVALUATION_BASELINES,
     REAIMED_ORBITS,
     TUNED,
+    TUNED_POOL_RANDOM,
     any_must_look,
     at_equal_number,
     baseline_configs,
@@ -227,6 +228,8 @@ def _against(
     against = _reference(baselines, "hyb-h")
     controls, notes = where_photographed(at_equal_number(baselines, counted, against), rocks)
     arms = tuned_configs(tuned, base, counted)
+    if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
+        arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
     return {TUNED: arms.pop(TUNED), **controls, **arms}, notes
 
 

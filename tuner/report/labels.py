@@ -16,6 +16,7 @@ from tuner.problem.objective import reached
 MISSING = "–"
 # With more decimals what is smaller is written with an exponent; so is what has an uncertainty of more digits than `LARGE`.
 MOST_DECIMALS, LEAST_DECIMAL, LARGE = 6, 1e-3, 4
+HELD_DIGITS = 13  # that a number in double precision surely has
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
 COSTS = {
     "images": ("Photographs", ""),
@@ -70,6 +71,8 @@ def format_number(number: float | None, digits: int = 1, *, signed: bool = False
     if number is None or not math.isfinite(number):
         return MISSING
     sign, size = "+" if signed else "", abs(number)
+    if size > 1e-300 and digits + math.floor(math.log10(size)) > HELD_DIGITS:
+        digits = 2  # a spread below the rounding of the number says nothing of its digits
     if digits < 0 or (digits > MOST_DECIMALS and size < LEAST_DECIMAL):
         rounded = round(number, digits)
         places = max(0, digits + math.floor(math.log10(abs(rounded)))) if rounded else 0

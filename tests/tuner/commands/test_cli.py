@@ -116,7 +116,7 @@ def test_the_first_line_waits_for_nothing_slow_to_load():
         ([*RUN, "--seed", str(2**70)], "below 2**63"),
         ([*RUN, "--replicates", "1000000000"], "the limit is 10000 (GATETUNE_LIMITS=10 raises"),
         ([*RUN, "--budget", "1000000000"], "the limit is 100000 (GATETUNE_LIMITS=10 raises"),
-        ([*RUN, "--set", "stop.adaptive_budget=2001-99-99"], "--set"),
+        ([*RUN, "--set", "stop.adaptive_budget=2001-99-99"], "must be a whole number"),
         ([*RUN, "--set", "stop.adaptive_budget=" + "[" * 2000], "--set"),
         (["rocks", "show", "~nobody-is-called-so/rock.ply"], "no home folder"),
         (["rocks", "show", "x" * 5000], "unknown rock"),

@@ -113,7 +113,7 @@ def advise(history: list[Observation], at_least: float, *, least_cost: bool = Fa
 
 
 def test_best_quality_within_a_number_of_photographs() -> None:
-    history = campaign(limit=30, missions=13)
+    history = campaign(limit=30, missions=16)
     searched = [24 + o.values["stop.adaptive_budget"] for o in history[8:]]
     assert max(searched) <= 31 and searched.count(30) >= 2  # at the limit, where it is best
     result = advise(history, -30.5)

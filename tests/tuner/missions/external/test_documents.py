@@ -87,13 +87,11 @@ def left(tmp_path, content):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ("", "truncated"),
-        ('{"metrics": {"f": 1', "truncated"),
-        ('{"metrics": {"f": NaN}}', "malformed"),
-        ('{"metrics": {"f": 1e999}}', "out of range"),
-        ("[" * 100_000, "Expected `object`, got `array`"),
+        ("", "not valid JSON"),
+        ('{"metrics": {"f": 1', "not valid JSON"),
+        ("[" * 100_000, "not valid JSON"),
         ({**OK, "cost": {"fuel": 1}}, "unknown field `cost`"),
-        ({"metrics": {"f": "good"}}, "metrics"),
+        ({"metrics": "good"}, "metrics"),
         ({"metrics": {}}, "needs metrics, cloud or failure"),
         ({"failure": ""}, "failure"),
         ({"cloud": {"path": "x.ply", "cameras": {"1": {"estimated": [1, 2], "reported": [1, 2, 3]}}}}, "length 3"),
