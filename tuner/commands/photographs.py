@@ -123,7 +123,7 @@ def enough(
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="Whose recommended gate and scorers fly as the tuned planner (default: our own scorer)."
+            help="Whose recommended gate and scorers fly as the tuned planner (default: our scorer predicted, alone)."
         ),
     ] = None,
     set_: Overrides = None,

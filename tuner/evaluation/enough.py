@@ -120,7 +120,7 @@ def enough_plans(
             **(overrides or {}),
         }
     )
-    planner = tuned or baseline("matchable").config(base)
+    planner = tuned or baseline("predicted").config(base)
     strategies = {}
     for number in kept:
         ring = base.with_values({"seed.count": number, "stop.adaptive_budget": 0})
