@@ -12,7 +12,7 @@ import pycolmap
 from nbv.cache import Arrays, digest, remember
 from nbv.errors import UserError
 from nbv.photographs.correspond import Correspondences, correspondences
-from nbv.photographs.folder import Progress
+from nbv.photographs.folder import Progress, shrunk_size
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.photographs.source import Source
@@ -164,10 +164,11 @@ def _triangulated(source: Source, model: SolvedModel) -> SolvedModel:
 
 def _cameras(source: Source) -> tuple[dict[int, pycolmap.Camera], list[int]]:
     """A camera for each device, size and focal length, by id, and each photograph's id."""
-    keys = [(p.device, source.size_px(p.name), p.focal_35_mm) for p in source.photographs]
+    keys = [(p.device, source.full_size_px(p.name), p.focal_35_mm) for p in source.photographs]
     ids = {key: index for index, (key, _) in enumerate(Counter(keys).most_common(), start=1)}
     cameras = {}
-    for (_, (width, height), focal_35_mm), camera_id in ids.items():
+    for (_, full_size_px, focal_35_mm), camera_id in ids.items():
+        width, height = shrunk_size(full_size_px, source.max_size_px)
         focal = GUESSED_FOCAL * max(width, height)
         if focal_35_mm is not None:
             focal = focal_35_mm / FILM_DIAGONAL_MM * float(np.hypot(width, height))

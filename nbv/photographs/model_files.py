@@ -27,9 +27,11 @@ _MAX_SIDE_PX = 100_000
 # Of ``camera_model`` in transforms.json: polynomials of which OpenCV's is the longest.
 _PERSPECTIVE = ("", "PERSPECTIVE", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _POSE_KEYS = {"file_path", "transform_matrix", "frames", "camera_model", "is_fisheye"}
+_FOCAL = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"}
+_SAME_FOCAL = 0.02  # relative, of fl_x and what camera_angle_x says
 # Keys that may change where a point is seen: they are used, or they are refused.
 _LENS_KEY = re.compile(
-    r"(k|p|b|s|sx|sy|c|d)_?\d*|skew|alpha|beta|xi|omega|.*(fov|distort|dist_|lens|fish|theta|omni|spher|equirect|latlong|"
+    r"(k|p|b|s|sx|sy|c|d)_?\d*|skew|alpha|beta|xi|omega|.*(fov|radial|tangential|distort|dist_|lens|fish|theta|omni|spher|equirect|latlong|"
     r"ortho|projection|camera_type|model_type|shutter|stereo|vr180|principal|focal).*"
 )
 
@@ -192,7 +194,7 @@ def _transforms(tree: Mapping[str, Any]) -> tuple[pycolmap.Reconstruction, set[s
     """NeRF's ``transforms.json``, and which of its keys were not read: model_from_camera with OpenGL's axes (y up, z backward)."""
     model, unread = pycolmap.Reconstruction(), set[str]()
     for number, frame in enumerate(tree["frames"], start=1):
-        values = {**tree, **frame}
+        values = _values(tree, frame)
         camera, used = _camera(values)
         camera.camera_id = number
         unread |= {key for key in values if key not in used | _POSE_KEYS}
@@ -217,10 +219,21 @@ def _transforms(tree: Mapping[str, Any]) -> tuple[pycolmap.Reconstruction, set[s
     return model, unread
 
 
+def _values(tree: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
+    """What holds for a frame: its focal length is its own or the file's, never a mixture, and pixels are of its size."""
+    own = _FOCAL & frame.keys()
+    values = {key: value for key, value in tree.items() if not (own and key in _FOCAL)} | frame
+    if any(values.get(side) != tree.get(side, values.get(side)) for side in ("w", "h")):
+        for key in ("fl_x", "fl_y", "cx", "cy"):
+            if key in values and key not in frame:
+                raise ValueError(f"{frame['file_path']} has a size of its own, but no {key} of its own")
+    return values
+
+
 def _camera(values: Mapping[str, Any]) -> tuple[pycolmap.Camera, set[str]]:
     """The camera of a frame, and which keys say it. ValueError where COLMAP has no model of it."""
     kind = str(values.get("camera_model") or "").upper()
-    if values.get("is_fisheye"):
+    if str(values.get("is_fisheye", "")).lower() not in ("", "0", "false", "none"):
         kind = "OPENCV_FISHEYE" if kind in ("", "OPENCV", "OPENCV_FISHEYE") else f"{kind} that is a fisheye"
     kind = "FULL_OPENCV" if (full := kind in _PERSPECTIVE) else kind
     if kind not in pycolmap.CameraModelId.__members__ or kind == "INVALID":
@@ -239,6 +252,9 @@ def _camera(values: Mapping[str, Any]) -> tuple[pycolmap.Camera, set[str]]:
         values.get("fl_y", focal_x if "fl_x" in values else angles.get("camera_angle_y", focal_x))
     )
     camera = pycolmap.Camera.create_from_model_name(1, kind, focal_x, int(width), int(height))
+    for key, angle, focal in (("fl_x", "camera_angle_x", focal_x), ("fl_y", "camera_angle_y", focal_y)):
+        if key in values and angle in angles and abs(focal / angles[angle] - 1) > _SAME_FOCAL:
+            raise ValueError(f"{key} is {focal:g}, but {angle} says {angles[angle]:g}")
     names = camera.params_info.replace(" ", "").split(",")
     if "f" in names and focal_x != focal_y:
         raise ValueError(f"fl_y is not fl_x, but camera_model {kind} has one focal length")
@@ -256,9 +272,7 @@ def _camera(values: Mapping[str, Any]) -> tuple[pycolmap.Camera, set[str]]:
         float(given[n] if n in given else values.get(n, 0.0) if n[0] in "kps" else values[n]) for n in names
     ]
     camera.params = np.pad(params, (0, len(camera.params) - len(params)))
-    used = {*names, "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} | (
-        {"k1"} if "k" in names else set()
-    )
+    used = {*names, "w", "h"} - {"f", "fx", "fy"} | _FOCAL | ({"k1"} if "k" in names else set())
     for key, value in values.items():
         if key not in used | _POSE_KEYS and _LENS_KEY.fullmatch(key.lower()) and any(np.ravel(value)):
             raise ValueError(f"{key} is {str(value)[:40]}, and COLMAP's {kind} has no such parameter")

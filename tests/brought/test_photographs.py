@@ -150,6 +150,16 @@ def test_every_tag_that_says_a_lens_changed_separates_cameras(
         assert camera.focal_length_x > 0.5 * camera.width
 
 
+def test_a_part_of_the_sensor_is_a_camera_of_its_own(tmp_path: Path) -> None:
+    """Pictures of several sizes are of one size once they are shrunk, and have no tag that says why."""
+    for index in range(8):
+        size = (300, 200) if index % 2 else (240, 160)
+        save(Image.fromarray(np.full((*size[::-1], 3), 30 * index, np.uint8)), tmp_path / f"{index}.jpg", index)
+    found, ids = _cameras(source_of(tmp_path, max_size_px=120))
+    assert sorted(set(ids)) == sorted(found) == [1, 2]
+    assert {(c.width, c.height) for c in found.values()} == {(120, 80)}
+
+
 def frames() -> list[dict]:
     upside = np.diag([1.0, -1.0, -1.0, 1.0])
     return [
@@ -184,6 +194,15 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
             ("FULL_OPENCV", [130, 131, 81, 59, 0.02, -0.01, 0, 0, 0.003, -0.001, 0.01, 0]),
         ),
         (FOV, ("PINHOLE", [80 / np.tan(0.5), 60 / np.tan(0.4), 80, 60])),
+        ({**CAMERA, "is_fisheye": "false"}, ("PINHOLE", [130, 131, 81, 59])),
+        (
+            {**CAMERA, "frame": {"camera_angle_x": 1.0}},
+            ("PINHOLE", [80 / np.tan(0.5), 80 / np.tan(0.5), 81, 59]),
+        ),
+        ({**CAMERA, "frame": {"fl_x": 120.0}}, ("PINHOLE", [120, 120, 81, 59])),
+        ({**CAMERA, "frame": {"w": 320, "h": 240}}, "has a size of its own, but no fl_x of its own"),
+        ({**CAMERA, "camera_angle_x": 1.3}, "fl_x is 130, but camera_angle_x says 105.2"),
+        ({**CAMERA, "radial": [0.1, 0.2]}, "radial is [0.1, 0.2]"),
         ({**CAMERA, **LENS_4}, "k4 is -0.001, and COLMAP's FULL_OPENCV has no such parameter"),
         ({**CAMERA, "p1": 0.01, "is_fisheye": True}, "p1 is 0.01, and COLMAP's OPENCV_FISHEYE has no"),
         ({**CAMERA, "b1": 2.0}, "b1 is 2.0"),
@@ -201,7 +220,9 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
 def test_projection_models_of_transforms_json(tmp_path: Path, camera: dict, true: object) -> None:
     source = source_of(ball.write_photographs(tmp_path / "photographs"))
     path = tmp_path / "transforms.json"
-    path.write_text(json.dumps({**camera, "aabb_scale": 4, "frames": frames()}))
+    own = camera.get("frame", {})
+    shared = {key: value for key, value in camera.items() if key != "frame"}
+    path.write_text(json.dumps({**shared, "aabb_scale": 4, "frames": [{**f, **own} for f in frames()]}))
     if isinstance(true, str):
         assert true in refusal(read_model, path, source)
         return
