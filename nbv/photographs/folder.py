@@ -283,7 +283,7 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
     with _opened(path) as (picture, data):
         width, height = picture.size
         exif = picture.getexif()
-        details: Mapping[int, Any] = exif.get_ifd(IFD.Exif)
+        details: Mapping[int, Any] = {**exif, **exif.get_ifd(IFD.Exif)}  # TIFF/EP has no block of EXIF's
         gps: Mapping[int, Any] = exif.get_ifd(IFD.GPSInfo)
         orientation = exif.get(Base.Orientation, 1)
         device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
@@ -308,7 +308,7 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
 
 
 def _told(value: Any) -> str:
-    """A tag's value as text; "" where it means nothing: absent, 0, 1, not a number, no letter or digit."""
+    """A tag's value as text; "" where it means nothing: absent, 0, 1, all bits set, not a number, no letter or digit."""
     if isinstance(value, tuple):
         return " ".join(filter(None, map(_told, value)))
     if isinstance(value, str | bytes):
@@ -316,7 +316,7 @@ def _told(value: Any) -> str:
         text = " ".join(text.replace("\0", " ").split())
         return text if any(map(str.isalnum, text)) and text not in ("0", "1") else ""
     number = _number(value)
-    return "" if number in (None, 1.0) else f"{number:.6g}"
+    return "" if number in (None, 1.0, 65535.0) else f"{number:.6g}"
 
 
 def _number(value: Any) -> float | None:
@@ -332,7 +332,7 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | Non
     try:
         degrees = [
             sum(float(part) / 60**power for power, part in enumerate(gps[tag]))
-            * (-1 if gps.get(tag - 1) in ("S", "W") else 1)
+            * (-1 if str(gps.get(tag - 1)).strip("\0 ").upper() in ("S", "W", "SOUTH", "WEST") else 1)
             for tag in (2, 4)
         ]
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -340,7 +340,8 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | Non
     altitude = _number(gps.get(6))
     below = gps.get(5) in (1, 3, b"\x01", b"\x03")  # sea level, the ellipsoid
     altitude = -altitude if altitude is not None and below else altitude
-    return (degrees[0], degrees[1], altitude) if all(map(math.isfinite, degrees)) and any(degrees) else None
+    on_earth = any(degrees) and abs(degrees[0]) <= 90 and abs(degrees[1]) <= 180
+    return (degrees[0], degrees[1], altitude) if on_earth else None
 
 
 def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:

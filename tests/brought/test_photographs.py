@@ -20,7 +20,7 @@ from rendered_photographs import save
 
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
-from nbv.photographs.folder import MIRRORED, find_masks, read_folder
+from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.mapping import _cameras, solve
 from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object, settled
@@ -115,12 +115,12 @@ def test_lens_orientation_and_masks(
 
 def tagged(folder: Path, index: int, tags: dict[int, object]) -> None:
     exif = Image.Exif()
-    exif.get_ifd(0x8769).update(tags)
+    (exif if 0x8827 in tags else exif.get_ifd(0x8769)).update(tags)
     pixels = np.random.default_rng(index).integers(0, 255, (48, 64, 3), dtype=np.uint8)
     Image.fromarray(pixels).save(folder / f"{index}.jpg", exif=exif)
 
 
-FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X = 0x920A, 0xA405, 0xA404, 0xA434, 0xA432, 0xA20E
+FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X, ISO = 0x920A, 0xA405, 0xA404, 0xA434, 0xA432, 0xA20E, 0x8827
 
 
 @pytest.mark.parametrize(
@@ -135,6 +135,8 @@ FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X = 0x920A, 0xA405, 0xA404, 0xA434, 0xA
         ({FOCAL: 18.8, FOCAL_35: 1}, {FOCAL: 18.8}, 1),
         ({FOCAL: 18.8, FOCAL_35: 0, ZOOM: 0.0, LENS: "----"}, {FOCAL: 18.8, ZOOM: 1.0, LENS: ""}, 1),
         ({FOCAL: 0.0}, {}, 1),
+        ({FOCAL_35: 65535}, {}, 1),  # EXIF's word for unknown
+        ({FOCAL: 18.8, ISO: 100}, {FOCAL: 29.5, ISO: 100}, 2),  # as TIFF/EP has it, without EXIF's block
     ],
 )
 def test_every_tag_that_says_a_lens_changed_separates_cameras(
@@ -145,7 +147,7 @@ def test_every_tag_that_says_a_lens_changed_separates_cameras(
     found, ids = _cameras(source_of(tmp_path))
     assert len(found) == cameras and len(set(ids)) == cameras
     for camera in found.values():
-        told = {one.get(FOCAL_35), other.get(FOCAL_35)} - {None, 0, 1}
+        told = {one.get(FOCAL_35), other.get(FOCAL_35)} - {None, 0, 1, 65535}
         assert camera.has_prior_focal_length == bool(told)
         assert camera.focal_length_x > 0.5 * camera.width
 
@@ -154,10 +156,30 @@ def test_a_part_of_the_sensor_is_a_camera_of_its_own(tmp_path: Path) -> None:
     """Pictures of several sizes are of one size once they are shrunk, and have no tag that says why."""
     for index in range(8):
         size = (300, 200) if index % 2 else (240, 160)
-        save(Image.fromarray(np.full((*size[::-1], 3), 30 * index, np.uint8)), tmp_path / f"{index}.jpg", index)
+        save(
+            Image.fromarray(np.full((*size[::-1], 3), 30 * index, np.uint8)), tmp_path / f"{index}.jpg", index
+        )
     found, ids = _cameras(source_of(tmp_path, max_size_px=120))
     assert sorted(set(ids)) == sorted(found) == [1, 2]
     assert {(c.width, c.height) for c in found.values()} == {(120, 80)}
+
+
+@pytest.mark.parametrize(
+    ("north", "east", "degrees", "position"),
+    [
+        ("N", "E", 40.5, (40.5, 10.0)),
+        ("S", "W", 40.5, (-40.5, -10.0)),
+        ("S\0\0", "w", 40.5, (-40.5, -10.0)),
+        ("South", "E", 40.5, (-40.5, 10.0)),
+        ("N", "E", 120.0, None),  # no latitude
+        ("N", "E", float("nan"), None),
+    ],
+)
+def test_where_exif_says_a_photograph_was_taken(
+    north: str, east: str, degrees: float, position: tuple[float, float] | None
+) -> None:
+    told = _position({1: north, 2: (degrees, 0.0, 0.0), 3: east, 4: (10.0, 0.0, 0.0), 6: 7.0})
+    assert told == (position and (*position, 7.0))
 
 
 def frames() -> list[dict]:
