@@ -222,7 +222,7 @@ def _transforms(tree: Mapping[str, Any]) -> tuple[pycolmap.Reconstruction, set[s
 def _values(tree: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
     """What holds for a frame: its focal length is its own or the file's, never a mixture, and pixels are of its size."""
     own = _FOCAL & frame.keys()
-    values = {key: value for key, value in tree.items() if not (own and key in _FOCAL)} | frame
+    values = {key: value for key, value in tree.items() if not (own and key in _FOCAL)} | dict(frame)
     if any(values.get(side) != tree.get(side, values.get(side)) for side in ("w", "h")):
         for key in ("fl_x", "fl_y", "cx", "cy"):
             if key in values and key not in frame:
