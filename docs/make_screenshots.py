@@ -27,11 +27,11 @@ TEMPLATES = "tuner/report/templates"
 MADE_FROM = {  # picture: what decides how it looks
     "campaign_page": [f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "campaign.js", "page.html.j2")],
     "mission_view": [f"{TEMPLATES}/{name}" for name in ("walk.html.j2", "walk.js")],
-    "terminal": ["tuner/commands/campaign_display.py"],
+    "terminal": ["tuner/commands/campaign_display.py", "tuner/report/gate_result.py"],
 }
 DIGEST = "made from"  # the text in a picture that holds the digest
 CAMPAIGN = "campaign run --quick --name tune"
-LINES, WIDTH = 34, 80
+LINES, WIDTH = 58, 80
 TERMINAL = (
     "<meta charset=utf-8><body style='margin:0;background:#12161b;color:#e6e6e6'><pre style='margin:18px;"
     'font:15px/1.35 "DejaVu Sans Mono",monospace\'>{}</pre>'
