@@ -19,7 +19,7 @@ from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
 from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
 from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
-from tuner.evaluation.of_campaign import held_out
+from tuner.evaluation.of_campaign import end_of_campaign, held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
 from tuner.report.records import records_of
@@ -40,7 +40,7 @@ def tune(
     on_event: Callable[[CampaignEvent], None] | None = None,
     **settings: Any,
 ) -> Campaign:
-    """Job 1: run a campaign in ``directory``, or go on with the one that is there.
+    """Job 1: run a campaign in ``directory``, or go on with the one that is there; then its comparison, where it asks for one.
 
     Parameters
     ----------
@@ -74,7 +74,9 @@ def tune(
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
-        fly_campaign(campaign, executor, on_event)
+        if fly_campaign(campaign, executor, on_event).found:
+            for name, asked_for in end_of_campaign(campaign).items():
+                run_evaluation(asked_for.plan, place_for(asked_for.plan, campaign.directory / name), executor)
     return campaign
 
 

@@ -69,3 +69,8 @@ class CampaignSummary:
     ask_s: float  # spent by the sampler
     status: CampaignStatus
     recommendation: Recommendation | None
+
+    @property
+    def found(self) -> bool:
+        """Whether the search has come to its end, with a recommendation."""
+        return self.stopped in ("budget", "exhausted") and self.recommendation is not None

@@ -329,7 +329,7 @@ def fly(
         output.print(
             f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
         )
-        if settings.compare_on and summary.stopped in ("budget", "exhausted") and summary.recommendation:
+        if settings.compare_on and summary.found:
             compare_strategies(campaign, executor)
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
@@ -348,8 +348,7 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
     from tuner.report import comparison, gate_result
     from tuner.report.style import short_names
 
-    places = (gate_result.HELD_OUT, gate_result.TRAINING)
-    for asked, name in zip(end_of_campaign(campaign, working), places):
+    for name, asked in end_of_campaign(campaign, working).items():
         plan = asked.plan
         directory = place_for(plan, campaign.directory / name)
         output.print(

@@ -43,6 +43,7 @@ from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
 HIGHEST_DEG = 60.0
+HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
 
 
 @dataclass(frozen=True)
@@ -203,15 +204,15 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
     return CampaignEvaluation(plan, _reference(strategies, "hyb-h"), asked_of(s), notes)
 
 
-def end_of_campaign(
-    source: Campaign, making: Making = nullcontext
-) -> tuple[CampaignEvaluation, CampaignEvaluation]:
-    """The comparison on ``compare_on``, then the one on the training rocks."""
+def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str, CampaignEvaluation]:
+    """The comparisons that a campaign ends in where it has ``compare_on``, by directory: held-out rocks, training rocks."""
     s = source.settings
+    if not s.compare_on:
+        return {}
     unseen = held_out(
         source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity, making=making
     )
-    return unseen, training_comparison(source)
+    return {HELD_OUT: unseen, TRAINING: training_comparison(source)}
 
 
 def _against(

@@ -28,6 +28,7 @@ from tuner.evaluation.comparison import (
     strategy_interval,
 )
 from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps
+from tuner.evaluation.of_campaign import HELD_OUT, TRAINING
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped
@@ -35,7 +36,6 @@ from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MISSING, counted, format_number
 from tuner.report.style import short_names
 
-HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
 _ROWS = {
     "photos": MetricRow("", "Photographs", "costs.images", "", False, 0),
     "flight": MetricRow("", "Flight", "costs.flight_time_s", "s", False, 0),
