@@ -184,7 +184,9 @@ def confirmation(
 
 
 def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvaluation:
-    """The recommendation and `COMPARISON` on the training rocks, with replicates that the campaign has not run.
+    """The recommendation and `COMPARISON` on the training rocks, with the replicates that the campaign has run.
+
+    They show what was tuned for, at little cost: seeds, default and recommendation are known. `confirmation` has fresh ones.
 
     Raises
     ------
@@ -197,7 +199,6 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
         strategies,
         s.rocks,
         replicates,
-        first_replicate=_first_fresh(source),
         fidelity=s.fidelity,
         conditions=s.conditions,
     )

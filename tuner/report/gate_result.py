@@ -84,7 +84,8 @@ class ResultBlock:
         """``Held-out rocks: arch, fin (3 replicates)``."""
         what = "Held-out rocks" if self.held_out else "Training rocks"
         names = ", ".join(short_names(self.rocks))
-        return f"{what}: {names} ({counted(self.replicates, 'replicate')})"
+        again = "" if self.held_out else ", tuned on"
+        return f"{what}: {names} ({counted(self.replicates, 'replicate')}{again})"
 
 
 @dataclass(frozen=True)
