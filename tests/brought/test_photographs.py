@@ -332,7 +332,7 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
         "int.tif": (Image.fromarray(deep.astype(np.int32)), "nothing says what is white"),
         "twelve.tif": (Image.fromarray(deep), "brighter than 11 of 255, as with 12 bits in 16"),
         "full.tif": (Image.fromarray(deep * 16), None),
-        "eps.heic": (eps.getvalue(), "cannot identify"),
+        "eps.heic": (eps.getvalue(), "cannot identify|HEIC needs another library"),
         "eps.jpg": (eps.getvalue(), "cannot identify"),
         "bmp.png": (Image.fromarray(deep.astype(np.uint8)), "cannot identify"),
     }
@@ -346,7 +346,7 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
         else:
             content.save(folder / name, "BMP" if name == "bmp.png" else None)
         if words is not None:
-            assert words in refusal(read_folder, folder, silent)
+            assert any(known in refusal(read_folder, folder, silent) for known in words.split("|"))
             continue
         whole = source_of(folder, max_size_px=64).pixels("full")
         assert (whole[..., 0] == (deep * 16) >> 8).all()
