@@ -119,5 +119,5 @@ def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> No
     result = gate_result(campaign)
     assert result is not None and [block.rocks for block in result.blocks] == [("arch",), ("slab",)]
     assert all(block.complete for block in result.blocks)
-    with pytest.raises(UserError, match="'slab' is tuned on and compared on"):
+    with pytest.raises(UserError, match="slab is tuned on and compared on"):
         tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})
