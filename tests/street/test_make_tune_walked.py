@@ -1,5 +1,6 @@
 """`make tune` and `make tune-photographs` in small, and the whole way on: one recommendation, the same values everywhere."""
 
+import html
 import json
 import re
 
@@ -25,13 +26,14 @@ def test_from_make_tune_to_every_command_that_it_names(tmp_path):
     street = Street(tmp_path, SMALL | {"budget": BUDGET})
     terminal = street.run(recipe("tune", "tune"))
     answer = json.loads(street.run("gatetune campaign status runs/tune --json"))["recommendation"]
-    page, result = street.file("runs/tune/report.html"), json.loads(street.file("runs/tune/comparison.json"))
+    page = street.file("runs/tune/report.html")
+    result = json.loads(street.file("runs/tune/comparison.json"))
     recommended = same_everywhere(street, answer)
     for block in result["blocks"]:
         plan = yaml.safe_load(street.file(f"runs/tune/{block['directory']}/evaluation.yaml"))
         assert config_from_dict(plan["strategies"]["tuned"]).digest() == recommended
         for row in block["rows"]:
-            assert row["label"] in terminal and row["label"] in page
+            assert row["label"] in terminal and row["label"] in html.unescape(page)
     changed = [path for path, value in answer["values"].items() if value != answer["default_values"][path]]
     assert changed and all(path in terminal for path in changed)
     for line in dict.fromkeys(commands_on(terminal) + commands_on(page)):
