@@ -32,6 +32,7 @@ tune-photographs: setup
 	$(BIN)/gatetune campaign run --name $(RUN)-photographs --resume-if-present --space photographs \
 	    --objective 'photographs@f_score>=98' --budget 36 --rock slab --rock vesicular --rock cavern \
 	    --set dense.agreeing_views=3
+	$(BIN)/gatetune mission view runs/$(RUN)-photographs
 
 test: setup lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2

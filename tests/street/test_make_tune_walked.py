@@ -44,6 +44,7 @@ def test_from_make_tune_to_every_command_that_it_names(tmp_path):
 def test_from_make_tune_photographs_to_every_command_that_it_names(tmp_path):
     street = Street(tmp_path, SMALL | {"budget": BUDGET})
     terminal = street.run(recipe("tune-photographs", "tune"))
+    street.run("gatetune mission view runs/tune")  # the target's second line
     answer = json.loads(street.run("gatetune campaign status runs/tune --json"))["recommendation"]
     page = street.file("runs/tune/report.html")
     says_what_is_known(answer, terminal, page)
