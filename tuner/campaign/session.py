@@ -127,6 +127,7 @@ class _Session:
         self._stop, self._ledger.pause = stop, stop.wait
         self._recover()
         fly(self, self.executor, stop)
+        repeats_in_row = self._repeats_in_row  # of the search: what simplifies its outcome repeats on purpose
         for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
             if stop.is_set() or self.given_up:
                 break
@@ -137,11 +138,11 @@ class _Session:
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
             return self._end("interrupted", "interrupted", waiting)
-        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
+        if repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
             return self._end(
                 "exhausted",
                 "done",
-                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
+                f"the last {repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
                 f"left to try, and used {self._finished} of {self._settings.budget} missions",
             )
         if self.given_up:
