@@ -234,7 +234,7 @@ class Reconstructor:
         """Build the seed model; raises ``MissionFailure`` if there is none."""
         raise NotImplementedError
 
-    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
+    def partial_model(self, captures: Sequence[Capture]) -> SparseModel | None:
         """The model of the first few seeds alone, None if there is none; later models do not contain it."""
         return None
 

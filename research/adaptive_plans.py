@@ -83,7 +83,7 @@ class _Kept:
         return report
 
 
-def fly(
+def run_missions(
     config: MissionConfig,
     rock: str,
     fidelity: str = "geometric",
@@ -111,5 +111,5 @@ def fly(
             self.reconstructor = _Kept(self.reconstructor, listen, self.believed)
             kept[:] = [self.reconstructor]
 
-    result = Listening.fly(config, rock, replicate)
+    result = Listening.run(config, rock, replicate)
     return Flown(result, kept[0].model, kept[0].believed)

@@ -1,6 +1,6 @@
 """Is the expected believed saving worth its code? The fewest photographs of a quality, by it and by BoTorch's constrained logNEI.
 
-    OMP_NUM_THREADS=1 python -m research.believed_saving --seeds 6
+    OMP_NUM_THREADS=1 python -m research.expected_saving --seeds 6
 
 The missions are the tests' fake ones on two rocks: 24 photographs are the fewest that give 98. Both fly 24 missions, whose last
 ones confirm the favourite by the same rule.
@@ -31,23 +31,23 @@ import photograph_missions
 
 from tuner.acquisition import constrained
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import ours
+from tuner.problem.search_space import builtin
 
 
-def of_botorch(cost: Any, constraint: Any, model: Any, flying: torch.Tensor | None) -> AcquisitionFunction:
+def of_botorch(cost: Any, constraint: Any, model: Any, running: torch.Tensor | None) -> AcquisitionFunction:
     """The cost as a deterministic model beside the quality's surrogate, which has the limit."""
     floor = constraint.floor()
     known = GenericDeterministicModel(lambda x: cost.at(x).unsqueeze(-1), num_outputs=1)
-    models, flown = ModelList(known, model.model), model.inputs(np.unique(model.unit, axis=0))
+    models, evaluated = ModelList(known, model.model), model.inputs(np.unique(model.unit, axis=0))
     with torch.no_grad():
-        sampler = get_sampler(models.posterior(flown), torch.Size([64]), seed=0)
+        sampler = get_sampler(models.posterior(evaluated), torch.Size([64]), seed=0)
     return qLogNoisyExpectedImprovement(
         models,
-        X_baseline=flown,
+        X_baseline=evaluated,
         sampler=sampler,
         objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
         constraints=[lambda samples: floor - samples[..., 1]],
-        X_pending=flying,
+        X_pending=running,
         prune_baseline=False,
         cache_root=False,
     )
@@ -74,7 +74,7 @@ def main() -> None:
                     seed=seed,
                 )
                 best = campaign.recommended()
-            truth = photograph_missions.truth(ours(campaign.settings.config(best.values)))
+            truth = photograph_missions.truth(builtin(campaign.settings.config(best.values)))
             print(f"{seed},{name},{best.mean:g},{truth:.2f}", flush=True)
 
 

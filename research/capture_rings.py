@@ -29,8 +29,10 @@ def main() -> None:
     shares: dict[str, collections.Counter[float]] = {}
     for name, config in plan.strategies.items():
         elevation_deg = {v.id: v.elevation_deg for v in raw_candidates(config)}
-        flown = traces.get(name, {}).values()
-        shares[name] = collections.Counter(elevation_deg[entry.chosen] for trace in flown for entry in trace)
+        evaluated = traces.get(name, {}).values()
+        shares[name] = collections.Counter(
+            elevation_deg[entry.chosen] for trace in evaluated for entry in trace
+        )
     rings = sorted({e for counts in shares.values() for e in counts})
     rows = [
         [

@@ -48,8 +48,8 @@ def concavity(rock: Rock) -> float:
 def row(name: str, kind: str, shown: str, config: MissionConfig) -> list[object]:
     """One line of the table."""
     rock = load_coarse_rock(name)
-    flown = run_geometric_mission(config, name, cache=False)
-    score = 0.0 if flown.status == "failed" else flown.metric("observable.f_score_48mm")
+    evaluated = run_geometric_mission(config, name, cache=False)
+    score = 0.0 if evaluated.status == "failed" else evaluated.metric("observable.f_score_48mm")
     height_m = float(np.ptp(rock.vertices_m[:, 2]))
     numbers = (height_m, concavity(rock), describe(rock).albedo_contrast, score)
     return [shown, kind, *(f"{number:.3f}" for number in numbers)]
@@ -61,8 +61,8 @@ def orbits(name: str) -> list[object]:
     for number in NUMBERS:
         for rings in ({}, TWO_RINGS):
             config = preset("campaign").with_values({**ORBIT, **rings, "seed.count": number})
-            flown = run_geometric_mission(config, name, cache=False)
-            score = -1.0 if flown.status == "failed" else flown.metric("observable.f_score_48mm")
+            evaluated = run_geometric_mission(config, name, cache=False)
+            score = -1.0 if evaluated.status == "failed" else evaluated.metric("observable.f_score_48mm")
             found.append(f"{score:.2f}")
     return found
 

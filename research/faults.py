@@ -313,7 +313,7 @@ class Flight:
         events = [line.split() for line in self.record.read_text().splitlines()]
         known = {Path(t.directory).name: t for t in trials if t.state != "running"}
         on_cluster = any(where.startswith("mission-") for _, where, *_ in events)
-        ended, flown = set(), set()
+        ended, evaluated = set(), set()
         for event, where, score, when in events:
             name = self._name(where, trials)
             again = event == "began" and name in ended and name not in self.damaged
@@ -327,12 +327,12 @@ class Flight:
             if event == "ended":
                 ended.add(name)
             if event == "ending":
-                flown.add((name, float(score)))
+                evaluated.add((name, float(score)))
         for name in sorted(ended):
-            if name not in known or (name, known[name].raw) not in flown:
+            if name not in known or (name, known[name].raw) not in evaluated:
                 self._count("lost", f"{name}: {known.get(name)}")
         for name, trial in sorted(known.items()):
-            if (name, trial.raw) not in flown:
+            if (name, trial.raw) not in evaluated:
                 self._count("charged", f"{name}: {trial.reason} {trial.message}")
         if len(known) != self.budget:
             self._count("lost", f"{len(known)} of {self.budget} missions")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.cache import Store, remember_json
+from nbv.cache import Store, cached_json
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
@@ -22,7 +22,7 @@ from nbv.mission.run_directory import write_atomic
 NEEDS = 2**22  # numbers, 32 MiB: where a limit on memory bites
 
 
-def fly(
+def run_missions(
     config: MissionConfig, rock: str, replicate: int, directory: Path, *, keep: str = "summary"
 ) -> MissionResult:
     """A mission that never fails of itself; its score is drawn from what it is."""
@@ -30,7 +30,7 @@ def fly(
     what = f"{directory.name} {score!r}"
     record("began", what)
     filled = np.ones(NEEDS)
-    kept = remember_json(
+    kept = cached_json(
         Store(),
         "faults",
         lambda: _kept(rock, replicate),

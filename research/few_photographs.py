@@ -146,9 +146,11 @@ def main() -> None:
                         result.costs,
                         result.metrics.get("registered", result.metrics).get("observable", {}),
                     )
-                    flown = (costs["images"], costs["registered_images"], costs["flight_time_s"])
+                    evaluated = (costs["images"], costs["registered_images"], costs["flight_time_s"])
                     scores = [f"{found[name]:.2f}" if name in found else "" for name in METRICS]
-                    rows.writerow([*key, result.status, result.reason, *(round(x) for x in flown), *scores])
+                    rows.writerow(
+                        [*key, result.status, result.reason, *(round(x) for x in evaluated), *scores]
+                    )
                     file.flush()
     tell(arguments.out)
 

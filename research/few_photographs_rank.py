@@ -36,7 +36,7 @@ HEAD = (
 )
 
 
-def fly(rocks: list[str], count: int, out: Path) -> None:
+def run_missions(rocks: list[str], count: int, out: Path) -> None:
     """Append what is missing."""
     done = set()
     if out.exists():
@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--configurations", type=int, default=24)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    fly(arguments.rocks, arguments.configurations, arguments.out)
+    run_missions(arguments.rocks, arguments.configurations, arguments.out)
     tell(arguments.out)
 
 

@@ -22,8 +22,8 @@ from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import MetricRow, strategy_difference, strategy_interval
-from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
 
@@ -83,8 +83,8 @@ def table(records: list[Trial]) -> str:
             difference = strategy_difference(records, name, reference, row)
             own = difference_text(difference, row.decimals, bold=True)
             cells.append("reference" if name == reference else own)
-        flown = sum(r.strategy == name and r.status != "failed" for r in records)
-        rows.append([*cells, str(flown)])
+        evaluated = sum(r.strategy == name and r.status != "failed" for r in records)
+        rows.append([*cells, str(evaluated)])
     header = ["strategy", f"mean {SHOWN[0].label}", *(row.label for row in SHOWN), "missions"]
     return "\n".join(markdown_table(header, rows))
 

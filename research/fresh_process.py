@@ -48,10 +48,10 @@ def fly_in_fresh_process(
     child.start()
     sender.close()
     try:
-        flown: Flown = receiver.recv()
+        evaluated: Flown = receiver.recv()
     finally:
         child.join()
-    return flown
+    return evaluated
 
 
 def fly_for_record(
@@ -62,15 +62,15 @@ def fly_for_record(
     ``what`` tells the line from others of its rock and replicate; ``metrics`` are of the observable surface.
     ``SystemExit`` where the mission fails.
     """
-    flown = fly_in_fresh_process(config, rock, replicate, home())
-    result = flown.result
+    evaluated = fly_in_fresh_process(config, rock, replicate, home())
+    result = evaluated.result
     if result.status == "failed":
         raise SystemExit(f"{rock}, replicate {replicate}, {what}: {result.reason}: {result.message}")
-    return flown, {
+    return evaluated, {
         "rock": Path(rock).stem,
         "replicate": replicate,
         **what,
-        "cpu_s": flown.cpu_s,
+        "cpu_s": evaluated.cpu_s,
         "timings_s": dict(result.timings_s),
         "views": [step.chosen for step in result.trace],
         "n_points": result.trace[-1].n_points,

@@ -88,10 +88,10 @@ def held_out_rocks() -> set[str]:
 
 def without_rocks(missions: Sequence[FlownMission], rocks: Collection[str]) -> list[FlownMission]:
     """The missions on other rocks; ``UserError`` if a name is none of theirs."""
-    flown = {m.result.rock for m in missions}
+    evaluated = {m.result.rock for m in missions}
     for rock in rocks:
-        if rock not in flown:
-            raise UserError(f"no mission was flown on {rock!r}; there are {', '.join(sorted(flown))}")
+        if rock not in evaluated:
+            raise UserError(f"no mission was flown on {rock!r}; there are {', '.join(sorted(evaluated))}")
     return [m for m in missions if m.result.rock not in rocks]
 
 

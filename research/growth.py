@@ -39,7 +39,7 @@ from nbv.dense import PosedViews
 from nbv.dense.stereo import estimate_depth
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.mission.planning_state import load_state
-from nbv.photogrammetric.studio import Studio
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.scorers import rank_candidates
@@ -94,7 +94,7 @@ def image_sizes(rock_name: str) -> list[Curve]:
         renderer = make_renderer(
             build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
         )
-        studio = Studio(lambda _, r=renderer: r, rock, 0, config)  # type: ignore[misc]
+        studio = SimulatedCamera(lambda _, r=renderer: r, rock, 0, config)  # type: ignore[misc]
         views = seed_viewpoints(config)[:1]
         shots = [studio.take_photograph(views[0], np.array(views[0].position_m), 0.0)]
         # Neighbours as in a mission: 6 to 10 degrees beside.

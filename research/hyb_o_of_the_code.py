@@ -38,14 +38,14 @@ def missions(
 ) -> dict[tuple[str, str, int], tuple[float, float]]:
     """F-score @ 48 mm and percent of captures flown with B-aware, by (strategy, rock, replicate)."""
     base = preset(name).with_values(SHORT)
-    fly, found = mission_function(fidelity), {}
+    run_missions, found = mission_function(fidelity), {}
     for strategy, config in baseline_configs(list(STRATEGIES), base).items():
         for rock, replicate in itertools.product(rocks, range(replicates)):
-            flown = fly(config, rock, replicate, None)
-            if flown.status == "failed":
+            evaluated = run_missions(config, rock, replicate, None)
+            if evaluated.status == "failed":
                 continue
-            share = 100 * float(np.mean([entry.scorer == "b-aware" for entry in flown.trace]))
-            found[strategy, rock, replicate] = flown.metrics["observable"]["f_score_48mm"], share
+            share = 100 * float(np.mean([entry.scorer == "b-aware" for entry in evaluated.trace]))
+            found[strategy, rock, replicate] = evaluated.metrics["observable"]["f_score_48mm"], share
     return found
 
 

@@ -30,10 +30,10 @@ from nbv.mission.result import MissionResult  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.campaign import Campaign  # noqa: E402
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
-from tuner.missions.job import MissionJob, landed  # noqa: E402
+from tuner.missions.job import MissionJob, load_trial  # noqa: E402
+from tuner.problem.instances import Instance  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
-from tuner.problem.worlds import World  # noqa: E402
 from tuner.surrogate import fit  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 
@@ -84,9 +84,9 @@ def small_against_exact(seeds: int, count: int) -> list[dict[str, Any]]:
             model = RockMeanGP(SPACE, missions, ROCKS, seed)
             took = time.process_time() - started
             fit.EXACT_MISSIONS = before
-            flown = [o.values for o in missions]
-            truth = np.array([landscape(SPACE.to_unit(v)) for v in flown])
-            best = truth[model.best_first(flown)[0]]
+            evaluated = [o.values for o in missions]
+            truth = np.array([landscape(SPACE.to_unit(v)) for v in evaluated])
+            best = truth[model.best_first(evaluated)[0]]
             belief = model.posterior(fresh)
             error = belief.mean - 2 - np.array([landscape(SPACE.to_unit(v)) for v in fresh])
             rows.append(
@@ -113,7 +113,7 @@ def make_ledger(directory: Path, count: int) -> None:
     with ledger.together():  # one write
         for o in Landscape(0).missions(count):
             proposal = Proposal(dict(o.values), {"sampler": "gp"})
-            trial = ledger.start(proposal, World(o.rock, "ideal"), o.replicate, config.digest())
+            trial = ledger.start(proposal, Instance(o.rock, "ideal"), o.replicate, config.digest())
             trial.path.mkdir(parents=True)
             result = MissionResult(
                 "ok",
@@ -128,7 +128,7 @@ def make_ledger(directory: Path, count: int) -> None:
                 costs={"flight_time_s": 300.0, "wall_s": 4.0},
             )
             (trial.path / "mission.json").write_text(result.to_json())
-            ended = landed(MissionJob(str(trial.number), config, o.rock, o.replicate, trial.path))
+            ended = load_trial(MissionJob(str(trial.number), config, o.rock, o.replicate, trial.path))
             assert ended is not None
             ledger.finish(trial.number, ended)
 

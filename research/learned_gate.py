@@ -8,9 +8,9 @@
 ``learn`` prints, for all logged decisions and for those made at the paper's weights: how often the oracle has
 a preference at all, and how trees of several depths and a random forest (a ceiling: nobody could read it)
 fare on rocks left out of the training, and on decisions of known rocks (random split: it measures how much a
-model can remember about a rock, not what it would do on another).
+model can cached about a rock, not what it would do on another).
 
-``fly`` trains a policy per rock from the missions on the *other* rocks, then flies it on that rock against the
+``run_missions`` trains a policy per rock from the missions on the *other* rocks, then flies it on that rock against the
 fixed scorers and the paper's gates, all with the same replicates. Preset ``campaign`` with 6 agreeing views.
 Finished missions are not flown again. ``tables`` prints which scorer flew, and Table I's layout with paired
 differences.
@@ -39,8 +39,8 @@ from research.gate_learning import (
 )
 from tuner.evaluation.baselines import baseline_configs
 from tuner.evaluation.comparison import comparison_table
-from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
 from tuner.report.comparison import for_terminal, table_i_grid
@@ -124,7 +124,7 @@ def plan_of(rock: str, replicate: int, policy: Path) -> EvaluationPlan:
     return EvaluationPlan(configs, (path,), 1, first_replicate=replicate)
 
 
-def fly(
+def run_missions(
     missions: Sequence[FlownMission], rocks: Sequence[str], replicates: Sequence[int], out: Path, workers: int
 ) -> None:
     """Leave-one-rock-out policies against the other gates."""
@@ -148,10 +148,10 @@ def tables(out: Path) -> None:
     print("| rock | replicate | " + " | ".join(f"captures by B-aware, {s}" for s in STRATEGIES) + " |")
     print("|---|---:|" + "---:|" * len(STRATEGIES))
     for rock, replicate in sorted({(r.rock, r.replicate) for r in records}):
-        flown = {r.strategy: r for r in records if (r.rock, r.replicate) == (rock, replicate)}
+        evaluated = {r.strategy: r for r in records if (r.rock, r.replicate) == (rock, replicate)}
         cells = []
         for strategy in STRATEGIES:
-            result = MissionResult.load(Path(flown[strategy].directory))
+            result = MissionResult.load(Path(evaluated[strategy].directory))
             cells.append(f"{sum(t.scorer == 'b-aware' for t in result.trace)} of {len(result.trace)}")
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
@@ -176,7 +176,9 @@ def main() -> None:
         describe("All missions", gate_decisions(missions))
         describe("At the paper's weights", gate_decisions([m for m in missions if at_paper_weights(m)]))
     else:
-        fly(missions, arguments.rock, arguments.replicate or [0, 1], arguments.out, arguments.workers)
+        run_missions(
+            missions, arguments.rock, arguments.replicate or [0, 1], arguments.out, arguments.workers
+        )
 
 
 if __name__ == "__main__":

@@ -34,23 +34,23 @@ from research.fresh_process import Flown, fly_in_fresh_process, forget_sequences
 def stages(home: Path, rock: str, name: str = "campaign") -> dict[str, Any]:
     """One mission cold and warm."""
     config = preset(name)
-    flown: dict[str, Flown] = {"cold": fly_in_fresh_process(config, rock, 0, home)}
+    evaluated: dict[str, Flown] = {"cold": fly_in_fresh_process(config, rock, 0, home)}
     forget_sequences(home)
-    flown["warm, new sequence"] = fly_in_fresh_process(config, rock, 0, home)
-    flown["warm, known sequence"] = fly_in_fresh_process(config, rock, 0, home)
-    same = all(f.result.metrics == flown["cold"].result.metrics for f in flown.values())
+    evaluated["warm, new sequence"] = fly_in_fresh_process(config, rock, 0, home)
+    evaluated["warm, known sequence"] = fly_in_fresh_process(config, rock, 0, home)
+    same = all(f.result.metrics == evaluated["cold"].result.metrics for f in evaluated.values())
     print(f"\n{name} preset on {rock}, CPU seconds by stage (same metrics to the bit: {same})\n")
-    names = sorted({s for f in flown.values() for s in f.result.timings_s} - {"total"})
-    print("| stage | " + " | ".join(flown) + " |\n|---" * 1 + "|---" * len(flown) + "|")
+    names = sorted({s for f in evaluated.values() for s in f.result.timings_s} - {"total"})
+    print("| stage | " + " | ".join(evaluated) + " |\n|---" * 1 + "|---" * len(evaluated) + "|")
     for stage in names:
         print(
             f"| {stage} | "
-            + " | ".join(f"{f.result.timings_s.get(stage, 0):.2f}" for f in flown.values())
+            + " | ".join(f"{f.result.timings_s.get(stage, 0):.2f}" for f in evaluated.values())
             + " |"
         )
     for label, get in (("wall s", "wall_s"), ("CPU s", "cpu_s"), ("peak memory MB", "peak_rss_mb")):
         print(
-            f"| **{label}** | " + " | ".join(f"{getattr(f, get):.1f}" for f in flown.values()) + " |",
+            f"| **{label}** | " + " | ".join(f"{getattr(f, get):.1f}" for f in evaluated.values()) + " |",
             flush=True,
         )
     return {
@@ -60,7 +60,7 @@ def stages(home: Path, rock: str, name: str = "campaign") -> dict[str, Any]:
             "peak_rss_mb": f.peak_rss_mb,
             "timings_s": f.result.timings_s,
         }
-        for k, f in flown.items()
+        for k, f in evaluated.items()
     }
 
 
@@ -109,14 +109,14 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
         )
         while not executor.wait_any(1.0):
             pass
-        waiting, landed, flying = list(queue), 0, 0
+        waiting, load_trial, running = list(queue), 0, 0
         started = time.perf_counter()
-        while landed < len(queue):
-            while waiting and flying < workers:
+        while load_trial < len(queue):
+            while waiting and running < workers:
                 executor.submit(waiting.pop(0))
-                flying += 1
+                running += 1
             ended = len(executor.wait_any(60.0))
-            landed, flying = landed + ended, flying - ended
+            load_trial, running = load_trial + ended, running - ended
         wall = time.perf_counter() - started
     finally:
         executor.close()
@@ -169,22 +169,22 @@ def workers(
 
 def captures(home: Path, rock: str) -> dict[str, Any]:
     """Cost of each capture of a mission of preset paper-reduced."""
-    flown = fly_in_fresh_process(preset("paper-reduced"), rock, 0, home)
-    costs = flown.capture_cpu_s
+    evaluated = fly_in_fresh_process(preset("paper-reduced"), rock, 0, home)
+    costs = evaluated.capture_cpu_s
     first, last = statistics.mean(costs[:10]), statistics.mean(costs[-10:])
     print(
-        f"\npaper-reduced mission, 24 + {len(costs)}, nothing cached, on {rock}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s "
-        f"wall, peak {flown.peak_rss_mb:.0f} MB; CPU s of a capture: mean of the first 10 {first:.2f}, of the last 10 "
+        f"\npaper-reduced mission, 24 + {len(costs)}, nothing cached, on {rock}: {evaluated.cpu_s:.1f} s CPU, {evaluated.wall_s:.1f} s "
+        f"wall, peak {evaluated.peak_rss_mb:.0f} MB; CPU s of a capture: mean of the first 10 {first:.2f}, of the last 10 "
         f"{last:.2f}, growth {last / first:.2f} times\n" + ", ".join(f"{c:.2f}" for c in costs),
         flush=True,
     )
     return {
         "capture_cpu_s": costs,
         "growth": last / first,
-        "cpu_s": flown.cpu_s,
-        "wall_s": flown.wall_s,
-        "peak_rss_mb": flown.peak_rss_mb,
-        "timings_s": flown.result.timings_s,
+        "cpu_s": evaluated.cpu_s,
+        "wall_s": evaluated.wall_s,
+        "peak_rss_mb": evaluated.peak_rss_mb,
+        "timings_s": evaluated.result.timings_s,
     }
 
 

@@ -4,7 +4,7 @@
     OMP_NUM_THREADS=1 python -m research.next_rock play --bank bank.csv --out docs/results/data/next_rock.csv
     OMP_NUM_THREADS=1 python -m research.next_rock rule --rock $A15016 --rock $A65035 --bank bank.csv
 
-``fly`` fills a bank of geometric missions: 48 configurations of each space (the default, then in turn points near it and
+``run_missions`` fills a bank of geometric missions: 48 configurations of each space (the default, then in turn points near it and
 anywhere) on all procedural rocks and some files, two replicates. ``play`` plays campaigns of 64 of these missions, drawn at
 random on some training rocks: the configuration with the best posterior mean is recommended, its gain on the next rock is
 stated, and looked up on every rock that was left out.
@@ -73,7 +73,7 @@ def read(path: Path) -> Iterator[tuple[str, int, str, int, float]]:
                 yield r["space"], int(r["configuration"]), r["rock"], int(r["replicate"]), value
 
 
-def fly(path: Path, files: list[str], spaces: list[str]) -> None:
+def run_missions(path: Path, files: list[str], spaces: list[str]) -> None:
     """Append what is missing in the bank."""
     there = {row[:4] for row in read(path)}
     rocks = procedural() + files
@@ -116,8 +116,8 @@ def play(bank: Bank, space: str, training: list[str], seed: int, drawn: bool = T
     ]
     settings = surrogate_settings(loaded)
     model = RockMeanGP(loaded, history, training, seed, settings)
-    flown = sorted({i for i, rock, k in missions if not np.isnan(bank[i, rock, k])})
-    best = flown[int(model.posterior([values[i] for i in flown]).mean.argmax())]
+    evaluated = sorted({i for i, rock, k in missions if not np.isnan(bank[i, rock, k])})
+    best = evaluated[int(model.posterior([values[i] for i in evaluated]).mean.argmax())]
     departing = RockMeanGP(
         loaded, history, training, seed, dataclasses.replace(settings, own_landscapes=True)
     )
@@ -258,7 +258,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("next_rock.csv"))
     arguments = parser.parse_args()
     if arguments.what == "fly":
-        fly(arguments.bank, arguments.rock, arguments.space)
+        run_missions(arguments.bank, arguments.rock, arguments.space)
     elif arguments.what == "rule":
         for space in arguments.space:
             rule(arguments.bank, arguments.rock, space)

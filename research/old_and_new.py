@@ -70,7 +70,7 @@ HEAD = (
 )
 
 
-def fly(tree: Path, home: Path, rock: str, replicate: int, condition: str) -> dict[str, Any]:
+def run_missions(tree: Path, home: Path, rock: str, replicate: int, condition: str) -> dict[str, Any]:
     """One mission in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "GATETUNE_HOME": str(home), "OMP_NUM_THREADS": "1"}
     ran = subprocess.run(
@@ -81,18 +81,18 @@ def fly(tree: Path, home: Path, rock: str, replicate: int, condition: str) -> di
         text=True,
         check=True,
     )
-    flown: dict[str, Any] = json.loads(ran.stdout.splitlines()[-1])
-    return flown
+    evaluated: dict[str, Any] = json.loads(ran.stdout.splitlines()[-1])
+    return evaluated
 
 
-def row(flown: dict[str, Any]) -> list[Any]:
+def row(evaluated: dict[str, Any]) -> list[Any]:
     """Its numbers in the order of `HEAD`."""
-    scores = flown["scores"]
+    scores = evaluated["scores"]
     return [
-        flown["status"],
-        round(flown["cpu_s"], 2),
-        *(round(flown["seconds"][stage], 2) for stage in ("update", "dense", "evaluation")),
-        round(flown["peak_mb"]),
+        evaluated["status"],
+        round(evaluated["cpu_s"], 2),
+        *(round(evaluated["seconds"][stage], 2) for stage in ("update", "dense", "evaluation")),
+        round(evaluated["peak_mb"]),
         *(
             scores.get(f"{name}:{key}", "")
             for name in ("", "registered")
@@ -152,13 +152,13 @@ def main() -> None:
                 for code in {code for _, code in todo}:
                     filled = homes[code] / ("filled-" + "-".join(mission))
                     if not filled.exists():
-                        fly(trees[code], homes[code], rock, replicate, arguments.condition)
+                        run_missions(trees[code], homes[code], rock, replicate, arguments.condition)
                         filled.touch()
                 for turn, code in todo:
                     forget_sequences(homes[code])
                     forget_sequences(homes[code], "_")  # its kinds were spelt so before 0d2f783
-                    flown = fly(trees[code], homes[code], rock, replicate, arguments.condition)
-                    out.writerow([*mission, turn, code, *row(flown)])
+                    evaluated = run_missions(trees[code], homes[code], rock, replicate, arguments.condition)
+                    out.writerow([*mission, turn, code, *row(evaluated)])
                     file.flush()
     with arguments.out.open(newline="") as file:
         print(summary(list(csv.DictReader(file))))

@@ -119,7 +119,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         total_ask_s += ask_s
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
         (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
-        flight = problem.fly(request.values, rock, replicate)
+        flight = problem.run(request.values, rock, replicate)
         spent += flight.cost
         observation = Observation(
             len(history),

@@ -62,7 +62,7 @@ class Problem(Protocol):
     budget: int  # missions
     trusted_default: bool  # chosen by hand, not a random place
 
-    def fly(self, values: Values, rock: str, replicate: int) -> Flight:
+    def run(self, values: Values, rock: str, replicate: int) -> Flight:
         """One mission."""
         ...
 
@@ -168,7 +168,7 @@ class FunctionProblem:
         """Noiseless, in standard deviations of the function over the cube."""
         return float(self.function(self.space.to_unit(values))) / self._scale
 
-    def fly(self, values: Values, rock: str, replicate: int) -> Flight:
+    def run(self, values: Values, rock: str, replicate: int) -> Flight:
         """With noise."""
         if self.space.to_unit(values)[2] > self.fails_beyond:
             return Flight(None)
@@ -223,7 +223,7 @@ class FourRocks:
         scale = np.mean([self._rocks[rock][1] for rock in self.rocks])
         return float((np.mean([self._on_rock(values, rock) for rock in self.rocks]) - offsets) / scale)
 
-    def fly(self, values: Values, rock: str, replicate: int) -> Flight:
+    def run(self, values: Values, rock: str, replicate: int) -> Flight:
         """With noise and the block's offset."""
         noise = self.noise * normal("noise", self.seed, sorted(values.items()), rock, replicate)
         block = self.block_sd * normal("slot", self.seed, rock, replicate)
@@ -243,12 +243,12 @@ class Memo:
         with self._connection:
             self._connection.execute("create table if not exists flown (key text primary key, outcome text)")
 
-    def get(self, key: str, fly: Callable[[], dict[str, Any] | None]) -> dict[str, Any] | None:
+    def get(self, key: str, run_missions: Callable[[], dict[str, Any] | None]) -> dict[str, Any] | None:
         """What is stored under ``key``, flown if nothing is."""
         key = f"{self._version}/{key}"
         row = self._connection.execute("select outcome from flown where key = ?", (key,)).fetchone()
         if row is None:
-            outcome = fly()
+            outcome = run_missions()
             with self._connection:
                 self._connection.execute(
                     "insert or replace into flown values (?, ?)", (key, json.dumps(outcome))
@@ -305,7 +305,7 @@ class GeometricProblem:
 
         config = self._base.with_values(self.space.complete(values))
 
-        def fly() -> dict[str, Any] | None:
+        def run_missions() -> dict[str, Any] | None:
             try:
                 result = run_geometric_mission(config, rock, replicate)
             except MissionFailure:
@@ -316,9 +316,9 @@ class GeometricProblem:
             costs = {key: result.costs[key] for key in ("flight_time_s", "images")}
             return {"observable": kept, **costs}
 
-        return self.memo.get(f"{config.digest()}/{Path(rock).stem}/{replicate}", fly)
+        return self.memo.get(f"{config.digest()}/{Path(rock).stem}/{replicate}", run_missions)
 
-    def fly(self, values: Values, rock: str, replicate: int) -> Flight:
+    def run(self, values: Values, rock: str, replicate: int) -> Flight:
         """The metric, in percent, less what the photographs cost."""
         outcome = self.metrics(values, rock, replicate)
         group, name = self.metric.split(".")
@@ -330,7 +330,7 @@ class GeometricProblem:
     def truth(self, values: Values) -> float:
         """Mean over rocks of fresh replicates; a failed mission counts as 0."""
         flights = [
-            self.fly(values, rock, FIRST_TRUTH_REPLICATE + k).value
+            self.run(values, rock, FIRST_TRUTH_REPLICATE + k).value
             for rock in self.rocks
             for k in range(TRUTH_REPLICATES)
         ]

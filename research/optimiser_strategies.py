@@ -186,7 +186,7 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     while len(history) < size:
         proposal = sampler.ask(history, [])
         (rock, _), replicate = next_block(rocks, replicates, history, proposal)
-        y = elsewhere.fly(proposal.values, rock, replicate).value
+        y = elsewhere.run(proposal.values, rock, replicate).value
         history.append(Observation(len(history), proposal.values, rock, replicate, y, y))
     return EarlierMissions(problem.space, rocks, tuple(history))
 

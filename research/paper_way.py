@@ -39,7 +39,7 @@ from nbv.dense import PosedViews, dense_cloud
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.flight import Flight
-from nbv.photogrammetric.studio import Studio
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import Rock, load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.sparse.alignment import align_cameras
@@ -63,7 +63,7 @@ def photographs(config: MissionConfig, rock: Rock, replicate: int, chosen: list[
     def no_renderer(camera):  # type: ignore[no-untyped-def]
         return make_renderer(build_scene(rock, config.scene, camera, store=Store()), config.scene.backend)
 
-    studio = Studio(no_renderer, rock, replicate, config, Store())
+    studio = SimulatedCamera(no_renderer, rock, replicate, config, Store())
     flight = Flight(config, rock_sha256=rock.sha256, replicate=replicate)
     candidates = {view.id: view for view in raw_candidates(config)}
     flight.take_off()
@@ -221,16 +221,16 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
     forget_sequences(home)
     ours["warm, new sequence"] = fly_in_fresh_process(config, rock_name, 0, home)
     ours["warm, known sequence"] = fly_in_fresh_process(config, rock_name, 0, home)
-    for name, flown in ours.items():
+    for name, evaluated in ours.items():
         print(
-            f"ours, {name}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s wall, peak {flown.peak_rss_mb:.0f} MB, "
-            f"status {flown.result.status}",
+            f"ours, {name}: {evaluated.cpu_s:.1f} s CPU, {evaluated.wall_s:.1f} s wall, peak {evaluated.peak_rss_mb:.0f} MB, "
+            f"status {evaluated.result.status}",
             flush=True,
         )
     cold = ours["cold"].result
     if cold.status == "failed":
         raise SystemExit(f"our own mission failed ({cold.reason}); there is nothing to compare")
-    same = all(flown.result.metrics == cold.metrics for flown in ours.values())
+    same = all(evaluated.result.metrics == cold.metrics for evaluated in ours.values())
     print(f"all three with the same metrics, to the bit: {same}", flush=True)
 
     limit_threads()
@@ -281,8 +281,8 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
         f"total {total:.1f} s"
     )
     print("\n| ours | CPU s | wall s | authors' CPU s / ours |\n|---|---|---|---|")
-    for name, flown in ours.items():
-        print(f"| {name} | {flown.cpu_s:.1f} | {flown.wall_s:.1f} | {total / flown.cpu_s:.1f} |")
+    for name, evaluated in ours.items():
+        print(f"| {name} | {evaluated.cpu_s:.1f} | {evaluated.wall_s:.1f} | {total / evaluated.cpu_s:.1f} |")
     taking = sum(cold.timings_s.get(stage, 0.0) for stage in ("photograph", "scene"))
     print(f"\nOf our cold mission {taking:.1f} s is rendering, which the authors' way is not charged for.")
     print(

@@ -24,13 +24,13 @@ from nbv.config.conditions import Condition, load_condition
 from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.scorers.prediction import predict
 from nbv.types import Floats
-from research.adaptive_plans import FIDELITIES, base, fly
+from research.adaptive_plans import FIDELITIES, base, run_jobs
 from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
 from research.where_planning_pays import PLANNED as UNBOUND
 
 REAIM_AFTER = 12
 TWO_RINGS = FIXED["rings at 10° and 35°"]
-REAIMED: dict[str, Any] = {"seed.reaim_after": REAIM_AFTER}
+REAIMED: dict[str, Any] = {"seed.retarget_after": REAIM_AFTER}
 ORBITS: dict[str, dict[str, Any]] = {
     "one ring": {},
     "two rings": TWO_RINGS,
@@ -82,19 +82,21 @@ def mission(
     percent
         The prediction at which one does.
     fidelity
-        As `research.adaptive_plans.fly` has it.
+        As `research.adaptive_plans.run_jobs` has it.
     """
     values = arm_values(arm, count, percent)
-    flown = fly(under(base(**values), condition_of(condition)), rock, fidelity)
-    result, costs = flown.result, flown.result.costs
+    evaluated = run_jobs(under(base(**values), condition_of(condition)), rock, fidelity)
+    result, costs = evaluated.result, evaluated.result.costs
     score = told = float("nan")
     if result.status == "failed":
         score = 0.0
     else:
         path = "observable.f_score_48mm"
         score = result.metric(f"registered.{path}" if "registered" in result.metrics else path)
-    if flown.model is not None:
-        told = predict(flown.model.points_m, flown.model.camera_centers_m, flown.believed).f_score_percent
+    if evaluated.model is not None:
+        told = predict(
+            evaluated.model.points_m, evaluated.model.camera_centers_m, evaluated.believed
+        ).f_score_percent
     photographs, registered = int(costs["images"]), int(costs["registered_images"])
     row = (photographs, registered, f"{score:.3f}", f"{told:.3f}", f"{costs['flight_time_s']:.1f}")
     return (Path(rock).stem, condition, arm, *row, result.reason or result.status)
@@ -104,14 +106,14 @@ def fly_all(arguments: argparse.Namespace) -> None:
     """What the file does not have yet, rock by rock."""
     out: Path = arguments.out
     fresh = not out.exists()
-    flown = set() if fresh else {(r["rock"], r["condition"], r["arm"]) for r in read(out)}
+    evaluated = set() if fresh else {(r["rock"], r["condition"], r["arm"]) for r in read(out)}
     with out.open("a", newline="") as file:
         writer = csv.writer(file)
         if fresh:
             writer.writerow(HEAD)
         for rock in arguments.rock:
             for arm in arguments.arms:
-                if (Path(rock).stem, arguments.condition, arm) not in flown:
+                if (Path(rock).stem, arguments.condition, arm) not in evaluated:
                     asked = (arguments.count, arguments.percent, arguments.fidelity)
                     writer.writerow(mission(rock, arguments.condition, arm, *asked))
                     file.flush()
@@ -197,16 +199,16 @@ def _by_split(rows: list[dict[str, str]]) -> dict[str, list[dict[str, str]]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     commands = parser.add_subparsers(dest="what", required=True)
-    flying = commands.add_parser("fly")
-    flying.add_argument("--rock", nargs="+", required=True)
-    flying.add_argument("--condition", default="ideal")
-    flying.add_argument("--count", type=int, default=24)
-    flying.add_argument(
+    running = commands.add_parser("fly")
+    running.add_argument("--rock", nargs="+", required=True)
+    running.add_argument("--condition", default="ideal")
+    running.add_argument("--count", type=int, default=24)
+    running.add_argument(
         "--percent", type=float, default=98.0, help="the prediction that ends the stopped arm"
     )
-    flying.add_argument("--arms", nargs="+", required=True, choices=[*ORBITS, *PLANNED, STOPPED])
-    flying.add_argument("--fidelity", default="photogrammetric", choices=FIDELITIES)
-    flying.add_argument("--out", type=Path, required=True)
+    running.add_argument("--arms", nargs="+", required=True, choices=[*ORBITS, *PLANNED, STOPPED])
+    running.add_argument("--fidelity", default="photogrammetric", choices=FIDELITIES)
+    running.add_argument("--out", type=Path, required=True)
     telling = commands.add_parser("tell")
     telling.add_argument("file", type=Path)
     telling.add_argument("--against", default="adaptive")

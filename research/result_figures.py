@@ -127,17 +127,17 @@ def conditions(data: Path) -> plt.Figure:
         "tuned-conditions": "tuned over conditions",
         "tuned-there": "tuned in harsh itself",
     }
-    worlds = list(dict.fromkeys(row["condition"] for row in rows))
-    figure, panels = plt.subplots(1, len(worlds), figsize=(8, 2.8), sharey=True)
-    for axes, world in zip(panels, worlds):
+    instances = list(dict.fromkeys(row["condition"] for row in rows))
+    figure, panels = plt.subplots(1, len(instances), figsize=(8, 2.8), sharey=True)
+    for axes, instance in zip(panels, instances):
         for place, strategy in enumerate(names):
-            found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, world)]
+            found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, instance)]
             values = [float(row["f_score_48mm"]) for row in found if row["f_score_48mm"]]
             if not values:
                 continue
             axes.plot(values, [place] * len(values), "o", color=GREY, alpha=0.5, markersize=4)
             axes.plot(sum(values) / len(values), place, "D", color=BLUE if "tuned" in strategy else ORANGE)
-        axes.set_title(world)
+        axes.set_title(instance)
         axes.set_xlabel("registered F-score @ 48 mm (%)")
         axes.grid(axis="x", alpha=0.3)
     panels[0].set_yticks(range(len(names)), list(names.values()))
@@ -151,11 +151,11 @@ def renderer_order(data: Path) -> plt.Figure:
     figure, axes = plt.subplots(figsize=(5, 4))
     for name in dict.fromkeys(row["configuration"] for row in rows):
         means = []
-        for world in ("raycast", "mitsuba"):
+        for instance in ("raycast", "mitsuba"):
             values = [
                 float(row["F whole"])
                 for row in rows
-                if (row["configuration"], row["world"], row["replicate"]) == (name, world, "0")
+                if (row["configuration"], row["world"], row["replicate"]) == (name, instance, "0")
             ]
             means.append(sum(values) / len(values))
         colour = BLUE if name.startswith("tuned") else ORANGE if name in ("Hyb-H", "random") else GREY
@@ -365,7 +365,7 @@ def drawn_rocks(data: Path) -> plt.Figure:
 
 def where_planning_pays(data: Path) -> plt.Figure:
     """Gain of the adaptive plan over an orbit of as many photographs: by how hard the rock is, and by condition."""
-    figure, (hard, worlds) = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
+    figure, (hard, instances) = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
     arms = ("rings at 10° and 35°", "adaptive")
     scores: dict[str, dict[str, float]] = {}
     for row in read(data, "where_planning_pays"):
@@ -374,18 +374,20 @@ def where_planning_pays(data: Path) -> plt.Figure:
             scores.setdefault(row["rock"], {})[row["arm"]] = float(row["24"])
     pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
     hard.scatter(*zip(*pairs, strict=True), s=14, color=BLUE, alpha=0.6, label="geometric")
-    flown: dict[str, dict[str, dict[str, float]]] = {}
+    evaluated: dict[str, dict[str, dict[str, float]]] = {}
     for row in read(data, "where_planning_pays_photographs"):
         if row["status"].endswith("failed"):
             continue  # no cloud; the page says so
-        flown.setdefault(row["condition"], {}).setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
+        evaluated.setdefault(row["condition"], {}).setdefault(row["rock"], {})[row["arm"]] = float(
+            row["f_score"]
+        )
     gains = {
         name: [
             (max(orbits), of["adaptive"] - max(orbits))
             for of in rocks.values()
             if "adaptive" in of and (orbits := [f for arm, f in of.items() if arm.startswith("two rings")])
         ]
-        for name, rocks in flown.items()
+        for name, rocks in evaluated.items()
     }
     hard.scatter(
         *zip(*gains["ideal"], strict=True), s=34, marker="D", color=ORANGE, alpha=0.8, label="photographs"
@@ -398,9 +400,9 @@ def where_planning_pays(data: Path) -> plt.Figure:
     for place, (_, of) in enumerate(gains.items()):
         gain = np.array([difference for _, difference in of])
         means = gain[rng.integers(0, len(gain), (4000, len(gain)))].mean(axis=1)
-        worlds.scatter(place + rng.uniform(-0.12, 0.12, len(gain)), gain, s=14, color=ORANGE, alpha=0.6)
+        instances.scatter(place + rng.uniform(-0.12, 0.12, len(gain)), gain, s=14, color=ORANGE, alpha=0.6)
         low, high = np.percentile(means, [2.5, 97.5])
-        worlds.errorbar(
+        instances.errorbar(
             place + 0.3,
             gain.mean(),
             [[gain.mean() - low], [high - gain.mean()]],
@@ -409,17 +411,17 @@ def where_planning_pays(data: Path) -> plt.Figure:
             capsize=3,
             markersize=4,
         )
-    worlds.set_xticks(
+    instances.set_xticks(
         range(len(gains)),
         [name.replace(" (", "\n(") + f"\n{len(of)} rocks" for name, of in gains.items()],
         fontsize=8,
     )
-    worlds.set_yscale("symlog", linthresh=2)
+    instances.set_yscale("symlog", linthresh=2)
     ticks = (-10, -5, -2, -1, 0, 1, 2, 5, 10, 20)
-    worlds.set_yticks(ticks, [str(tick) for tick in ticks])
-    worlds.minorticks_off()
-    worlds.set_title("24 or 26 photographs; mean and 95 % interval", fontsize=9)
-    for axes in (hard, worlds):
+    instances.set_yticks(ticks, [str(tick) for tick in ticks])
+    instances.minorticks_off()
+    instances.set_title("24 or 26 photographs; mean and 95 % interval", fontsize=9)
+    for axes in (hard, instances):
         axes.axhline(0, color="black", linewidth=0.8)
         axes.grid(alpha=0.3)
     return figure

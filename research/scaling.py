@@ -46,7 +46,7 @@ from tuner.campaign.events import CampaignEvent  # noqa: E402
 from tuner.campaign.session import (  # noqa: E402
     MAX_BATCH,
     SHARE,
-    fly_campaign,
+    run_campaign,
 )
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
@@ -54,7 +54,7 @@ from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
 from tuner.missions.job import RESULT_FILE, MissionJob, Trial  # noqa: E402
 from tuner.problem.observations import Observation  # noqa: E402
-from tuner.problem.search_space import ours  # noqa: E402
+from tuner.problem.search_space import builtin  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.samplers.base import (  # noqa: E402
     SamplerSettings,
@@ -86,7 +86,7 @@ class Waits:
         job, begin = MissionJob.from_dict(order["job"]), time.time()
         rng = np.random.default_rng(int(job.id))
         time.sleep(rng.choice(self.durations))
-        gate = ours(job.config).gate
+        gate = builtin(job.config).gate
         score = 80 - 20 * (gate.budget_fraction - 0.4) ** 2 + rng.normal()
         end = time.time()
         result = MissionResult(
@@ -110,7 +110,7 @@ class Waits:
 def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
     """One row."""
     waits, missions = Waits(measured(seconds)), max(rounds * workers, 64)
-    worker.fly = waits  # type: ignore[assignment]
+    worker.run = waits  # type: ignore[assignment]
     space = load_search_space("gate_and_weights")
     with tempfile.TemporaryDirectory() as home:
         settings = CampaignSettings(
@@ -127,7 +127,7 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
         )
         began = time.process_time()
         with DaskExecutor(Client(cluster, set_as_default=False)) as executor:
-            summary = fly_campaign(campaign, executor)
+            summary = run_campaign(campaign, executor)
         used = time.process_time() - began
         times = sorted((t.costs["begin"], t.costs["end"]) for t in campaign.trials())
     first, last = times[workers - 1][0], times[-1][0]
@@ -174,7 +174,7 @@ def against_local(missions: int, repeats: int, seconds: float | None) -> list[di
                     )
                     executor = DaskExecutor(Client(cluster, set_as_default=False))
                 with executor:
-                    fly_campaign(campaign, executor)  # begins with whatever imports take
+                    run_campaign(campaign, executor)  # begins with whatever imports take
                 ends = sorted(t.finished for t in campaign.trials() if t.finished)
                 warm = (ends[-1] - ends[len(ends) // 4]).total_seconds()
                 wall = sum(t.wall_s for t in campaign.trials()[len(ends) // 4 :])
@@ -247,10 +247,10 @@ def growth(executor: Any, missions: int) -> dict[str, Any]:
                 gc.collect()
                 server = getattr(executor, "_server", None)
                 disk = sum(f.stat().st_blocks for f in Path(home).rglob("*")) // 2
-                flown = [kilobytes(os.getpid()), 0 if server is None else kilobytes(server.pid), disk]
-                marks[event.finished] = flown
+                evaluated = [kilobytes(os.getpid()), 0 if server is None else kilobytes(server.pid), disk]
+                marks[event.finished] = evaluated
 
-        fly_campaign(campaign, executor, note)
+        run_campaign(campaign, executor, note)
     first, last = marks[missions // 3], marks[missions]
     each = [round((b - a) / (missions - missions // 3), 2) for a, b in zip(first, last)]
     return {
@@ -273,28 +273,28 @@ def value(name: str, width: int, missions: int, seed: int) -> list[dict[str, Any
     )
     sampler, rng = make_sampler("gp", settings), np.random.default_rng(seed)
     history: list[Observation] = []
-    flying: dict[int, tuple[float, Observation]] = {}
+    running: dict[int, tuple[float, Observation]] = {}
     queue: list[tuple[float, int]] = []
     number, clock = 0, 0.0
     marks: dict[int, dict[str, Any]] = {int(share * missions): {} for share in MARKS}
     while len(history) < missions:
-        free = min(width - len(flying), missions - number)
-        if free >= (1 if width < 8 else min(width // SHARE, MAX_BATCH)) or (free and not flying):
-            pending = [p for _, p in flying.values()]
+        free = min(width - len(running), missions - number)
+        if free >= (1 if width < 8 else min(width // SHARE, MAX_BATCH)) or (free and not running):
+            pending = [p for _, p in running.values()]
             for proposal in ask_many(sampler, settings, history, pending, free):
-                mission = in_flight(settings, history, [p for _, p in flying.values()], proposal)
+                mission = in_flight(settings, history, [p for _, p in running.values()], proposal)
                 end = clock + float(rng.lognormal(0.0, 0.3))
-                flying[number] = (end, mission)
+                running[number] = (end, mission)
                 heapq.heappush(queue, (end, number))
                 number += 1
         clock, ended = heapq.heappop(queue)
-        p = flying.pop(ended)[1]
-        y = problem.fly(dict(p.values), p.rock, p.replicate).value
+        p = running.pop(ended)[1]
+        y = problem.run(dict(p.values), p.rock, p.replicate).value
         history.append(Observation(ended, p.values, p.rock, p.replicate, y, y))
         if len(history) in marks:
             model = RockMeanGP(problem.space, history, problem.rocks, seed)
-            flown = [dict(o.values) for o in history]
-            found = problem.truth(flown[model.best_first(flown)[0]])
+            evaluated = [dict(o.values) for o in history]
+            found = problem.truth(evaluated[model.best_first(evaluated)[0]])
             marks[len(history)] = {
                 "what": f"value, {name}",
                 "workers": width,

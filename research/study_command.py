@@ -45,9 +45,9 @@ def fly_study(
     Raises
     ------
     UserError
-        Fewer than one worker; as `research.study_directory.fly`.
+        Fewer than one worker; as `research.study_directory.run_jobs`.
     """
-    from research.study_directory import fly
+    from research.study_directory import run_jobs
     from tuner.missions.executors import LocalProcessExecutor
 
     if workers is not None and workers < 1:
@@ -64,7 +64,7 @@ def fly_study(
         LocalProcessExecutor(count, timeout_s=timeout_s, preload=fidelities) as executor,
         ComparisonProgress(metric) as show,
     ):
-        return fly(settings, directory, executor, show)
+        return run_jobs(settings, directory, executor, show)
 
 
 def end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, cast
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import read_yaml, to_yaml
-from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationEvent, failure_counts, run_evaluation
 from tuner.missions.executors import Executor
 from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
@@ -98,7 +98,7 @@ class StudySettings(ABC):
             raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
 
 
-def fly(
+def run_missions(
     settings: StudySettings,
     directory: Path,
     executor: Executor,
@@ -129,7 +129,7 @@ def fly(
     )
 
 
-def flown(settings: StudySettings, directory: Path) -> dict[str, list[Trial]]:
+def evaluated(settings: StudySettings, directory: Path) -> dict[str, list[Trial]]:
     """Return what is known of every plan's missions so far, by plan."""
     return {name: plan.records(directory / name) for name, plan in settings.plans().items()}
 

@@ -19,8 +19,8 @@ from scipy import stats
 
 from nbv.config import load_conditions
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 
 PAPER, IDEAL, WORLDS, CHANCE = "hyb-h", "tuned-ideal", "tuned-conditions", "random-in-its-pool"
@@ -43,8 +43,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--data", type=Path, required=True)
     arguments = parser.parse_args()
-    ideal, worlds = (Campaign.open(run, read_only=True) for run in (arguments.ideal, arguments.worlds))
-    base, tuned = ideal.settings.base_config(), worlds.recommended_config()
+    ideal, instances = (Campaign.open(run, read_only=True) for run in (arguments.ideal, arguments.instances))
+    base, tuned = ideal.settings.base_config(), instances.recommended_config()
     chance = base.with_values({"gate.kind": "random", "pool.max_altitude_m": tuned.pool.max_altitude_m})
     configs = {
         PAPER: base.with_values({"gate.kind": "hyb-h"}),
@@ -86,12 +86,15 @@ def main() -> None:
 
 def tell(values: Mapping[tuple[str, str, str], float], conditions: list[str]) -> None:
     """Mean F-score per condition, and paired differences of rock means."""
-    rocks, flown = sorted({rock for _, rock, _ in values}), sorted({strategy for strategy, _, _ in values})
+    rocks, evaluated = (
+        sorted({rock for _, rock, _ in values}),
+        sorted({strategy for strategy, _, _ in values}),
+    )
     for group in ([condition] for condition in conditions):
-        means = {s: np.nanmean([values[s, r, group[0]] for r in rocks]) for s in flown}
+        means = {s: np.nanmean([values[s, r, group[0]] for r in rocks]) for s in evaluated}
         print(group[0], {name: round(float(mean), 2) for name, mean in means.items()})
     for group in (*([condition] for condition in conditions), conditions):
-        for a, b in (pair for pair in PAIRS if set(pair) <= set(flown)):
+        for a, b in (pair for pair in PAIRS if set(pair) <= set(evaluated)):
             per_rock = np.array([np.mean([values[a, r, c] - values[b, r, c] for c in group]) for r in rocks])
             kept = per_rock[np.isfinite(per_rock)]
             half = stats.t.ppf(0.975, len(kept) - 1) * stats.sem(kept)

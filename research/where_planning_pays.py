@@ -24,19 +24,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nbv.geometric.instance import world_of
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.geometric.completeness import predicted_metrics, sample_probability
-from nbv.geometric.world import world_of
-from nbv.mission.belief import aimed, told
+from nbv.mission.target_prior import told, with_true_target
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.scorers.prediction import predict
 from nbv.types import Bools, Floats, Ints, SparseModel, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from research.adaptive_plans import base, fly, rocks_of
+from research.adaptive_plans import base, rocks_of, run_jobs
 
 MOST = 48
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
@@ -75,20 +75,20 @@ def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[i
         percent = predict(model.points_m, model.camera_centers_m, believed).f_score_percent
         steps.append((scores["observable"]["f_score_48mm"], percent))
 
-    flown = fly(config, rock, listen=look).result
-    first = int(flown.costs["images"]) - len(steps) + 1  # seeds that make no model are flown twice
+    evaluated = run_jobs(config, rock, listen=look).result
+    first = int(evaluated.costs["images"]) - len(steps) + 1  # seeds that make no model are flown twice
     return ((first + k, *step) for k, step in enumerate(steps))
 
 
 def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> float:
     """F-score at 48 mm of views that are all registered: as a geometric mission has it, without its sparse model."""
     rock = load_coarse_rock(rock_name, Store())
-    truth = aimed(base(), rock)
-    world = world_of(rock, truth, Store())
-    seen = np.array([world.samples_seen(view.position_m, config.target_m) for view in views])
+    truth = with_true_target(base(), rock)
+    instance = world_of(rock, truth, Store())
+    seen = np.array([instance.samples_seen(view.position_m, config.target_m) for view in views])
     centers_m = np.array([arrival_position(view, config.flight, (rock.sha256, 0)) for view in views])
-    chance = sample_probability(world, seen, centers_m, truth)
-    return float(predicted_metrics(world, chance, truth)["observable"]["f_score_48mm"])
+    chance = sample_probability(instance, seen, centers_m, truth)
+    return float(predicted_metrics(instance, chance, truth)["observable"]["f_score_48mm"])
 
 
 def believed(rock: str, **values: Any) -> MissionConfig:
@@ -352,14 +352,14 @@ def tell(train: Curves, test: Curves, score: float) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     commands = parser.add_subparsers(dest="what", required=True)
-    flying = commands.add_parser("curves")
-    flying.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
-    flying.add_argument("--rocks", type=int, default=4)
-    flying.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
-    flying.add_argument("--arms", nargs="+", default=[*FIXED, *PLANNED])
-    flying.add_argument("--seeds", type=int, default=SEEDS["seed.count"])
-    flying.add_argument("--seed-elevation-deg", type=float, default=SEEDS["seed.lowest_deg"])
-    flying.add_argument("--out", type=Path, required=True)
+    running = commands.add_parser("curves")
+    running.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
+    running.add_argument("--rocks", type=int, default=4)
+    running.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
+    running.add_argument("--arms", nargs="+", default=[*FIXED, *PLANNED])
+    running.add_argument("--seeds", type=int, default=SEEDS["seed.count"])
+    running.add_argument("--seed-elevation-deg", type=float, default=SEEDS["seed.lowest_deg"])
+    running.add_argument("--out", type=Path, required=True)
     bounding = commands.add_parser("bounds")
     bounding.add_argument("--rock", nargs="+", required=True)
     telling = commands.add_parser("tell")
@@ -380,13 +380,13 @@ def main() -> None:
         return
     seeds = {"seed.count": arguments.seeds, "seed.lowest_deg": arguments.seed_elevation_deg}
     fresh = not arguments.out.exists()
-    flown = set() if fresh else {row["rock"] for row in read(arguments.out)}
+    evaluated = set() if fresh else {row["rock"] for row in read(arguments.out)}
     with arguments.out.open("a", newline="") as file:
         writer = csv.writer(file)
         if fresh:
             writer.writerow(HEAD)
         for rock in rocks_of(arguments.split, arguments.rocks, arguments.first):
-            if rock not in flown:
+            if rock not in evaluated:
                 writer.writerows(curves(rock, arguments.arms, seeds))
                 file.flush()
 

@@ -18,7 +18,7 @@ import lazy_loader  # noqa: E402
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
-    from tuner.evaluation.flying import EvaluationRun
+    from tuner.evaluation.run import EvaluationRun
     from tuner.jobs import evaluate, frame, reproduce, tune
     from tuner.recommendation.recommendation import Recommendation
 
@@ -37,7 +37,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "campaign.campaign": ["Campaign"],
         "campaign.settings": ["CampaignSettings"],
-        "evaluation.flying": ["EvaluationRun"],
+        "evaluation.run": ["EvaluationRun"],
         "recommendation.recommendation": ["Recommendation"],
         "jobs": ["evaluate", "frame", "reproduce", "tune"],
     },

@@ -70,7 +70,7 @@ app.command(
     name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."
 )(evaluate.evaluate)
 app.command(
-    name="confirm", short_help="Did my rock gain? The recommendation against the default, flown afresh."
+    name="confirm", short_help="Did my rock gain? The recommendation against the default, run afresh."
 )(evaluate.confirm)
 app.command(name="metrics", short_help="What can be tuned for: every metric, its unit and direction.")(
     config.metrics
@@ -80,13 +80,15 @@ app.command(
 )(evaluate.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
 app.add_typer(studies.app, name="study", help="How noisy missions are; which parameters matter.")
-app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
+app.add_typer(mission.app, name="mission", help="Run one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
     photographs.app, name="photographs", help="Sets of real photographs: import them; how few are enough?"
 )
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
-app.command(name="doctor", short_help="Is this machine fit for missions, and what mends it?")(doctor.doctor)
+app.command(name="doctor", short_help="Is this machine fit for missions, and what expected_gain it?")(
+    doctor.doctor
+)
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")
 
 

@@ -1,6 +1,6 @@
 """The three jobs from Python: what the commands do, with values instead of printed lines.
 
-They fly in processes of their own, so a script needs no ``if __name__ == "__main__"``.
+They run in processes of their own, so a script needs no ``if __name__ == "__main__"``.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.rock_choice import rock_arguments
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
 from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
 from tuner.evaluation.of_campaign import end_of_campaign, held_out
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationRun, place_for, run_evaluation
 from tuner.missions.executors import local_executor
 from tuner.report.records import records_of
 
@@ -74,7 +74,7 @@ def tune(
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
-        if fly_campaign(campaign, executor, on_event).found:
+        if run_campaign(campaign, executor, on_event).found:
             for name, asked_for in end_of_campaign(campaign).items():
                 run_evaluation(asked_for.plan, place_for(asked_for.plan, campaign.directory / name), executor)
     return campaign
@@ -104,7 +104,7 @@ def evaluate(
     conditions
         Names or files; by default the campaign's.
     directory
-        By default ``evaluation`` in the campaign's; missions that are there are not flown again.
+        By default ``evaluation`` in the campaign's; missions that are there are not run again.
 
     Raises
     ------

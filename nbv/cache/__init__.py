@@ -5,23 +5,23 @@
 * the source code that makes it, with all that this code imports, and the libraries' versions (`code_digest`).
 
 An entry is stale when its address is no longer asked for, and never otherwise: there is no number to raise by hand.
-`remember` is the rule in one call; without a store it only calls ``make``, so nothing is read or written. Stores are
+`cached` is the rule in one call; without a store it only calls ``make``, so nothing is read or written. Stores are
 handed from the mission down to the stages; no algorithm opens one.
 
 Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue``) and are not part of it.
 """
 
-from nbv.cache.addressing import address, code_digest, digest, remember, remember_json
+from nbv.cache.addressing import cache_key, cached, cached_json, code_digest, digest
 from nbv.cache.store import Arrays, KnownOnly, Store, home
 
 __all__ = [
     "Arrays",
     "KnownOnly",
     "Store",
-    "address",
+    "cache_key",
+    "cached",
+    "cached_json",
     "code_digest",
     "digest",
     "home",
-    "remember",
-    "remember_json",
 ]

@@ -1,4 +1,4 @@
-"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `remember`."""
+"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `cached`."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def digest(*parts: Any) -> str:
     return hasher.hexdigest()[:32]
 
 
-def address(code: str, *inputs: Any) -> str:
+def cache_key(code: str, *inputs: Any) -> str:
     """The key of what the module or package ``code`` makes of ``inputs`` (each as `digest` takes it)."""
     return digest(code, code_digest(code), *inputs)
 
 
-def remember(
+def cached(
     store: Store | None,
     kind: str,
     make: Callable[[], Arrays],
@@ -69,7 +69,7 @@ def remember(
     """
     if store is None:
         return make()
-    key = address(code, *inputs)
+    key = cache_key(code, *inputs)
     entry = store.get(kind, key)
     if entry is None:
         entry = make()
@@ -77,13 +77,13 @@ def remember(
     return entry
 
 
-def remember_json(store: Store | None, kind: str, make: Callable[[], Any], **more: Any) -> Any:
-    """`remember` for a JSON value, with the same ``code`` and ``inputs``."""
+def cached_json(store: Store | None, kind: str, make: Callable[[], Any], **more: Any) -> Any:
+    """`cached` for a JSON value, with the same ``code`` and ``inputs``."""
 
     def packed() -> Arrays:
         return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}
 
-    return json.loads(remember(store, kind, packed, **more)["json"].tobytes())
+    return json.loads(cached(store, kind, packed, **more)["json"].tobytes())
 
 
 @functools.cache

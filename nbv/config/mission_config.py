@@ -37,7 +37,7 @@ from nbv.config.sections_world import (
     WindConfig,
     telemetry_level,
 )
-from nbv.config.sources import ADDED, code, ours
+from nbv.config.sources import ADDED, code, not_in_paper
 from nbv.errors import UserError
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
@@ -47,6 +47,7 @@ RENAMED = {
     "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
     "b_aware.matchable_views": "matchable.views",
 }
+ALIASES = {"seed.reaim_after": "retarget_after"}  # names of earlier versions that are still read
 GONE = (
     "scene.mitsuba_samples",
     "scene.mitsuba_depth",
@@ -59,8 +60,8 @@ RETIRED = {"visibility": {"mode": "frustum"}}
 class MissionConfig:
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
 
-    preset: str = ours("paper", "name of the preset that it began as")
-    condition: str = ours(IDEAL, "name of the condition that it is under", added=True)
+    preset: str = not_in_paper("paper", "name of the preset that it began as")
+    condition: str = not_in_paper(IDEAL, "name of the condition that it is under", added=True)
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
@@ -227,6 +228,7 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
     if not isinstance(new, dict):
         raise UserError(f"{prefix.rstrip('.')} must be a mapping, not {type(new).__name__}")
     for key, value in new.items():
+        key = ALIASES.get(f"{prefix}{key}", key)
         path = f"{prefix}{key}"
         if path == "telemetry" and isinstance(value, str):
             value = dataclasses.asdict(telemetry_level(value))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from nbv.config.mission_config import MissionConfig
-from nbv.config.sources import Source
+from nbv.config.sources import Origin
 from nbv.errors import UserError
 
 # Work left out that the outcome does not show (docs/results/speed.md).
@@ -42,7 +42,7 @@ class Preset:
     """The default configuration with some values changed."""
 
     purpose: str  # one line
-    source: Source  # of the changed values
+    source: Origin  # of the changed values
     values: dict[str, Any] = field(default_factory=dict)  # by parameter path
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from nbv.config.registry import SCORERS, gate_kinds
-from nbv.config.sources import Section, code, ours, text
+from nbv.config.sources import Section, code, not_in_paper, text
 
 
 @dataclass(frozen=True)
@@ -19,44 +19,46 @@ class SeedConfig(Section):
         (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
     )
     ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
-    ring_radii_m: tuple[float, ...] = ours(
+    ring_radii_m: tuple[float, ...] = not_in_paper(
         (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
     )
-    ring_bearings_deg: tuple[float, ...] = ours(
+    ring_bearings_deg: tuple[float, ...] = not_in_paper(
         (), "compass bearing of the first view of each seed ring; empty: north for all", added=True
     )
-    count: int = ours(
+    count: int = not_in_paper(
         0,
         "seeds on one turn about the target, at even azimuths, instead of the rings above; 0: those",
         why="the paper's 24; from 3 on a model can be aligned",
         added=True,
     )
-    rings: int = ours(1, "elevations that the seeds of `count` take in turn", added=True)
-    lowest_deg: float = ours(
+    rings: int = not_in_paper(1, "elevations that the seeds of `count` take in turn", added=True)
+    lowest_deg: float = not_in_paper(
         20.0,
         "the lowest of them",
         why="the mean of the paper's is 24",
         label="elevation of the lowest ring",
         added=True,
     )
-    span_deg: float = ours(0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True)
-    start_bearing_deg: float = ours(
+    span_deg: float = not_in_paper(
+        0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True
+    )
+    start_bearing_deg: float = not_in_paper(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
     )
-    upper_share: float = ours(
+    upper_share: float = not_in_paper(
         0.0,
         "share of the seeds of `count` that fly a second ring, `span_deg` above the first; 0: one turn",
         why="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
         added=True,
     )
-    reaim_after: int = ours(
+    retarget_after: int = not_in_paper(
         0,
         "seeds from whose photographs a target that has to be looked for is found; the others are flown around it. "
         "0: it is looked for after the last",
         added=True,
     )
-    second_turn: bool = ours(
+    second_turn: bool = not_in_paper(
         False,
         "where the seeds make no model, fly as many again between them, out of the planned views",
         why="the paper's mission fails",
@@ -91,8 +93,8 @@ class SeedConfig(Section):
         self._need(self.upper_share == 0 or self.rings == 1, "upper_share", "0 where rings is not 1")
         self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", "smaller")
         self._need(
-            self.reaim_after == 0 or self.reaim_after >= 3,
-            "reaim_after",
+            self.retarget_after == 0 or self.retarget_after >= 3,
+            "retarget_after",
             "0 (never) or at least 3: fewer photographs make no model",
         )
 
@@ -140,7 +142,7 @@ class PoolConfig(Section):
         (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
     )
     upper_count: int = code(50, "mission file", "candidates in it, evenly over its rings")
-    min_altitude_m: float = ours(
+    min_altitude_m: float = not_in_paper(
         1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
     )
     max_altitude_m: float = code(
@@ -154,7 +156,7 @@ class PoolConfig(Section):
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
     azimuth_sectors: int = code(8, "mission file", "sectors by whose captures candidates are ordered")
     max_candidates: int = code(200, "mission file", "candidates that are scored, at most")
-    min_register_chance: float = ours(
+    min_register_chance: float = not_in_paper(
         0.0,
         "least chance to register that a candidate must have; where none has it, the likeliest is left",
         least=0.0,
@@ -178,7 +180,7 @@ class StopConfig(Section):
     adaptive_budget: int = code(
         40, "mission file", "captures after the seeds, registered or not; 0: seeds only"
     )
-    max_photographs: int = ours(
+    max_photographs: int = not_in_paper(
         0,
         "photographs in all, seeds included, that the budget is cut to; 0: no limit",
         why="so that seeds and captures are shared out of one number",
@@ -195,12 +197,12 @@ class StopConfig(Section):
     knn_region: Literal["all", "box"] = text(
         "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
     )
-    predicted_percent: float = ours(
+    predicted_percent: float = not_in_paper(
         98.0,
         "where the criterion is predicted: F-score at 48 mm that the dense cloud must be predicted to reach",
         added=True,
     )
-    min_gain_percent: float = ours(
+    min_gain_percent: float = not_in_paper(
         0.0,
         "Phase 2 also ends when the next view would add less than this share of the matchable views that the surface "
         "needs; 0: it does not",
@@ -227,7 +229,7 @@ class Weights(Section):
     nov: float = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
     move: float = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move")
     ang: float = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang")
-    register: float = ours(
+    register: float = not_in_paper(
         0.0, "weight of the chance that the photograph registers", label="weight W_reg", added=True
     )
 
@@ -315,7 +317,7 @@ class MatchableConfig(Section):
     """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
 
     weights: Weights = field(default_factory=Weights)
-    views: int = ours(6, "views that must match one another on a piece of surface", least=2)
+    views: int = not_in_paper(6, "views that must match one another on a piece of surface", least=2)
 
 
 @dataclass(frozen=True)
@@ -342,7 +344,7 @@ class GateConfig(Section):
         label="KNN distance d95",
         symbol="d95",
     )
-    bridge_below: float = ours(
+    bridge_below: float = not_in_paper(
         0.0,
         "share of the photographs so far that are registered, below which the next view lies between those and the others; "
         "0: never",
@@ -350,19 +352,19 @@ class GateConfig(Section):
         most=1.0,
         added=True,
     )
-    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = ours(
+    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
         "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
     )
     oracle_samples: int = text(30_000, "III-B", "samples of the true surface that Hyb-O counts")
     oracle_threshold_m: float = text(0.02, "III-B", "distance at which a sample is covered")
-    oracle_matchable_views: int = ours(3, "views that must see a sample where coverage is matchable")
+    oracle_matchable_views: int = not_in_paper(3, "views that must see a sample where coverage is matchable")
     oracle_quality_weight: float = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",
         "how much of a scorer's own main term Hyb-O adds to the share of samples; above 0, ties go by margin",
         added=True,
     )
-    learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
+    learned_policy: str = not_in_paper("", "path of a policy for the learned gate; empty: the one that ships")
 
     def __post_init__(self) -> None:
         super().__post_init__()

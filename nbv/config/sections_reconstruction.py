@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from nbv.config.registry import DENSE_BACKENDS
-from nbv.config.sources import Section, code, ours, text
+from nbv.config.sources import Section, code, not_in_paper, text
 
 
 @dataclass(frozen=True)
 class SparseConfig(Section):
     """Features, matching, incremental mapping, alignment."""
 
-    max_features: int = ours(
+    max_features: int = not_in_paper(
         8192, "features of a photograph, at most", why="COLMAP's default; the authors' 16384"
     )
-    ground_features: int = ours(
+    ground_features: int = not_in_paper(
         0,
         "features of the ground as telemetry lets it be seen from above, at most; 0: none",
         why="hold views 30° and more apart together, which SIFT matches too rarely",
@@ -33,7 +33,7 @@ class SparseConfig(Section):
     min_ransac_trials: int = code(
         100, "COLMAP's default", "trials of two-view verification, at least", added=True
     )
-    global_ba_interval: int = ours(5, "captures between global bundle adjustments")
+    global_ba_interval: int = not_in_paper(5, "captures between global bundle adjustments")
     local_ba_images: int = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
     local_ba_rounds: int = code(
         2, "COLMAP's default", "times a local adjustment is repeated, at most", added=True
@@ -47,8 +47,8 @@ class SparseConfig(Section):
     update_pairs: Literal["all", "near"] = code(
         "all", "COLMAP's default", "pairs that an update between global adjustments sees", added=True
     )
-    max_alignment_rms_m: float = ours(0.10, "residual to telemetry beyond which the model is wrong")
-    min_registered_seeds: int = ours(12, "seeds that must register for the mission to go on")
+    max_alignment_rms_m: float = not_in_paper(0.10, "residual to telemetry beyond which the model is wrong")
+    min_registered_seeds: int = not_in_paper(12, "seeds that must register for the mission to go on")
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "max_features", "min_ransac_trials", "global_ba_interval", "local_ba_rounds")
@@ -67,31 +67,33 @@ class SparseConfig(Section):
 class DenseConfig(Section):
     """Depth maps and fusion."""
 
-    backend: str = ours(
+    backend: str = not_in_paper(
         "sgbm",
         "stereo",
         why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
         names=DENSE_BACKENDS.keys,
     )
-    neighbours: int = ours(3, "stereo partners of a photograph")
-    min_pair_angle_deg: float = ours(3.0, "least angle of a stereo pair, seen from the target")
-    max_pair_angle_deg: float = ours(35.0, "largest angle of a stereo pair")
-    best_pair_angle_deg: float = ours(10.0, "best angle of a stereo pair")
-    min_baseline_angle_deg: float = ours(
+    neighbours: int = not_in_paper(3, "stereo partners of a photograph")
+    min_pair_angle_deg: float = not_in_paper(3.0, "least angle of a stereo pair, seen from the target")
+    max_pair_angle_deg: float = not_in_paper(35.0, "largest angle of a stereo pair")
+    best_pair_angle_deg: float = not_in_paper(10.0, "best angle of a stereo pair")
+    min_baseline_angle_deg: float = not_in_paper(
         0.0, "least angle between a pair's baseline and the line to the target", added=True
     )
-    crop_half_width_m: float = ours(1.5, "half the side of the cube in which depths are sought")
-    search: Literal["crop", "sparse"] = ours(
+    crop_half_width_m: float = not_in_paper(1.5, "half the side of the cube in which depths are sought")
+    search: Literal["crop", "sparse"] = not_in_paper(
         "crop", "depths are sought in all of the cube, or near the sparse model", added=True
     )
-    max_size_px: int = ours(
+    max_size_px: int = not_in_paper(
         0, "long side of the photographs that depths are sought in, at most; 0: as taken", added=True
     )
-    agreeing_views: int = ours(3, "views, the reference included, that must agree on a depth")
-    consistency_views: int = ours(10, "views that are asked")
-    consistency_relative_depth: float = ours(0.005, "difference at which depths agree, relative")
-    consistency_px: float = ours(1.0, "error of reprojection at which depths agree")
-    fusion_voxel_m: float = ours(0.008, "points in one voxel are averaged", why="a pixel at 3.5 m is 7.5 mm")
+    agreeing_views: int = not_in_paper(3, "views, the reference included, that must agree on a depth")
+    consistency_views: int = not_in_paper(10, "views that are asked")
+    consistency_relative_depth: float = not_in_paper(0.005, "difference at which depths agree, relative")
+    consistency_px: float = not_in_paper(1.0, "error of reprojection at which depths agree")
+    fusion_voxel_m: float = not_in_paper(
+        0.008, "points in one voxel are averaged", why="a pixel at 3.5 m is 7.5 mm"
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "neighbours")
@@ -112,15 +114,17 @@ class EvaluationConfig(Section):
     ground_ransac_threshold_m: float = code(
         0.03, "evaluation script", "distance to the ground plane that is ground"
     )
-    ground_max_tilt_deg: float = ours(
+    ground_max_tilt_deg: float = not_in_paper(
         15.0, "largest tilt of the ground plane", why="else a facet of the rock may go"
     )
-    ground_max_offset_m: float = ours(0.2, "largest distance of the ground plane from z = 0 below the target")
+    ground_max_offset_m: float = not_in_paper(
+        0.2, "largest distance of the ground plane from z = 0 below the target"
+    )
     sor_neighbours: int = code(20, "evaluation script", "neighbours in statistical outlier removal")
     sor_std_ratio: float = code(
         2.0, "evaluation script", "standard deviations beyond which a point is an outlier"
     )
-    floater_radius_m: float = ours(
+    floater_radius_m: float = not_in_paper(
         0.024,
         "gap around floaters, loose points off any plane and small clusters, which go; 0: none",
         why="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from nbv.config.registry import RENDERERS
-from nbv.config.sources import Section, code, ours
+from nbv.config.sources import Section, code, not_in_paper
 from nbv.errors import UserError
 
 LOWEST_SUN_DEG = 3.0  # lower, and shadows outgrow the ground that is drawn
@@ -35,17 +35,17 @@ class CameraConfig(Section):
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: str = ours("raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys)
+    backend: str = not_in_paper("raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys)
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
     )
-    sun_elevation_deg: float | None = ours(
+    sun_elevation_deg: float | None = not_in_paper(
         None,
         "height of the sun, 3 to 90; unset: that of `sun_direction`",
         why="the sun of the Moon and of the Earth; below 3° shadows outgrow the ground",
         added=True,
     )
-    sun_azimuth_deg: float | None = ours(
+    sun_azimuth_deg: float | None = not_in_paper(
         None,
         "where the sun stands, counter-clockwise from east; unset: as `sun_direction` has it",
         why="counted as viewpoints' azimuths are",
@@ -54,11 +54,11 @@ class SceneConfig(Section):
     sun_irradiance: float = code(0.904, "simulator", "brightness of the sun, relative")
     ambient: float = code(0.4, "simulator", "brightness of the sky, relative")
     sky_grey: float = code(0.7, "simulator", "grey of the background, 0 to 1")
-    ground_seed: int = ours(0, "which procedural ground")
-    read_noise_dn: float = ours(
+    ground_seed: int = not_in_paper(0, "which procedural ground")
+    read_noise_dn: float = not_in_paper(
         1.0, "Gaussian noise of the sensor, 8-bit digital numbers", why="the simulator has none"
     )
-    shot_noise_dn: float = ours(
+    shot_noise_dn: float = not_in_paper(
         1.5,
         "standard deviation at full scale; grows with the square root of the signal",
         why="the simulator has none",
@@ -99,37 +99,37 @@ class SensorConfig(Section):
     Values, not draws, but for ``exposure_jitter_ev`` and the direction of the motion, which are drawn per photograph.
     """
 
-    exposure_ev: float = ours(0.0, "exposure, in stops; 0 leaves it", why="cameras offer -3 to 3")
-    exposure_jitter_ev: float = ours(
+    exposure_ev: float = not_in_paper(0.0, "exposure, in stops; 0 leaves it", why="cameras offer -3 to 3")
+    exposure_jitter_ev: float = not_in_paper(
         0.0, "standard deviation of the exposure between photographs", why="automatic exposure steps by 1/3"
     )
-    vignetting: float = ours(
+    vignetting: float = not_in_paper(
         0.0, "light falls off as cosine to the power of 4 times this", why="1 is the law of a simple lens"
     )
-    exposure_time_s: float = ours(
+    exposure_time_s: float = not_in_paper(
         0.0, "shutter time, for motion blur", why="1/250 is called the longest for drone surveys"
     )
-    residual_speed_m_s: float = ours(
+    residual_speed_m_s: float = not_in_paper(
         0.0, "speed across the view at the photograph", why="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)"
     )
-    residual_rate_deg_s: float = ours(
+    residual_rate_deg_s: float = not_in_paper(
         0.0,
         "turning rate across the view at the photograph",
         why="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
     )
-    jpeg_quality: int = ours(0, "1 to 100; 0: no compression", why="libjpeg's scale")
-    focal_error_percent: float = ours(
+    jpeg_quality: int = not_in_paper(0, "1 to 100; 0: no compression", why="libjpeg's scale")
+    focal_error_percent: float = not_in_paper(
         0.0,
         "true focal length above the one that the vehicle believes",
         why="0.2 between the two cameras of the EuRoC rig",
     )
-    principal_point_error_px: tuple[float, float] = ours(
+    principal_point_error_px: tuple[float, float] = not_in_paper(
         (0.0, 0.0), "true principal point right of and below the centre", why="9 and 8 in EuRoC's camera 0"
     )
-    k1: float = ours(
+    k1: float = not_in_paper(
         0.0, "radial distortion, as OpenCV's and COLMAP's", why="-0.28 in EuRoC's camera 0, uncorrected"
     )
-    k2: float = ours(0.0, "the same, fourth power", why="0.07 in EuRoC's camera 0, uncorrected")
+    k2: float = not_in_paper(0.0, "the same, fourth power", why="0.07 in EuRoC's camera 0, uncorrected")
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "exposure_jitter_ev", "vignetting", "exposure_time_s")
@@ -142,42 +142,46 @@ class SensorConfig(Section):
 class FlightConfig(Section):
     """X500-class multirotor limits and the paper's arrival test."""
 
-    home_m: tuple[float, float, float] = ours(
+    home_m: tuple[float, float, float] = not_in_paper(
         (0.0, -8.0, 0.0), "take-off point, ENU", why="8 m away as in the public code, from the south"
     )
     takeoff_altitude_m: float = code(3.0, "mission file", "altitude after take-off")
-    max_speed_m_s: float = ours(5.0, "top speed", why="X500 class")
-    max_climb_m_s: float = ours(2.0, "top climb rate", why="X500 class")
-    max_acceleration_m_s2: float = ours(3.0, "acceleration limit", why="X500 class")
-    max_jerk_m_s3: float = ours(8.0, "jerk limit", why="X500 class")
-    max_yaw_rate_rad_s: float = ours(0.8, "yaw rate limit", why="X500 class")
-    max_yaw_acceleration_rad_s2: float = ours(1.5, "yaw acceleration limit", why="X500 class")
-    max_yaw_jerk_rad_s3: float = ours(6.0, "yaw jerk limit", why="X500 class")
+    max_speed_m_s: float = not_in_paper(5.0, "top speed", why="X500 class")
+    max_climb_m_s: float = not_in_paper(2.0, "top climb rate", why="X500 class")
+    max_acceleration_m_s2: float = not_in_paper(3.0, "acceleration limit", why="X500 class")
+    max_jerk_m_s3: float = not_in_paper(8.0, "jerk limit", why="X500 class")
+    max_yaw_rate_rad_s: float = not_in_paper(0.8, "yaw rate limit", why="X500 class")
+    max_yaw_acceleration_rad_s2: float = not_in_paper(1.5, "yaw acceleration limit", why="X500 class")
+    max_yaw_jerk_rad_s3: float = not_in_paper(6.0, "yaw jerk limit", why="X500 class")
     arrival_tolerance_m: float = code(0.35, "arrival test", "largest error of arrival, per axis")
     settle_s: float = code(2.0, "mission file", "pause before a photograph")
-    planning_s: float = ours(
+    planning_s: float = not_in_paper(
         0.0,
         "pause in the air while the model is updated and the next view planned",
         why="0: not counted; a vehicle's own time is that of its computer",
         added=True,
     )
-    mass_kg: float = ours(2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True)
-    rotor_diameter_m: float = ours(
+    mass_kg: float = not_in_paper(
+        2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True
+    )
+    rotor_diameter_m: float = not_in_paper(
         0.279, "of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
     )
-    propulsion_efficiency: float = ours(
+    propulsion_efficiency: float = not_in_paper(
         0.6,
         "ideal over electrical power, for the energy",
         why="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
         added=True,
     )
-    keep_out_radius_m: float = ours(
+    keep_out_radius_m: float = not_in_paper(
         1.3,
         "upright cylinder around the target that straight legs go round",
         why="the public code flies through",
     )
-    keep_out_height_m: float = ours(2.2, "its top, above the ground", why="the public code flies through")
-    min_camera_altitude_m: float = ours(0.3, "arrival errors never take the camera below")
+    keep_out_height_m: float = not_in_paper(
+        2.2, "its top, above the ground", why="the public code flies through"
+    )
+    min_camera_altitude_m: float = not_in_paper(0.3, "arrival errors never take the camera below")
 
     def __post_init__(self) -> None:
         self._need_positive("max_speed_m_s", "max_climb_m_s", "max_acceleration_m_s2", "max_jerk_m_s3")
@@ -192,22 +196,24 @@ class FlightConfig(Section):
 class GroundConfig(Section):
     """What the ground has besides its texture (`nbv.terrain`); by default it is flat and empty."""
 
-    relief_m: float = ours(
+    relief_m: float = not_in_paper(
         0.0,
         "rms height of the ground, 0 to 0.2",
         why="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
     )
-    relief_length_m: float = ours(
+    relief_length_m: float = not_in_paper(
         1.0, "its correlation length; rms slope is 1.4 relief / length", why="about the rock's size"
     )
-    neighbours: int = ours(0, "other rocks about the target, beyond the evaluation's crop", why="0 to 12")
-    neighbour_height_m: tuple[float, float] = ours(
+    neighbours: int = not_in_paper(
+        0, "other rocks about the target, beyond the evaluation's crop", why="0 to 12"
+    )
+    neighbour_height_m: tuple[float, float] = not_in_paper(
         (0.4, 1.0), "their least and greatest height", why="at most 1.5: smaller than the target"
     )
-    neighbour_gap_m: tuple[float, float] = ours(
+    neighbour_gap_m: tuple[float, float] = not_in_paper(
         (0.1, 2.0), "how far beyond the crop they begin", why="at most 3: within the views' reach"
     )
-    burial_m: float = ours(0.0, "how deep the target lies in the ground", why="less than its height")
+    burial_m: float = not_in_paper(0.0, "how deep the target lies in the ground", why="less than its height")
 
     def __post_init__(self) -> None:
         self._need(0 <= self.relief_m <= HIGHEST_RELIEF_M, "relief_m", f"between 0 and {HIGHEST_RELIEF_M:g}")
@@ -226,11 +232,13 @@ class GroundConfig(Section):
 class WindConfig(Section):
     """Wind on the flight (`nbv.flight.wind`); its direction is drawn per replicate."""
 
-    mean_speed_m_s: float = ours(0.0, "mean speed, horizontal", why="with 3 gusts below flight.max_speed_m_s")
-    gust_m_s: float = ours(
+    mean_speed_m_s: float = not_in_paper(
+        0.0, "mean speed, horizontal", why="with 3 gusts below flight.max_speed_m_s"
+    )
+    gust_m_s: float = not_in_paper(
         0.0, "standard deviation of gusts", why="MIL-F-8785C near the ground: a fifth of the mean"
     )
-    sway_s: float = ours(
+    sway_s: float = not_in_paper(
         0.18,
         "hover error in m per m/s of gust",
         why="rotor drag 0.3 1/s against PX4's default loop of 1.7 1/s²",
@@ -249,16 +257,20 @@ class WindConfig(Section):
 class TelemetryConfig(Section):
     """Errors of the reported camera pose (`nbv.flight.telemetry`); all zero by default: telemetry is exact."""
 
-    horizontal_noise_m: float = ours(
+    horizontal_noise_m: float = not_in_paper(
         0.0, "standard deviation of each horizontal axis, anew in every photograph"
     )
-    vertical_noise_m: float = ours(0.0, "the same of the vertical axis")
-    drift_m: float = ours(0.0, "standard deviation of the slow error of each axis")
-    drift_time_s: float = ours(120.0, "time in which the slow error forgets itself (correlation 1 / e)")
-    lever_arm_m: tuple[float, float, float] = ours(
+    vertical_noise_m: float = not_in_paper(0.0, "the same of the vertical axis")
+    drift_m: float = not_in_paper(0.0, "standard deviation of the slow error of each axis")
+    drift_time_s: float = not_in_paper(
+        120.0, "time in which the slow error forgets itself (correlation 1 / e)"
+    )
+    lever_arm_m: tuple[float, float, float] = not_in_paper(
         (0.0, 0.0, 0.0), "camera from the reported point that nobody corrects: forward, left, up"
     )
-    attitude_noise_deg: float = ours(0.0, "standard deviation of the camera's attitude about each axis")
+    attitude_noise_deg: float = not_in_paper(
+        0.0, "standard deviation of the camera's attitude about each axis"
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "horizontal_noise_m", "vertical_noise_m", "drift_m", "attitude_noise_deg")
@@ -293,13 +305,13 @@ class TelemetryConfig(Section):
 class TargetConfig(Section):
     """Errors of what is believed of the target before it is seen; by default its place is known, a drawn rock's size roughly."""
 
-    horizontal_sd_m: float = ours(
+    horizontal_sd_m: float = not_in_paper(
         0.0,
         "standard deviation of each horizontal axis of the target's believed centre",
         why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
-    vertical_sd_m: float = ours(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
-    size_error_percent: float = ours(
+    vertical_sd_m: float = not_in_paper(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+    size_error_percent: float = not_in_paper(
         20.0,
         "largest error of the believed height and width of a rock drawn from a family (uniform), which is aimed at half "
         "its believed height",

@@ -3,7 +3,7 @@
 Every leaf of the configuration is declared with one of three functions.
 
 ``text`` is the paper as printed, ``code`` the authors' public code and simulator where the text is silent,
-``ours`` everything else. ``added`` marks a field that came after missions had been recorded without it, since
+``not_in_paper`` everything else. ``added`` marks a field that came after missions had been recorded without it, since
 version 1: where it has its default, digests leave it out. ``names`` lists what a field may name
 (`nbv.config.registry`). A unit is the ending of the field's name (see `split_unit`).
 """
@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, cast
 
 from nbv.errors import UserError
 
-Source = Literal["text", "code", "ours"]
+Origin = Literal["text", "code", "ours"]
 T = TypeVar("T")
 
 ADDED = {"added": True}  # also of a whole section
@@ -46,7 +46,7 @@ class Parameter:
     """One leaf of the configuration: what its field declares, and its place, which `nbv.config.reference` adds."""
 
     meaning: str  # in a few words
-    source: Source  # of the default
+    source: Origin  # of the default
     where: str = ""  # in the source, or why it is ours
     label: str = ""  # a name for reports, where the field's own does not do
     symbol: str = ""  # the paper's
@@ -89,7 +89,7 @@ def code(default: T, where: str, meaning: str, **more: Any) -> T:
     return _field(default, Parameter(meaning, "code", where, **more))
 
 
-def ours(default: T, meaning: str, *, why: str = "", **more: Any) -> T:
+def not_in_paper(default: T, meaning: str, *, why: str = "", **more: Any) -> T:
     """A default of this project, and ``why``."""
     return _field(default, Parameter(meaning, "ours", why, **more))
 

@@ -36,7 +36,7 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
     height, width = depth_m.shape
     whole = np.float32 if height * width < 2**24 else np.float64  # exact for all indices of pixels
     inverse_rotation = pose[:3, :3].T
-    for witness in views.witnesses(name):
+    for witness in views.source_views(name):
         other_depth, other_pose = depth_maps[witness], views.camera_from_world[witness]
         rotation64 = other_pose[:3, :3] @ inverse_rotation
         translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]
@@ -55,7 +55,7 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
         close = np.flatnonzero(np.abs(measured - z) < config.consistency_relative_depth * z)
         measured, z = measured.take(close), z.take(close)
         index = index.take(close)
-        # The witness's point on the same ray, back in the reference.
+        # The source view's point on the same ray, back in the reference.
         back = rotation.T @ (seen.take(index, axis=1) * (measured / z) - translation)
         du = back[0] / back[2] * focal + cx - u.take(index)
         dv = back[1] / back[2] * focal + cy - v.take(index)

@@ -76,7 +76,7 @@ class PosedViews:
                 chosen.append(name)
         return chosen
 
-    def witnesses(self, reference: str) -> list[str]:
+    def source_views(self, reference: str) -> list[str]:
         """The ``config.consistency_views`` other views nearest in viewing direction as seen from the target; ties by name."""
         angles = [(self.angle_deg(reference, n), n) for n in self.camera_from_world if n != reference]
         return [name for _, name in sorted(angles)[: self.config.consistency_views]]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.cache import Store, remember_json
+from nbv.cache import Store, cached_json
 from nbv.config import MissionConfig
 from nbv.evaluation.ground_truth import GroundTruthSamples, camera_shell, observable_mask
 from nbv.evaluation.voxels import occupied_voxels
@@ -62,7 +62,7 @@ def rock_floors(
 
     made_from = [config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m]
     inputs = [rock.sha256, camera_shell(config), config.evaluation.gt_samples, *made_from]
-    floors: dict[str, dict[str, float]] = remember_json(store, "floors", make, code=__name__, inputs=inputs)
+    floors: dict[str, dict[str, float]] = cached_json(store, "floors", make, code=__name__, inputs=inputs)
     return floors
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.cache import Store, remember
+from nbv.cache import Store, cached
 from nbv.config import MissionConfig
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
@@ -42,7 +42,7 @@ def camera_shell(config: MissionConfig) -> Floats:
 def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:
     """Samples of the true surface and the part that the camera shell can see; kept in ``store``."""
     shell, count = camera_shell(config), config.evaluation.gt_samples
-    arrays = remember(
+    arrays = cached(
         store,
         "ground-truth",
         lambda: vars(build_ground_truth(rock, shell, count)),

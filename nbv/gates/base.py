@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.scorers import COVIS
-from nbv.scorers.scorer import falling
+from nbv.scorers.scorer import argsort_descending
 from nbv.types import Bools, CandidatePool, Floats, GateDecision, PlanningState, Ranking
 
 
@@ -140,4 +140,4 @@ def budget_fraction(state: PlanningState) -> float:
 def ranking_of(name: str, scores: Floats, rankings: dict[str, Ranking]) -> Ranking:
     """A ranking by ``scores`` (C,); ties keep pool order. Its main term is the score itself."""
     shared = rankings[COVIS.name].terms  # as in any ranking
-    return Ranking(name, falling(scores), scores, {**shared, "main": scores})
+    return Ranking(name, argsort_descending(scores), scores, {**shared, "main": scores})

@@ -69,4 +69,4 @@ class GeometricFidelity(Fidelity):
 
 
 # Fly one mission without images and predict its completeness: a `nbv.mission.MissionFunction`.
-run_geometric_mission = GeometricFidelity.fly
+run_geometric_mission = GeometricFidelity.run

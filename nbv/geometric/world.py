@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import camera_shell, observable_mask
 from nbv.geometry.frustum import in_frustum
@@ -188,7 +188,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         }
         return {**arrays, "shell_m": places, **seen}
 
-    return made(remember(store, "geometric-worlds", build, code=__name__, inputs=inputs))
+    return made(cached(store, "geometric-worlds", build, code=__name__, inputs=inputs))
 
 
 def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:

@@ -26,7 +26,7 @@ INCIDENCE_WIDTH_DEG = 14.0
 HALF_CONTRAST = 0.0018  # at this local contrast half of the matches fail
 ANGLE_DECAY_PER_DEG = 0.0035  # of a pair's chance, with the angle between the two
 SLANT_DECAY_PER_DEG = 0.0066  # with the difference of the two incidences
-AGREEMENT = 0.893  # chance that a witness with a depth confirms
+AGREEMENT = 0.893  # chance that a source view with a depth confirms
 WITNESS_INCIDENCE_DEG = 91.1  # at which this is half of that
 WITNESS_INCIDENCE_WIDTH_DEG = 25.6
 AGREEMENT_SD = 1.81  # of the number of confirming views about its expectation
@@ -51,8 +51,8 @@ def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.i
     return partner, np.isfinite(np.take_along_axis(off_best, partner, axis=1))
 
 
-def witness_mask(angle_deg: Floats, count: int) -> Bools:
-    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.PosedViews.witnesses`."""
+def source_view_mask(angle_deg: Floats, count: int) -> Bools:
+    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.PosedViews.source_views`."""
     apart = angle_deg + np.where(np.eye(len(angle_deg), dtype=bool), np.inf, 0.0)
     mask = np.zeros(angle_deg.shape, dtype=bool)
     np.put_along_axis(mask, np.argsort(apart, axis=1, kind="stable")[:, :count], True, axis=1)
@@ -104,9 +104,9 @@ def reconstruction_probability(
     width = np.float32(WITNESS_INCIDENCE_WIDTH_DEG)
     confirms = logistic((np.float32(WITNESS_INCIDENCE_DEG) - incidence) / width)
     confirms *= depth
-    witnesses = witness_mask(angle_deg, dense.consistency_views).astype(np.float32)
-    witnesses *= np.float32(AGREEMENT)
-    agreeing: Floats32 = witnesses @ confirms
+    sources = source_view_mask(angle_deg, dense.consistency_views).astype(np.float32)
+    sources *= np.float32(AGREEMENT)
+    agreeing: Floats32 = sources @ confirms
     agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
     # The logistic curve nearest to the normal distribution's.
     agreeing *= np.float32(1.702 / AGREEMENT_SD)

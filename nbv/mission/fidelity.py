@@ -14,12 +14,12 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, Oracle, gate_class, make_gate
-from nbv.mission.belief import aimed, believed, told
 from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import PROGRESS, RunDirectory
+from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.stopwatch import Stopwatch
@@ -74,7 +74,7 @@ class Fidelity(ABC):
         """Write what a whole run directory holds of this fidelity; ``metrics`` are empty when the mission failed."""
 
     @classmethod
-    def fly(
+    def run(
         cls,
         config: MissionConfig,
         rock: str,
@@ -109,8 +109,10 @@ class Fidelity(ABC):
         store = cache if isinstance(cache, Store) else Store() if cache else None
         found = cls.load(rock, store)
         subject = buried_rock(found, config)
-        belief = believed(told(cls.simulated(config), subject, replicate), subject.sha256, replicate)
-        config = aimed(config, subject)
+        belief = with_target_error(
+            with_size_error(cls.simulated(config), subject, replicate), subject.sha256, replicate
+        )
+        config = with_true_target(config, subject)
         run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
         if run is not None:
             run.write_config(config.to_dict())
@@ -149,7 +151,7 @@ class Fidelity(ABC):
         reason = message = ""
         metrics: dict[str, Any] = {}
         try:
-            cloud = mission.fly()
+            cloud = mission.run()
             log("metrics", {})
             if full_run is not None:
                 full_run.write_cloud("dense.ply", cloud)

@@ -11,8 +11,8 @@ from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Gate
 from nbv.geometry.target import find_target
-from nbv.mission.belief import located, must_look
 from nbv.mission.recorder import Recorder
+from nbv.mission.target_prior import must_look, with_target_found
 from nbv.planner import Planner
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, UpdateReport, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
@@ -52,28 +52,28 @@ class AdaptiveMission:
         self.captures: list[Capture] = []
         self._found = False  # the target, where it has to be looked for
 
-    def fly(self) -> Cloud:
+    def run(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
-        model = self.fly_seed_phase()
+        model = self.run_seed_phase()
         self.look_for_target(model)
-        self.fly_adaptive_phase(model)
+        self.run_adaptive_phase(model)
         if self._to_be_found():
             self.recorder.located(None)
         return self.finish()
 
-    def fly_seed_phase(self) -> SparseModel:
+    def run_seed_phase(self) -> SparseModel:
         """Phase 1: the stratified ring orbit, and the seed model."""
         self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
-            if k > 0 and k == self.config.seed.reaim_after and self._must_look():
+            if k > 0 and k == self.config.seed.retarget_after and self._must_look():
                 self.aim_anew()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
         try:
             report = self._seed_model()
         except MissionFailure as failure:
-            if not self.config.seed.second_turn or not self.fly_second_turn(failure):
+            if not self.config.seed.second_turn or not self.retry_with_interleaved_seeds(failure):
                 raise
             report = self._seed_model()
         self.recorder.seed_model(report)
@@ -83,7 +83,7 @@ class AdaptiveMission:
         with self.recorder.timed("bootstrap"):
             return self.reconstructor.bootstrap(self.captures)
 
-    def fly_second_turn(self, failure: MissionFailure) -> bool:
+    def retry_with_interleaved_seeds(self, failure: MissionFailure) -> bool:
         """Fly seeds between those that made no model, as far as planned views are left to pay for them; whether any was."""
         budget = self.config.adaptive_budget
         views = self.planner.viewpoints.second_turn(self.config)[:budget]
@@ -104,8 +104,8 @@ class AdaptiveMission:
 
     def aim_anew(self) -> None:
         """Fly the other seeds around the target that the photographs so far show, if they show one."""
-        with self.recorder.timed("glimpse"):
-            model = self.reconstructor.glimpse(self.captures)
+        with self.recorder.timed("partial_model"):
+            model = self.reconstructor.partial_model(self.captures)
         target_m = None
         if model is not None:
             found = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
@@ -119,7 +119,7 @@ class AdaptiveMission:
 
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as believed."""
-        config = located(self.config, model) if self._to_be_found() else None
+        config = with_target_found(self.config, model) if self._to_be_found() else None
         if config is not None:
             self._found = True
             self._turn_to_target(config)
@@ -131,7 +131,7 @@ class AdaptiveMission:
         self.camera.aim_at(config.target_m)
         self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
 
-    def fly_adaptive_phase(self, model: SparseModel) -> None:
+    def run_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
         for _ in range(self.config.adaptive_budget):
             with self.recorder.timed("planning"):

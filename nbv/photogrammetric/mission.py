@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from nbv.cache import remember_json
+from nbv.cache import cached_json
 from nbv.config import CameraConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.run_directory import RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
-from nbv.photogrammetric.studio import Studio
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
@@ -28,7 +28,7 @@ class PhotogrammetricFidelity(Fidelity):
         limit_threads()
         super().__init__(context)
         config, store = context.config, context.store
-        self.camera = Studio(self._renderer, context.rock, context.replicate, self.believed, store)
+        self.camera = SimulatedCamera(self._renderer, context.rock, context.replicate, self.believed, store)
         self.reconstructor = PhotogrammetricReconstructor(
             self.believed, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
         )
@@ -55,7 +55,7 @@ class PhotogrammetricFidelity(Fidelity):
             camera_shell(config),
         ]
         with self.context.stopwatch.timed("evaluation"):
-            found = remember_json(store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
+            found = cached_json(store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
         if self._evaluation is None:
             self._evaluation = Evaluation(
                 found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]
@@ -80,4 +80,4 @@ class PhotogrammetricFidelity(Fidelity):
 
 
 # Fly one complete mission with photographs and measure its cloud: a `nbv.mission.MissionFunction`.
-run_photogrammetric_mission = PhotogrammetricFidelity.fly
+run_photogrammetric_mission = PhotogrammetricFidelity.run

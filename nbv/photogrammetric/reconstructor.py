@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import Arrays, Store, address, digest
+from nbv.cache import Arrays, Store, cache_key, digest
 from nbv.config import MissionConfig
 from nbv.dense.reconstruct import dense_cloud
 from nbv.dense.views import PosedViews
@@ -83,7 +83,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         self._to_refine = False
         self._key = self._seed_key = ""  # of the sequence so far, and of its seeds
 
-    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
+    def partial_model(self, captures: Sequence[Capture]) -> SparseModel | None:
         """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
         few = self._config.changed(sparse={"min_registered_seeds": FEWEST_SEEDS})
         other = PhotogrammetricReconstructor(few, self._store)
@@ -96,7 +96,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         """The seed model."""
         self._seeds = tuple(captures)
         self._images.update({capture.name: capture.image for capture in captures})
-        self._key = self._seed_key = address(
+        self._key = self._seed_key = cache_key(
             __name__,
             self._config.camera,
             self._config.sparse,
@@ -150,7 +150,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         """Digest of all that decides the cloud."""
         config = self._config
         box = [] if self._half_extents_m is None else [self._half_extents_m]
-        return address("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *box)
+        return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *box)
 
     def locate(self, capture: Capture, partners: int) -> Located | None:
         """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""

@@ -10,10 +10,10 @@ import cv2  # noqa: F401  before pycolmap: the other order aborts the process wh
 import numpy as np
 import pycolmap
 
-from nbv.cache import Arrays, remember
+from nbv.cache import Arrays, cached
 from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress
-from nbv.photographs.source import Source
+from nbv.photographs.import_source import ImportSource
 from nbv.sparse.colmap import database_cache
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.matching import NO_MATCHES, VerifiedPair, match_pair, matches_of_one_motion
@@ -46,7 +46,7 @@ class Correspondences:
 
 
 def correspondences(
-    source: Source, names: Sequence[str], cameras: Sequence[pycolmap.Camera]
+    source: ImportSource, names: Sequence[str], cameras: Sequence[pycolmap.Camera]
 ) -> Correspondences:
     """Features of photographs and verified matches of all pairs that may overlap.
 
@@ -89,7 +89,7 @@ def correspondences(
         for index, later in enumerate(partners):
             source.progress("matching photographs", index, len(partners))
             members = (index, *later.tolist())
-            entry = remember(
+            entry = cached(
                 source.store,
                 "photograph-pairs",
                 lambda index=index: matched(index),  # type: ignore[misc]
@@ -103,14 +103,14 @@ def correspondences(
     return Correspondences(list(names), features, pairs)
 
 
-def _features(source: Source, name: str, config: SparseConfig) -> Features:
+def _features(source: ImportSource, name: str, config: SparseConfig) -> Features:
     def extract() -> Arrays:
         found = extract_features(source.pixels(name), config)
         # COLMAP's limit keeps the scale that reaches it whole.
         largest = np.sort(np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES])
         return {"keypoints": found.keypoints[largest], "descriptors": found.descriptors[largest]}
 
-    entry = remember(
+    entry = cached(
         source.store,
         "photograph-features",
         extract,

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nbv.cache import remember
+from nbv.cache import cached
 from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
 from nbv.dense import PosedViews, make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
@@ -22,6 +22,7 @@ from nbv.evaluation.cleaning import inlier_mask, select
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.target import GROUND_BAND_M
 from nbv.memory import give_back_freed_memory
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.object_frame import ObjectFrame
 from nbv.photographs.photograph_set import (
     THRESHOLD_FRACTIONS,
@@ -31,7 +32,6 @@ from nbv.photographs.photograph_set import (
     read_image,
     read_mask,
 )
-from nbv.photographs.source import Source
 from nbv.rocks import Rock
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.rocks.rock import make_rock
@@ -58,7 +58,7 @@ _WEAK_AT = THRESHOLD_FRACTIONS[2]
 class ReferenceMaker:
     """Makes the clouds of a set's photographs near the object."""
 
-    source: Source  # whom to tell, and where clouds are kept
+    source: ImportSource  # whom to tell, and where clouds are kept
     folder: Path  # with the undistorted photographs and masks
     camera: CameraConfig  # their pinhole
     frame: ObjectFrame
@@ -90,7 +90,7 @@ class ReferenceMaker:
         for part in range(parts):
             members = views[part::parts]
             said = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
-            entry = remember(
+            entry = cached(
                 self.source.store,
                 "photograph-clouds",
                 partial(self._fused, members, config, near_m, said),

@@ -26,6 +26,7 @@ from nbv.photographs.dense_reference import (
     weak_places,
 )
 from nbv.photographs.folder import Progress, SourcePhotograph, find_masks, read_folder
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.mapping import solve
 from nbv.photographs.object_frame import find_object, placement, settled
 from nbv.photographs.photograph_set import (
@@ -45,7 +46,6 @@ from nbv.photographs.photograph_set import (
 from nbv.photographs.pinhole import common_pinhole, undistorted
 from nbv.photographs.scale import find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel, write_colmap
-from nbv.photographs.source import Source
 from nbv.rocks.catalogue import check_name, imported_path, write_rock
 from nbv.safe_files import expanded
 from nbv.types import Floats
@@ -110,7 +110,7 @@ def import_photographs(
     folder = expanded(folder)
     photographs, notes = read_folder(folder, progress, options.masks)
     masks = {} if options.masks is None else find_masks(options.masks, photographs)
-    source = Source(tuple(photographs), options.max_size_px, progress, store, masks=masks)
+    source = ImportSource(tuple(photographs), options.max_size_px, progress, store, masks=masks)
     marked = None if options.control_points is None else read_control_points(options.control_points, source)
     model, source, solved_notes = solve(source, options.model)
     source = settled(model, source)
@@ -185,7 +185,7 @@ def import_photographs(
     return read_set(set_folder(name))
 
 
-def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, work: Path) -> None:
+def _write_pictures(source: ImportSource, model: SolvedModel, pinhole: CameraConfig, work: Path) -> None:
     """Every photograph and mask as the pinhole would have taken it; those without a pose with the lens of the others."""
     (work / IMAGES).mkdir()
     if source.masks:
@@ -206,7 +206,7 @@ def _write_pictures(source: Source, model: SolvedModel, pinhole: CameraConfig, w
             Image.fromarray(white).save(work / MASKS / f"{name}.png")
 
 
-def _records(source: Source, model: SolvedModel, folder: Path) -> tuple[Photograph, ...]:
+def _records(source: ImportSource, model: SolvedModel, folder: Path) -> tuple[Photograph, ...]:
     """The photographs as the set has them, with their poses in ``model``."""
     poses: dict[str, Floats] = dict(zip(model.names, model.poses, strict=True))
 

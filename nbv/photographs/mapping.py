@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pycolmap
 
-from nbv.cache import Arrays, digest, remember
+from nbv.cache import Arrays, cached, digest
 from nbv.errors import UserError
 from nbv.photographs.correspond import Correspondences, correspondences
 from nbv.photographs.folder import Progress, shrunk_size
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
-from nbv.photographs.source import Source
 from nbv.sparse.colmap import files_of, model_of
 
 FEWEST_REGISTERED = 6
@@ -30,7 +30,7 @@ WORKERS = 2
 _BLUR_PX = 2.0
 
 
-def solve(source: Source, model_path: Path | None) -> tuple[SolvedModel, Source, list[str]]:
+def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, ImportSource, list[str]]:
     """A sparse model in a frame of its own, ours or another program's; its photographs as they are worked on; notes.
 
     Raises
@@ -80,7 +80,7 @@ def _median_px(model: SolvedModel) -> float:
     return float(np.median(model.reprojection_errors_px())) if len(model.views) else np.inf
 
 
-def _likeness(model: SolvedModel, source: Source) -> float:
+def _likeness(model: SolvedModel, source: ImportSource) -> float:
     """Correlation of the greys that the photographs show where the model says that they show the same point."""
     if not len(model.views):
         return 0.0
@@ -97,7 +97,7 @@ def _likeness(model: SolvedModel, source: Source) -> float:
     return 1 - within / max(float(grey.var()), 1e-9)
 
 
-def _mapped(source: Source) -> tuple[SolvedModel, list[str]]:
+def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
     """A model of the photographs, calibrated from EXIF, and notes."""
     total = len(source.photographs)
     cameras, camera_ids = _cameras(source)
@@ -109,7 +109,7 @@ def _mapped(source: Source) -> tuple[SolvedModel, list[str]]:
         )
     matches = digest(*(part for ids, p in sorted(found.pairs.items()) for part in (list(ids), p.matches)))
     entry = dict(
-        remember(
+        cached(
             source.store,
             "photograph-models",
             lambda: _largest_model(cameras, camera_ids, found, source.progress),
@@ -134,7 +134,7 @@ def _mapped(source: Source) -> tuple[SolvedModel, list[str]]:
     return solved_from_colmap(model, {name: name for name in names}, source), [note]
 
 
-def _triangulated(source: Source, model: SolvedModel) -> SolvedModel:
+def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
     """``model``, which has poses alone, with points."""
     row = {name: index for index, name in enumerate(model.names)}
     names = [p.name for p in source.photographs if p.name in row]
@@ -162,7 +162,7 @@ def _triangulated(source: Source, model: SolvedModel) -> SolvedModel:
     return solved_from_colmap(reconstruction, {name: name for name in names}, source)
 
 
-def _cameras(source: Source) -> tuple[dict[int, pycolmap.Camera], list[int]]:
+def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int]]:
     """A camera for each device, size and focal length, by id, and each photograph's id."""
     keys = [(p.device, source.full_size_px(p.name), p.focal_35_mm) for p in source.photographs]
     ids = {key: index for index, (key, _) in enumerate(Counter(keys).most_common(), start=1)}

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import remember_json
+from nbv.cache import cached_json
 from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
@@ -36,7 +36,7 @@ FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not regi
 # What nobody chose, where the configuration has its preset's value. Work is left out that scores do not show; photographs
 # of 1280 px take the dense stage ten times as long, and fewer of their depths agree: they are not sharp to a pixel; and six
 # views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
-UNCHOSEN: dict[str, Any] = {
+PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     **REDUCED_SFM,
     "sparse.max_features": 2048,
     "dense.max_size_px": 480,
@@ -100,7 +100,7 @@ class PhotographFidelity(Fidelity):
         """Against the reference, and by the photographs kept out (``metrics["kept_out"]``)."""
         with self.context.stopwatch.timed("evaluation"):
             key, out = self.reconstructor.cloud_key, sorted(self.photographs.kept_out)
-            found: dict[str, Any] = remember_json(
+            found: dict[str, Any] = cached_json(
                 self.context.store,
                 "evaluations",
                 lambda: self._measure(cloud),
@@ -154,11 +154,15 @@ def require_expressible(config: MissionConfig, name: str) -> None:
 def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
     """``config`` as a vehicle would believe it: the set's camera and object, a crop that holds it, arrivals without error.
 
-    What nobody chose is as `UNCHOSEN`.
+    What nobody chose is as `PHOTOGRAPH_SET_DEFAULTS`.
     """
     half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
     usual = preset(config.preset)
-    unchosen = {p: value for p, value in UNCHOSEN.items() if attrgetter(p)(config) == attrgetter(p)(usual)}
+    unchosen = {
+        p: value
+        for p, value in PHOTOGRAPH_SET_DEFAULTS.items()
+        if attrgetter(p)(config) == attrgetter(p)(usual)
+    }
     config = config.with_values(
         {
             **unchosen,
@@ -174,4 +178,4 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
 
 
 # Fly one mission over the photographs of the set ``rock`` and measure its cloud: a `nbv.mission.MissionFunction`.
-run_photographs_mission = PhotographFidelity.fly
+run_photographs_mission = PhotographFidelity.run

@@ -17,8 +17,8 @@ import pycolmap
 from nbv.errors import UserError
 from nbv.geometry.frames import invert_rigid
 from nbv.photographs.folder import MIRRORED, files_of_photographs
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
-from nbv.photographs.source import Source
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
 
 _SAME_RATIO = 0.02  # of sides, relative, of a camera and its photograph
@@ -36,7 +36,7 @@ _LENS_KEY = re.compile(
 )
 
 
-def read_model(path: Path, source: Source) -> tuple[list[tuple[SolvedModel, Source]], list[str]]:
+def read_model(path: Path, source: ImportSource) -> tuple[list[tuple[SolvedModel, ImportSource]], list[str]]:
     """A model of the photographs, with points where it has tracks, and the photographs as it may see them; notes.
 
     A file does not say whether it is of photographs that were turned as EXIF says: where their sizes do not tell either,
@@ -72,8 +72,8 @@ def read_model(path: Path, source: Source) -> tuple[list[tuple[SolvedModel, Sour
 
 
 def _of_photographs(
-    model: pycolmap.Reconstruction, path: Path, source: Source
-) -> list[tuple[SolvedModel, Source]]:
+    model: pycolmap.Reconstruction, path: Path, source: ImportSource
+) -> list[tuple[SolvedModel, ImportSource]]:
     """What the model says of the photographs, turned as EXIF says or not, as their sizes allow."""
     images = {model.image(i).name: model.image(i) for i in sorted(model.reg_image_ids())}
     found = files_of_photographs(images, source.photographs, str(path))

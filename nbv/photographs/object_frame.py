@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.geometry.target import GROUND_BAND_M, find_target
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
 from nbv.photographs.solved import SolvedModel
-from nbv.photographs.source import Source
 from nbv.types import Bools, Floats
 
 LEVEL_DEG = 15.0  # a photograph is held level to within this, or is left out of what is up
@@ -60,7 +60,7 @@ class ObjectFrame:
         return inside
 
 
-def find_object(model: SolvedModel, source: Source, up: Floats | None = None) -> ObjectFrame:
+def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
     ``model`` is in its own frame; so is ``up`` (3,), where control points say it. Masks, as `settled` has them, say what
@@ -98,7 +98,7 @@ def find_object(model: SolvedModel, source: Source, up: Floats | None = None) ->
     return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes), grounded)
 
 
-def settled(model: SolvedModel, source: Source) -> Source:
+def settled(model: SolvedModel, source: ImportSource) -> ImportSource:
     """``source`` with its masks as they were drawn, on photographs that were turned as EXIF says or on others.
 
     What tells is how much more of the points lies in them where the cameras look than farther away.
@@ -258,7 +258,7 @@ def _ground_beside(points: Floats, low: Floats, high: Floats) -> float | None:
     return float(np.median(band)) if len(band) >= GROUND_SHARE * len(heights) else None
 
 
-def _in_masks(model: SolvedModel, source: Source) -> tuple[Bools, float]:
+def _in_masks(model: SolvedModel, source: ImportSource) -> tuple[Bools, float]:
     """(T,) whether each observation lies on the object, which it does not where there is no mask; the masks' white share."""
     inside, white = np.zeros(len(model.views), dtype=bool), []
     for view, name in enumerate(model.names):

@@ -18,9 +18,9 @@ from scipy.stats import t as student
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama
 from nbv.photographs.folder import files_of_photographs
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import ScaleSource
 from nbv.photographs.solved import SolvedModel
-from nbv.photographs.source import Source
 from nbv.safe_files import expanded, read_text
 from nbv.types import Floats
 
@@ -33,7 +33,7 @@ WGS84 = "EPSG:4326"
 _MOST_LINES = 20_000
 _UTM = re.compile(r"([\w ]*?)\s*/?\s*UTM\s*(?:zone)?\s*(\d+)\s*([C-X])", re.IGNORECASE)
 
-Place = tuple[float, float, float | None]  # as the file has it; None: no height
+PositionM = tuple[float, float, float | None]  # as the file has it; None: no height
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class ControlPoints:
     path: Path
     system: str  # as the file has it
     crs: CRS | None  # None: metres of the user's own
-    marks: Mapping[Place, Sequence[tuple[str, float, float]]]
+    marks: Mapping[PositionM, Sequence[tuple[str, float, float]]]
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class _Fit:
     error: float  # relative, of the scale
 
 
-def read_control_points(path: Path, source: Source) -> ControlPoints:
+def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
     """Marks on these photographs, from a file in OpenDroneMap's ``gcp_list.txt`` format.
 
     Raises
@@ -95,7 +95,7 @@ def read_control_points(path: Path, source: Source) -> ControlPoints:
     names = {" ".join(words[:end]).lower() for words in texts for end in range(len(words), 0, -1)}
     found = files_of_photographs(names, source.photographs, str(path))
     of_file = {file: source.by_name[name] for name, file in found.items()}
-    marks: dict[Place, list[tuple[str, float, float]]] = {}
+    marks: dict[PositionM, list[tuple[str, float, float]]] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not line or line.startswith("#"):
             continue
@@ -153,7 +153,7 @@ def _system(text: str, path: Path) -> CRS | None:
 
 
 def find_scale(
-    model: SolvedModel, source: Source, height_m: float | None, control_points: ControlPoints | None
+    model: SolvedModel, source: ImportSource, height_m: float | None, control_points: ControlPoints | None
 ) -> Scale:
     """The best that there is: the object's height as the user gave it, control points, GPS of the photographs.
 
@@ -179,7 +179,7 @@ def find_scale(
     return Scale("length", height_m) if height_m is not None else _from_gps(model, source)
 
 
-def _from_control_points(model: SolvedModel, source: Source, points: ControlPoints) -> Scale:
+def _from_control_points(model: SolvedModel, source: ImportSource, points: ControlPoints) -> Scale:
     path = points.path
     row = {name: index for index, name in enumerate(model.names)}
     found, expected, misses_deg = [], [], []
@@ -221,7 +221,7 @@ def _from_control_points(model: SolvedModel, source: Source, points: ControlPoin
     )
 
 
-def _from_gps(model: SolvedModel, source: Source) -> Scale:
+def _from_gps(model: SolvedModel, source: ImportSource) -> Scale:
     gps = {row: at for row, name in enumerate(model.names) if (at := source.by_name[name].gps) is not None}
     if len(gps) < max(4, len(model.names) // 2):
         return Scale("none", notes=("scale: none given; thresholds are shares of the object's height",))
@@ -244,7 +244,7 @@ def _percent(error: float) -> str:
     return f"{np.clip(100 * error, 0.01, 99):.2g} %"
 
 
-def _readings(crs: CRS | None, system: str, places: Sequence[Place]) -> dict[str, Floats]:
+def _readings(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict[str, Floats]:
     """What N places of a file may mean, what it says first: (N, 3) metres east, north, up; NaN where there is no height.
 
     People give latitude before longitude, and heights in another unit than what is horizontal.

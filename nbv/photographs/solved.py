@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
-from nbv.photographs.source import Source
+from nbv.photographs.import_source import ImportSource
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.colmap import camera_from_world_poses
 from nbv.types import Floats, Ints
@@ -92,7 +92,7 @@ class SolvedModel:
 
 
 def solved_from_colmap(
-    reconstruction: pycolmap.Reconstruction, name_of: Mapping[str, str], source: Source
+    reconstruction: pycolmap.Reconstruction, name_of: Mapping[str, str], source: ImportSource
 ) -> SolvedModel:
     """What a COLMAP model says of the photographs that are there.
 

@@ -24,7 +24,7 @@ from nbv.rocks.families import ANY, FAMILIES, generated_name
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
-from nbv.rocks.rock import SPLITS, Rock, RockInfo, Source, Split, make_rock
+from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock
 from nbv.safe_files import expanded, is_file, read_npz, write_atomic
 
 log = logging.getLogger(__name__)
@@ -54,7 +54,7 @@ def list_rocks() -> list[RockInfo]:
     rocks = [RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()]
     imported = sorted(imported_path("NAME").parent.glob("*.npz"))
     sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
-    kept: list[tuple[str, Path, Source]] = [(path.stem, path, "imported") for path in imported]
+    kept: list[tuple[str, Path, RockSource]] = [(path.stem, path, "imported") for path in imported]
     kept += [(p.parent.name, p, "photographs") for p in sets if is_photographed(p.parent.name)]
     for name, path, source in kept:
         try:

@@ -13,7 +13,7 @@ from nbv.types import Floats, Floats32, Ints
 
 Split = Literal["train", "validation", "held-out", "extra"]
 SPLITS: tuple[Split, ...] = get_args(Split)
-Source = Literal["procedural", "imported", "photographs"]
+RockSource = Literal["procedural", "imported", "photographs"]
 
 DEFAULT_HEIGHT_M = 1.6
 CONTACT_BAND_M = 0.02  # faces this close to the ground count as touching it, not as overhanging
@@ -44,7 +44,7 @@ class RockInfo:
 
     name: str
     split: Split
-    source: Source
+    source: RockSource
     difficulty: str
 
 

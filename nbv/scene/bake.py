@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, digest, remember
+from nbv.cache import Arrays, Store, cached, digest
 from nbv.config import RENDERERS, CameraConfig, SceneConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import vertex_normals
@@ -95,7 +95,7 @@ def build_scene(
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
-        return remember(store, kind, bake, code=__name__, inputs=[inputs])
+        return cached(store, kind, bake, code=__name__, inputs=[inputs])
 
     surface = stored(
         "scene-ground",

@@ -81,7 +81,7 @@ class Prediction:
         """The F-score at 48 mm, every reconstructed point taken for right."""
         return 200.0 * self.completeness / (1.0 + self.completeness)
 
-    def mends(self, candidates_m: Floats) -> Floats:
+    def expected_gain(self, candidates_m: Floats) -> Floats:
         """(C,) share of what will be missing that a view from each candidate (C, 3) would help to mend, in [0, 1].
 
         A view helps where the surface will be missing, it sees it well, and a view so far sees it at an angle to be
@@ -91,7 +91,7 @@ class Prediction:
         total = float(missing.sum())
         if total <= 0.0 or len(candidates_m) == 0:
             return np.zeros(len(candidates_m))
-        seen, incidence = _looks(self.samples_m, self.normals, candidates_m, self.config)
+        seen, incidence = _visibility(self.samples_m, self.normals, candidates_m, self.config)
         new = good_view(seen, incidence)
         unmatched = np.log1p(
             -np.minimum(self.good, np.float32(0.999))
@@ -109,10 +109,10 @@ def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Predi
     above = samples[:, 2] > 0.0
     samples, normals = samples[above], normals[above]
     shell = np.array([view.position_m for view in shell_viewpoints(config)])
-    seen, _ = _looks(samples, normals, shell, config)
+    seen, _ = _visibility(samples, normals, shell, config)
     observable = seen.sum(axis=0) >= FEWEST_OBSERVING
     samples, normals = samples[observable], normals[observable]
-    seen, incidence = _looks(samples, normals, cameras_m, config)
+    seen, incidence = _visibility(samples, normals, cameras_m, config)
     chance = reconstruction_probability(
         seen,
         incidence,
@@ -140,7 +140,7 @@ def _believed_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, Con
     return points, ConvexHull(points)
 
 
-def _looks(
+def _visibility(
     samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig
 ) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
@@ -171,7 +171,7 @@ def _log_odds(share: float) -> float:
 
 def mended_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
     """(C,) share of what will be missing that each candidate helps to mend."""
-    return predict(terms.box.points_m, terms.box.camera_centers_m, config).mends(pool.positions_m)
+    return predict(terms.box.points_m, terms.box.camera_centers_m, config).expected_gain(pool.positions_m)
 
 
 # Its other weights are those of the other scorer of ours.

@@ -48,17 +48,17 @@ class Scorer:
     weights: Callable[[MissionConfig], Weights]
 
     def rank(self, terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Ranking:
-        """All candidates by falling S(c) (Eq. 1); ties keep pool order."""
+        """All candidates by decreasing S(c) (Eq. 1); ties keep pool order."""
         main, w = self.main_term(terms, pool, config), self.weights(config)
         scores = w.main * main + w.nov * terms.nov - w.move * terms.move - w.ang * terms.ang
         unweighted = {"main": main, "nov": terms.nov, "move": terms.move, "ang": terms.ang}
         if w.register and terms.register is not None:
             scores = scores + w.register * terms.register
             unweighted["register"] = terms.register
-        return Ranking(self.name, falling(scores), scores, unweighted)
+        return Ranking(self.name, argsort_descending(scores), scores, unweighted)
 
 
-def falling(scores: Floats) -> Ints:
+def argsort_descending(scores: Floats) -> Ints:
     """(C,) candidates, best first; ties keep pool order."""
     # Symmetric candidates tie up to rounding, which differs between processors: 1e-12 is no preference.
     return np.argsort(-np.round(scores, 12), kind="stable").astype(np.int64)

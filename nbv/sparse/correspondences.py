@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, Store, cached
 from nbv.config import MissionConfig
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.ground_features import extract_ground_features
@@ -51,7 +51,7 @@ class Correspondences:
                 features = extract()
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
-        entry = remember(self._store, "features", make, code=code, inputs=inputs)
+        entry = cached(self._store, "features", make, code=code, inputs=inputs)
         return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
@@ -66,7 +66,7 @@ class Correspondences:
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
         inputs = [camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]
-        entry = remember(self._store, "pairs", make, code="nbv.sparse.matching", inputs=inputs)
+        entry = cached(self._store, "pairs", make, code="nbv.sparse.matching", inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))
 
     def _match(self, a: Features, b: Features) -> NDArray[np.uint32]:

@@ -9,16 +9,18 @@ from functools import lru_cache
 from nbv.config import MissionConfig, PoolConfig, SeedConfig
 from nbv.types import Viewpoint
 
-Place = tuple[
+RingPosition = tuple[
     float, float, float
 ]  # distance to the target (m), elevation, and bearing clockwise from north (degrees)
 
 
-def _ring(radius_m: float, elevation_deg: float, count: int, first_bearing_deg: float = 0.0) -> list[Place]:
+def _ring(
+    radius_m: float, elevation_deg: float, count: int, first_bearing_deg: float = 0.0
+) -> list[RingPosition]:
     return [(radius_m, elevation_deg, first_bearing_deg + 360.0 * k / count) for k in range(count)]
 
 
-def _viewpoint(target_m: tuple[float, float, float], place: Place, band: str, name: str) -> Viewpoint:
+def _viewpoint(target_m: tuple[float, float, float], place: RingPosition, band: str, name: str) -> Viewpoint:
     radius_m, elevation_deg, bearing_deg = place
     elevation, bearing = math.radians(elevation_deg), math.radians(bearing_deg)
     horizontal_m = radius_m * math.cos(elevation)
@@ -44,11 +46,13 @@ def seed_viewpoints(config: MissionConfig, *, second_turn: bool = False) -> list
     return _seeds(config.target_m, places, first)
 
 
-def _seeds(target_m: tuple[float, float, float], places: Iterable[Place], first: int = 0) -> list[Viewpoint]:
+def _seeds(
+    target_m: tuple[float, float, float], places: Iterable[RingPosition], first: int = 0
+) -> list[Viewpoint]:
     return [_viewpoint(target_m, place, "seed", f"seed_{k:02d}") for k, place in enumerate(places, first)]
 
 
-def _seed_places(layout: SeedConfig, turn_deg: float) -> list[Place]:
+def _seed_places(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
     """Rings turned by ``turn_deg`` over the number of their seeds."""
     count, upper = layout.count, layout.upper_count
     if count and not upper:

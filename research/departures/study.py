@@ -29,7 +29,7 @@ from research.decisions import (
     same_flight,
 )
 from research.departures.table import DEPARTURES, Departure
-from research.study_directory import StudyFindings, StudySettings, counts, flown
+from research.study_directory import StudyFindings, StudySettings, counts, evaluated
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import (
     Interval,
@@ -96,7 +96,7 @@ class DepartureSettings(StudySettings):
         return base.with_values({"gate.kind": gate or self.gate})
 
     @property
-    def flown(self) -> list[Departure]:
+    def evaluated(self) -> list[Departure]:
         """Arms that change something about the base."""
         return [DEPARTURES[n] for n in self.arms if DEPARTURES[n].applies(self.base(), self.surface)]
 
@@ -116,9 +116,9 @@ class DepartureSettings(StudySettings):
     def plan(self) -> EvaluationPlan:
         """Bases and arms; an arm that is the same configuration as another shares its missions."""
         strategies = {f"base-{self.gate}": self.base()}
-        for d in self.flown:
+        for d in self.evaluated:
             strategies.setdefault(self.reference(d), self.base(d.gate))
-        for d in self.flown:
+        for d in self.evaluated:
             if not d.reads_only:
                 strategies[d.name] = self.base(d.gate).with_values(d.values)
         return EvaluationPlan(strategies, self.rocks, self.replicates, fidelity=self.fidelity)
@@ -197,7 +197,7 @@ def analyse(directory: Path) -> DepartureFindings:
     """
     settings = DepartureSettings.load(directory)
     plan = settings.plan()
-    records = flown(settings, directory)[FLIGHTS]
+    records = evaluated(settings, directory)[FLIGHTS]
     traces = load_traces(records)
     values = functools.partial(_values, settings, records)
 
@@ -209,7 +209,7 @@ def analyse(directory: Path) -> DepartureFindings:
         bases.append(BaseResult(strategy, cells, share, len(traces.get(strategy, {}))))
 
     arms = []
-    for d in settings.flown:
+    for d in settings.evaluated:
         strategy, reference = settings.strategy(d), settings.reference(d)
         differences = {
             row.key: paired_difference(

@@ -154,13 +154,13 @@ _STATES = (
 
 def states_markdown(judged: Sequence[JudgedMission]) -> str:
     """Every coverage on the same states."""
-    flown = dict.fromkeys((j.rock, j.gate, j.directory) for j in judged)
-    rocks = ", ".join(dict.fromkeys(rock for rock, _, _ in flown))
-    gates = ", ".join(dict.fromkeys(strategy_label(gate) for _, gate, _ in flown))
+    evaluated = dict.fromkeys((j.rock, j.gate, j.directory) for j in judged)
+    rocks = ", ".join(dict.fromkeys(rock for rock, _, _ in evaluated))
+    gates = ", ".join(dict.fromkeys(strategy_label(gate) for _, gate, _ in evaluated))
     lines = [
         "# Every oracle on the same planning states",
         "",
-        f"{len(flown)} missions flown by {gates} on {rocks}.",
+        f"{len(evaluated)} missions flown by {gates} on {rocks}.",
         "",
         *markdown_table(_STATES, [_states_row(s) for s in summarise(judged)]),
     ]

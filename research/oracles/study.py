@@ -29,7 +29,7 @@ from research.decisions import (
     per_block,
 )
 from research.departures.study import FLIGHTS, METRICS, metric_key
-from research.study_directory import StudyFindings, StudySettings, counts, flown
+from research.study_directory import StudyFindings, StudySettings, counts, evaluated
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import (
     Interval,
@@ -42,7 +42,7 @@ from tuner.evaluation.comparison import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
-from tuner.problem.search_space import ours
+from tuner.problem.search_space import builtin
 
 COVERAGES: tuple[str, ...] = get_args(get_type_hints(GateConfig)["oracle_coverage"])
 REFERENCES = ("covis", "b-aware", "hyb-h")
@@ -244,11 +244,11 @@ def analyse(directory: Path) -> OracleFindings:
     """
     settings = OracleSettings.load(directory)
     plan = settings.plan()
-    records = flown(settings, directory)[FLIGHTS]
+    records = evaluated(settings, directory)[FLIGHTS]
     traces = load_traces(records)
     rows = [dataclasses.replace(row, key=metric_key(row, settings.surface)) for row in METRICS]
     results = [
-        _strategy_result(settings, records, traces, rows, name, ours(config).gate.oracle_coverage)
+        _strategy_result(settings, records, traces, rows, name, builtin(config).gate.oracle_coverage)
         for name, config in plan.strategies.items()
     ]
     return OracleFindings(settings, *counts(settings, records), results)

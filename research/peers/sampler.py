@@ -203,9 +203,12 @@ class PeerSampler:
             return initial_proposal(self.settings, number, self.name)
         process = self._process(history, command)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
-        standard = RockStandardiser.fit([o.world for o in feasible], outcomes)
+        standard = RockStandardiser.fit([o.instance for o in feasible], outcomes)
         # To a peer a rock under another condition is another rock.
-        known = {world.label: world for world in (*self.settings.worlds, *(o.world for o in history))}
+        known = {
+            instance.label: instance
+            for instance in (*self.settings.instances, *(o.instance for o in history))
+        }
         reply = process.request(
             "ask",
             number=number,
@@ -214,7 +217,7 @@ class PeerSampler:
                 {
                     "number": p.number,
                     "values": dict(p.values),
-                    "rock": p.world.label,
+                    "rock": p.instance.label,
                     "replicate": p.replicate,
                 }
                 for p in pending
@@ -228,8 +231,8 @@ class PeerSampler:
         proposal = Proposal(self._values(reply["values"]), why, replicate=reply.get("replicate"))
         if reply.get("rock") is None:
             return proposal
-        world = known[reply["rock"]]
-        return replace(proposal, rock=world.rock, condition=world.condition)
+        instance = known[reply["rock"]]
+        return replace(proposal, rock=instance.rock, condition=instance.condition)
 
     def _process(self, history: Sequence[Observation], command: Sequence[str]) -> PeerProcess:
         """The process, told the whole of ``history``."""
@@ -244,7 +247,7 @@ class PeerSampler:
                     "tell",
                     number=o.number,
                     values=dict(o.values),
-                    rock=o.world.label,
+                    rock=o.instance.label,
                     replicate=o.replicate,
                     outcome=o.outcome,
                     noise_sd=None,
@@ -266,7 +269,7 @@ class PeerSampler:
             parameters=[_parameter(p) for p in s.space.parameters],
             default=dict(s.default),
             design=[initial_proposal(s, i, self.name).values for i in range(s.initial)],
-            rocks=[world.label for world in s.worlds],
+            rocks=[instance.label for instance in s.instances],
             replicates=s.replicates,
             initial=s.initial,
             seed=s.seed,
@@ -296,7 +299,7 @@ def _within_rounding(value: float, p: Parameter) -> float:
 
 
 def _fingerprint(o: Observation) -> str:
-    return json.dumps([dict(o.values), o.world.label, o.replicate, o.outcome], sort_keys=True)
+    return json.dumps([dict(o.values), o.instance.label, o.replicate, o.outcome], sort_keys=True)
 
 
 def _parameter(p: Parameter) -> dict[str, Any]:

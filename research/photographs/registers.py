@@ -85,7 +85,7 @@ def arm(base: MissionConfig, name: str) -> MissionConfig:
     return base.with_values(values)
 
 
-def fly(asked: argparse.Namespace) -> None:
+def run_missions(asked: argparse.Namespace) -> None:
     """Fly what is not there yet; keep planning states, not photographs."""
     for k, name, rock in itertools.product(
         range(asked.first, asked.first + asked.replicates), asked.arm, asked.rock
@@ -254,22 +254,24 @@ def tell(asked: argparse.Namespace) -> None:
             "|plan|F-score by replicate|mean|worst|registered at the end, %|planned that registered when taken, %|over random|over the ring|"
         )
         print("|---|---|---:|---:|---:|---:|---|---|")
-        for name, flown in of.items():
-            scores = [flown[k]["f_score"] for k in sorted(flown)]
+        for name, evaluated in of.items():
+            scores = [evaluated[k]["f_score"] for k in sorted(evaluated)]
             end = (
                 100
-                * sum(r["registered"] for r in flown.values())
-                / max(1, sum(r["photographs"] for r in flown.values()))
+                * sum(r["registered"] for r in evaluated.values())
+                / max(1, sum(r["photographs"] for r in evaluated.values()))
             )
-            planned = sum(r["planned"] for r in flown.values())
+            planned = sum(r["planned"] for r in evaluated.values())
             when = (
-                f"{100 * sum(r['planned_registered'] for r in flown.values()) / planned:.0f}"
+                f"{100 * sum(r['planned_registered'] for r in evaluated.values()) / planned:.0f}"
                 if planned
                 else ""
             )
-            said = ", ".join(f"{v:.1f} ({flown[k]['registered']})" for k, v in zip(sorted(flown), scores))
+            said = ", ".join(
+                f"{v:.1f} ({evaluated[k]['registered']})" for k, v in zip(sorted(evaluated), scores)
+            )
             over = "|".join(
-                _over(flown, of.get(other, {}) if other != name else {}) for other in ("random", "ring")
+                _over(evaluated, of.get(other, {}) if other != name else {}) for other in ("random", "ring")
             )
             print(f"|{name}|{said}|{np.mean(scores):.1f}|{min(scores):.1f}|{end:.0f}|{when}|{over}|")
     if asked.csv:
@@ -279,9 +281,13 @@ def tell(asked: argparse.Namespace) -> None:
             writer.writerows(rows)
 
 
-def _over(flown: dict[int, dict[str, Any]], other: dict[int, dict[str, Any]]) -> str:
+def _over(evaluated: dict[int, dict[str, Any]], other: dict[int, dict[str, Any]]) -> str:
     found = mean_interval(
-        {"set": [flown[k]["f_score"] - other[k]["f_score"] for k in sorted(flown.keys() & other.keys())]}
+        {
+            "set": [
+                evaluated[k]["f_score"] - other[k]["f_score"] for k in sorted(evaluated.keys() & other.keys())
+            ]
+        }
     )
     if found is None:
         return ""
@@ -294,7 +300,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(required=True)
-    for name, function in (("fly", fly), ("fit", fit), ("check", check), ("tell", tell)):
+    for name, function in (("fly", run_missions), ("fit", fit), ("check", check), ("tell", tell)):
         command = commands.add_parser(name)
         command.set_defaults(function=function)
         command.add_argument("out", type=Path, nargs=None if name == "fly" else "+")

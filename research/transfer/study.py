@@ -43,7 +43,7 @@ from tuner.evaluation.comparison import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import ours, value_at
+from tuner.problem.search_space import builtin, value_at
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,8 +134,8 @@ def carried_over(campaign: Campaign, neighbours: int, seed: int = 0) -> dict[str
     """
     if neighbours < 0:
         raise UserError(f"--neighbours is {neighbours}; give 0 or more")
-    base = ours(campaign.settings.base_config())
-    tuned = ours(campaign.recommended_config())
+    base = builtin(campaign.settings.base_config())
+    tuned = builtin(campaign.recommended_config())
     around = _neighbours(campaign, tuned, neighbours, seed)
     named = {f"neighbour-{i + 1}": config for i, config in enumerate(around)}
     tuned_and_random = tuned_configs(tuned, base)
@@ -153,7 +153,7 @@ def _neighbours(campaign: Campaign, tuned: MissionConfig, count: int, seed: int)
             break
         moved = np.clip(center + NEIGHBOUR_SD * rng.standard_normal(space.dimension), 0.0, 1.0)
         values = space.from_unit(space.redraw_choices(moved, center, rng))
-        config = ours(campaign.settings.config(values))
+        config = builtin(campaign.settings.config(values))
         found.setdefault(config.digest(), config)
     else:
         if len(found) <= count:

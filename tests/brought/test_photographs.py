@@ -21,10 +21,10 @@ from rendered_photographs import save
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
 from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.mapping import _cameras, solve
 from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object, settled
-from nbv.photographs.source import Source
 
 SET_RADIUS = ball.RADIUS_M * 3.5 / ball.DISTANCE_M
 
@@ -33,10 +33,10 @@ def silent(what: str, done: int, total: int) -> None:
     pass
 
 
-def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -> Source:
+def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -> ImportSource:
     photographs, _ = read_folder(folder, silent, masks)
     found = {} if masks is None else find_masks(masks, photographs)
-    return Source(tuple(photographs), max_size_px, silent, masks=found)
+    return ImportSource(tuple(photographs), max_size_px, silent, masks=found)
 
 
 def refusal(call, *args: object) -> str:

@@ -15,9 +15,9 @@ from pyproj import CRS, Transformer
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity, look_at
 from nbv.photographs.folder import SourcePhotograph
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.scale import ControlPoints, find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel
-from nbv.photographs.source import Source
 
 WIDTH, HEIGHT = 640, 480
 CAMERA = pycolmap.Camera(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, params=[500, 320, 240, 0.03])
@@ -31,7 +31,7 @@ MODEL_FROM_WORLD = Similarity(0.37, TURN, np.array([1.0, -2, 5]))
 
 def seen_from(places_m: np.ndarray) -> SolvedModel:
     none = np.zeros(0, dtype=np.int64)
-    world = SolvedModel(
+    instance = SolvedModel(
         tuple(f"p{i}" for i in range(len(places_m))),
         np.array([look_at(p, np.zeros(3)) for p in places_m]),
         (CAMERA,) * len(places_m),
@@ -41,17 +41,17 @@ def seen_from(places_m: np.ndarray) -> SolvedModel:
         none,
         np.zeros((0, 2)),
     )
-    return world.moved(MODEL_FROM_WORLD)
+    return instance.moved(MODEL_FROM_WORLD)
 
 
 MODEL = seen_from(PLACES)
 
 
-def source(found: list[SourcePhotograph]) -> Source:
-    return Source(tuple(found), WIDTH, lambda *_: None)
+def source(found: list[SourcePhotograph]) -> ImportSource:
+    return ImportSource(tuple(found), WIDTH, lambda *_: None)
 
 
-def photographs(places_m: np.ndarray | None = None, at: tuple[float, float] = (46.0, 7.0)) -> Source:
+def photographs(places_m: np.ndarray | None = None, at: tuple[float, float] = (46.0, 7.0)) -> ImportSource:
     """With GPS that says ``places_m`` (N, 3; NaN: no altitude), if anything."""
     plain = [
         SourcePhotograph(Path(f"p{i}.JPG"), f"p{i}", "", (1280, 960), 1, "", None, None, None)

@@ -13,7 +13,7 @@ from nbv.errors import UserError
 from research.departures.report import departures_markdown, write_departures_report
 from research.departures.study import DepartureSettings, analyse
 from research.departures.table import DEPARTURES, PAPER_CODE
-from research.study_directory import fly
+from research.study_directory import run_jobs
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"
@@ -25,15 +25,15 @@ def settings(**changes):
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def evaluated(tmp_path_factory):
     directory = tmp_path_factory.mktemp("departures") / "study"
-    assert fly(settings(), directory, InProcessExecutor())
+    assert run_jobs(settings(), directory, InProcessExecutor())
     return directory
 
 
 @pytest.fixture(scope="module")
-def findings(flown):
-    return analyse(flown)
+def findings(evaluated):
+    return analyse(evaluated)
 
 
 def test_together_they_are_the_preset_of_the_public_code():
@@ -53,15 +53,15 @@ def test_alone_each_changes_what_the_public_code_changes():
     assert set(alone) == set(PAPER_CODE)
 
 
-def test_every_distinct_mission_is_flown_once(flown):
+def test_every_distinct_mission_is_flown_once(evaluated):
     s = settings()
-    runs = list(flown.glob("evaluation/missions/*/*/flown.txt"))
+    runs = list(evaluated.glob("evaluation/missions/*/*/flown.txt"))
     names = {path.parent.parent.name for path in runs}
     assert len(runs) == s.plan().missions == len(names) * len(ROCKS) * 2
     # Read from the base's missions, or from another arm's.
     assert "whole-surface" not in names
     assert {"base-hyb-h", "base-hyb-o", "alphas", "frustum-oracle", "paper-code"} < names
-    fly(s, flown, InProcessExecutor())
+    run_jobs(s, evaluated, InProcessExecutor())
     assert all(path.read_text() == "flown\n" for path in runs)
 
 
@@ -111,7 +111,7 @@ def test_what_the_base_does_already_is_named_not_flown():
     s = settings(preset="campaign")
     names = {d.name for d in s.as_base}
     assert names == {"stop-on-budget", "d95-box", "single-image"}
-    assert {"d95-all-points", "stop-both", "doubled-image"} < {d.name for d in s.flown}
+    assert {"d95-all-points", "stop-both", "doubled-image"} < {d.name for d in s.evaluated}
     assert {d.name for d in settings().as_base} == {
         "d95-all-points",
         "exhaustive-matching",
@@ -120,14 +120,14 @@ def test_what_the_base_does_already_is_named_not_flown():
     }
 
 
-def test_the_report_holds_what_was_found(flown, findings):
-    (figure,) = write_departures_report(findings, flown)
+def test_the_report_holds_what_was_found(evaluated, findings):
+    (figure,) = write_departures_report(findings, evaluated)
     assert figure.stat().st_size > 20_000
-    tree = json.loads((flown / "departures.json").read_text())
+    tree = json.loads((evaluated / "departures.json").read_text())
     arm = next(a for a in tree["arms"] if a["departure"]["name"] == "alphas")
     assert arm["differences"][F48]["interval"]["mean"] == pytest.approx(2.0)
     assert tree["missions"] == tree["missions_expected"] == settings().plan().missions
-    text = (flown / "departures.md").read_text()
+    text = (evaluated / "departures.md").read_text()
     for arm in findings.arms:
         assert f"| {arm.departure.what}" in text
     assert "stop on the KNN distance or the budget" in text.split("Not flown")[1]
@@ -135,7 +135,7 @@ def test_the_report_holds_what_was_found(flown, findings):
 
 def test_failed_missions_leave_their_pairs_out(tmp_path):
     s = settings(rocks=("r0", "failing"), arms=("alphas",))
-    fly(s, tmp_path / "s", InProcessExecutor())
+    run_jobs(s, tmp_path / "s", InProcessExecutor())
     found = analyse(tmp_path / "s")
     assert found.failures == {"seed_model_failed": 2}
     arm = found.arm("alphas")
@@ -154,19 +154,19 @@ def test_reports_of_an_interrupted_study(tmp_path):
             return super().wait_any(timeout_s)
 
     with pytest.raises(KeyboardInterrupt):
-        fly(settings(), tmp_path / "s", Stops())
+        run_jobs(settings(), tmp_path / "s", Stops())
     found = analyse(tmp_path / "s")
     assert found.missions == 3 and found.arm("alphas").pairs == 1
     assert found.arm("d95-box").differences[F48] is None and "–" in departures_markdown(found)
     write_departures_report(found, tmp_path / "s")
 
 
-def test_another_study_in_the_directory_is_refused(flown, tmp_path):
+def test_another_study_in_the_directory_is_refused(evaluated, tmp_path):
     with pytest.raises(UserError, match="another study of departures"):
-        fly(settings(replicates=3), flown, InProcessExecutor())
+        run_jobs(settings(replicates=3), evaluated, InProcessExecutor())
     (tmp_path / "precious").write_text("mine")
     with pytest.raises(UserError, match="not an empty directory"):
-        fly(settings(), tmp_path, InProcessExecutor())
+        run_jobs(settings(), tmp_path, InProcessExecutor())
     with pytest.raises(UserError, match="no study of departures"):
         analyse(tmp_path)
 
@@ -189,8 +189,8 @@ def test_mistakes(changes, says):
         settings(**changes)
 
 
-def test_a_settings_file_with_an_unknown_field_is_named(flown, tmp_path):
-    text = (flown / "departures.yaml").read_text().replace("replicates:", "replicatez:")
+def test_a_settings_file_with_an_unknown_field_is_named(evaluated, tmp_path):
+    text = (evaluated / "departures.yaml").read_text().replace("replicates:", "replicatez:")
     (tmp_path / "departures.yaml").write_text(text)
     with pytest.raises(UserError, match=r"departures.yaml is not a study's settings.*replicatez"):
         DepartureSettings.load(tmp_path)
@@ -215,7 +215,7 @@ def test_command_line_mistakes_are_one_line_and_write_nothing(study, tmp_path, a
 
 
 def test_the_command_reports_a_flown_study(study, tmp_path):
-    fly(settings(arms=("alphas", "features-16384")), tmp_path / "study", InProcessExecutor())
+    run_jobs(settings(arms=("alphas", "features-16384")), tmp_path / "study", InProcessExecutor())
     code, out, _ = study("departures", "--report-only", "--out", "study")
     assert code == 0 and "18 of 18 missions" in out and "+2.00" in out and "0 exactly" in out
     assert (tmp_path / "study" / "departures.md").is_file()

@@ -33,8 +33,8 @@ def test_optimum_is_where_and_what_it_should_be(name: str) -> None:
 
 def test_noise_is_the_mission_s_own_and_of_the_right_size() -> None:
     problem = problems.make_problem("levy10:0.5", 0, Path("unused"))
-    flights = [problem.fly(problem.default, "one", k).value for k in range(300)]
-    assert flights[5] == problem.fly(problem.default, "one", 5).value
+    flights = [problem.run(problem.default, "one", k).value for k in range(300)]
+    assert flights[5] == problem.run(problem.default, "one", 5).value
     assert np.std(np.array(flights, dtype=float)) == pytest.approx(0.5, rel=0.15)
 
 

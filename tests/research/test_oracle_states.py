@@ -17,7 +17,7 @@ BUDGET = 3
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def evaluated(tmp_path_factory):
     """A mission that logged its own oracle's rewards, and its directory."""
     directory = tmp_path_factory.mktemp("kept") / "mission"
     values = {
@@ -31,13 +31,13 @@ def flown(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def judged(flown):
-    return {j.coverage: j for j in judge([flown[1]])}
+def judged(evaluated):
+    return {j.coverage: j for j in judge([evaluated[1]])}
 
 
 @pytest.mark.slow
-def test_the_own_oracle_says_what_the_mission_logged(flown, judged):
-    result, _ = flown
+def test_the_own_oracle_says_what_the_mission_logged(evaluated, judged):
+    result, _ = evaluated
     assert judged["matchable"].preferences == preferences(judgements(result.trace))
     assert judged["matchable"].gate == "covis" and judged["matchable"].rock == "boulder"
 
@@ -66,8 +66,8 @@ def test_the_summary_adds_up(judged):
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_table(study, flown, tmp_path):
-    code, out, _ = study("oracle-states", flown[1], "--out", "table.md")
+def test_the_command_writes_the_table(study, evaluated, tmp_path):
+    code, out, _ = study("oracle-states", evaluated[1], "--out", "table.md")
     assert code == 0 and "paper-code" in out
     row = next(
         line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| paper-code")
@@ -76,19 +76,19 @@ def test_the_command_writes_the_table(study, flown, tmp_path):
 
 
 @pytest.mark.slow
-def test_mistakes(flown, tmp_path):
+def test_mistakes(evaluated, tmp_path):
     with pytest.raises(UserError, match="holds no finished mission"):
         judge([tmp_path])
-    shutil.copytree(flown[1], tmp_path / "summary")
+    shutil.copytree(evaluated[1], tmp_path / "summary")
     shutil.rmtree(tmp_path / "summary" / "states")
     with pytest.raises(UserError, match="planning states"):
         judge([tmp_path / "summary"])
-    shutil.copytree(flown[1], tmp_path / "other")
+    shutil.copytree(evaluated[1], tmp_path / "other")
     tree = json.loads((tmp_path / "other" / "mission.json").read_text())
     del tree["checksum"]
     text = json.dumps(tree)
     (tmp_path / "other" / "mission.json").write_text(text.replace('"rock": "boulder"', '"rock": "moonstone"'))
-    sha = flown[0].provenance["rock_sha256"]
+    sha = evaluated[0].provenance["rock_sha256"]
     text = (tmp_path / "other" / "mission.json").read_text().replace(sha, "0" * len(sha))
     (tmp_path / "other" / "mission.json").write_text(text)
     with pytest.raises(UserError, match="--rock"):

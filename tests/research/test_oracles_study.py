@@ -10,7 +10,7 @@ from in_process import InProcessExecutor
 from nbv.errors import UserError
 from research.oracles.report import oracles_markdown, write_oracles_report
 from research.oracles.study import OracleSettings, analyse
-from research.study_directory import fly
+from research.study_directory import run_jobs
 
 ROCKS = ("r0", "r1", "r2")
 
@@ -21,15 +21,15 @@ def settings(**changes):
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def evaluated(tmp_path_factory):
     directory = tmp_path_factory.mktemp("oracles") / "study"
-    assert fly(settings(), directory, InProcessExecutor())
+    assert run_jobs(settings(), directory, InProcessExecutor())
     return directory
 
 
 @pytest.fixture(scope="module")
-def findings(flown):
-    return analyse(flown)
+def findings(evaluated):
+    return analyse(evaluated)
 
 
 def test_every_coverage_is_flown(findings):
@@ -77,9 +77,9 @@ def test_greedy_oracles_say_how_much_is_covered(findings):
     assert findings.strategy("hyb-o-seen").covered_first is None
 
 
-def test_the_report_holds_what_was_found(flown, findings):
-    write_oracles_report(findings, flown)
-    text = (flown / "oracles.md").read_text()
+def test_the_report_holds_what_was_found(evaluated, findings):
+    write_oracles_report(findings, evaluated)
+    text = (evaluated / "oracles.md").read_text()
     assert text == oracles_markdown(findings)
     row = next(line for line in text.splitlines() if line.startswith("| Hyb-O, paper-code | paper-code"))
     assert [cell.strip() for cell in row.split("|")[3:9]] == [
@@ -91,7 +91,7 @@ def test_the_report_holds_what_was_found(flown, findings):
         "6 of 6 (1)",
     ]
     assert "Paired differences against Hyb-H" in text
-    tree = json.loads((flown / "oracles.json").read_text())
+    tree = json.loads((evaluated / "oracles.json").read_text())
     names = {s["strategy"]: s["switches"] for s in tree["strategies"]}
     assert names["hyb-o-reconstruction"] and not names["hyb-o-paper-code"]
 
@@ -130,7 +130,7 @@ def test_command_line_mistakes_are_one_line_and_write_nothing(study, tmp_path, a
 
 
 def test_the_command_reports_a_flown_study(study, tmp_path):
-    fly(settings(coverages=("seen",), greedy=()), tmp_path / "study", InProcessExecutor())
+    run_jobs(settings(coverages=("seen",), greedy=()), tmp_path / "study", InProcessExecutor())
     code, out, _ = study("oracles", "--report-only", "--out", "study")
     assert code == 0 and "24 of 24 missions" in out and "Hyb-O, seen" in out
     assert (tmp_path / "study" / "oracles.md").is_file()

@@ -31,8 +31,8 @@ def test_every_command_of_the_page_runs(tmp_path):
     assert best.values["delta"] == 2 and best.improvement > 5
     assert {t.reason for t in trials if t.state == "failed"} <= {"refused"}
     assert {t.rock for t in trials} == {"north", "south"}
-    flown = {path.name for path in (campaign.directory / "evaluation/missions").iterdir()}
-    assert flown == {"tuned", "default", "thorough"}
+    evaluated = {path.name for path in (campaign.directory / "evaluation/missions").iterdir()}
+    assert evaluated == {"tuned", "default", "thorough"}
     page = street.file("runs/packing/evaluation/report.html")
     foreign = ("Table I", "dense clouds", "simulated flight", "improvement ()")
     assert not [words for words in foreign if words in page]

@@ -9,7 +9,7 @@ from in_process import InProcessExecutor
 
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 
 FIDELITY = "fake_missions:fake_mission"
@@ -34,5 +34,5 @@ def settings(**changes: object) -> CampaignSettings:
 def run(directory: Path, **changes: object) -> Campaign:
     """A finished campaign of ``settings(**changes)``."""
     campaign = begin_campaign(directory, settings(**changes))
-    fly_campaign(campaign, InProcessExecutor())
+    run_campaign(campaign, InProcessExecutor())
     return campaign

@@ -6,7 +6,7 @@ import collections
 import time
 
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, clear_traces, landed
+from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
 from tuner.missions.run_job import run_job
 
 
@@ -30,7 +30,7 @@ class InProcessExecutor(Executor):
         clear_traces(job)
         started = time.monotonic()
         run_job(job.to_dict())
-        trial = landed(job, time.monotonic() - started)
+        trial = load_trial(job, time.monotonic() - started)
         return [trial or job.failed("no_result", f"nothing was written to {job.directory}")]
 
     def cancel_all(self) -> None:

@@ -102,9 +102,9 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
     )
     assert run.complete
     assert repr(run) == "EvaluationRun(tuned, hyb-h on arch: 2 missions, 0 failed, complete)"
-    flown = tuner.frame(run).set_index("strategy")["metrics.observable.f_score_48mm"]
-    assert {"tuned", "hyb-h"} <= set(flown.index)
-    assert flown.between(50, 100).all()
+    evaluated = tuner.frame(run).set_index("strategy")["metrics.observable.f_score_48mm"]
+    assert {"tuned", "hyb-h"} <= set(evaluated.index)
+    assert evaluated.between(50, 100).all()
     with pytest.raises(UserError, match="was tuned on"):
         tuner.evaluate(campaign, rocks=["slab"], **options)
     table = tuner.reproduce(

@@ -1,1 +1,1 @@
-"""What to fly next: the acquisition function and its maximum."""
+"""What to run next: the acquisition function and its maximum."""

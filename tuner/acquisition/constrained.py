@@ -1,4 +1,4 @@
-"""The best of one objective within a limit of another: what to fly next, and which configurations keep the limit."""
+"""The best of one objective within a limit of another: what to run next, and which configurations keep the limit."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from botorch.sampling import SobolQMCNormalSampler
 from scipy import special
 
 from nbv.types import Bools, Floats
-from tuner.acquisition.believed_saving import LogBelievedSaving
+from tuner.acquisition.expected_saving import LogExpectedSaving
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, LogNoisyImprovement, maximise
-from tuner.problem.exact_costs import Exact, modelled
+from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
+from tuner.problem.instances import InstanceLike
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import SURE, ShareBelief
-from tuner.problem.worlds import Place
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
-from tuner.surrogate.posterior import FREEDOM, KnownOutcome, probability_positive
+from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64
 Allowed = Callable[[Floats], Bools]
-Outcome = RockMeanGP | KnownOutcome
+Outcome = RockMeanGP | DeterministicOutcome
 
 
 def two_models(
     space: SearchSpace,
     observations: Sequence[Observation],
-    places: Sequence[Place],
+    places: Sequence[InstanceLike],
     seed: int,
     settings: SurrogateSettings | None = None,
-    exact: Exact | None = None,
+    exact: DeterministicMetrics | None = None,
 ) -> tuple[Outcome, Outcome]:
     """Return a model of each objective, on the missions that have both outcomes or failed.
 
@@ -54,7 +54,7 @@ def two_models(
     observations
         Finished missions.
     places
-        The training worlds.
+        The training instances.
     seed
         The seed of the fits.
     settings
@@ -63,19 +63,19 @@ def two_models(
         What of the objectives the configuration decides.
     """
     both = [o for o in observations if o.outcome is None or o.second is not None]
-    exact = exact or Exact()
+    exact = exact or DeterministicMetrics()
     if exact.first is not None:
         second = RockMeanGP(space, modelled(both), places, seed, settings)
-        return KnownOutcome(space, exact.first), second
+        return DeterministicOutcome(space, exact.first), second
     first = RockMeanGP(space, both, places, seed, settings)
     if exact.second is not None:
-        return first, KnownOutcome(space, exact.second)
+        return first, DeterministicOutcome(space, exact.second)
     return first, RockMeanGP(space, modelled(both), places, seed, settings)
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A lower limit on the second objective's mean over the training worlds."""
+    """A lower limit on the second objective's mean over the training instances."""
 
     model: Outcome  # of what has the limit
     at_least: float  # oriented so that larger is better
@@ -92,7 +92,7 @@ class Constraint:
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
         """Return (m,) probabilities that each keeps the limit."""
         mean, sd = self.belief(configurations)
-        if isinstance(self.model, KnownOutcome):
+        if isinstance(self.model, DeterministicOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
         if self.is_share:
             beliefs = self.shares(configurations)
@@ -135,11 +135,11 @@ class Constraint:
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
     def promising(self, first: Outcome) -> Floats:
-        """Return (few, d) unit positions flown: the best that may keep the limit, else the likeliest to keep it."""
+        """Return (few, d) unit positions run: the best that may keep the limit, else the likeliest to keep it."""
         unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
         configurations = [first.space.from_unit(u) for u in unit]
         chance = self.probability(configurations)
-        if isinstance(first, KnownOutcome):
+        if isinstance(first, DeterministicOutcome):
             own = first.posterior(configurations).mean
         else:
             with torch.no_grad():
@@ -151,7 +151,7 @@ class Constraint:
     def allowed(self) -> Allowed | None:
         """Return a function that tells which (n, d) unit positions keep the limit; None where that is uncertain."""
         model = self.model
-        if not isinstance(model, KnownOutcome):
+        if not isinstance(model, DeterministicOutcome):
             return None
         return lambda unit: model.keeps(model.at(torch.from_numpy(unit)).numpy(), self.at_least)
 
@@ -182,25 +182,25 @@ def propose_constrained(
         The seed of samples and starting points.
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
-    flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
+    running = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
     with numerics():
         near = constraint.promising(first)
         if known is not None:
             unit = np.unique(model.unit, axis=0)
             kept = unit[known(unit)]
             baseline = pruned(model.model, model.inputs(kept if len(kept) else near[:1]), seed)
-            flying = None if flying is None else flying[known(flying[:, : model.space.dimension].numpy())]
-            baseline = baseline if flying is None else torch.unique(torch.cat([baseline, flying]), dim=0)
+            running = None if running is None else running[known(running[:, : model.space.dimension].numpy())]
+            baseline = baseline if running is None else torch.unique(torch.cat([baseline, running]), dim=0)
             acquisition: AcquisitionFunction = LogNoisyImprovement(
                 model.model, baseline, MONTE_CARLO_SAMPLES, seed
             )
-        elif isinstance(first, KnownOutcome):
-            acquisition = _saving(first, constraint, model, flying)
+        elif isinstance(first, DeterministicOutcome):
+            acquisition = _saving(first, constraint, model, running)
         else:
-            acquisition = _with_probability(first, constraint, flying, seed)
+            acquisition = _with_probability(first, constraint, running, seed)
         position, score = maximise(model, acquisition, seed, near=near, allowed=known)
     values = model.space.from_unit(position)
-    unit_gain = 1.0 if isinstance(first, KnownOutcome) else first.mean_scale
+    unit_gain = 1.0 if isinstance(first, DeterministicOutcome) else first.mean_scale
     return values, {
         "log_nei": score,
         "expected_gain": math.exp(score) * unit_gain,
@@ -209,31 +209,31 @@ def propose_constrained(
 
 
 def _saving(
-    cost: KnownOutcome, constraint: Constraint, model: RockMeanGP, flying: torch.Tensor | None
+    cost: DeterministicOutcome, constraint: Constraint, model: RockMeanGP, running: torch.Tensor | None
 ) -> AcquisitionFunction:
-    flown = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
-    believed = [v for v, kept in zip(flown, constraint.keeps(flown)) if kept]
+    evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
+    believed = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
     # Before anything is believed, all that may be saves against the most expensive there is.
     best = max(cost.posterior(believed).mean) if believed else cost.worst() - 1.0
-    return LogBelievedSaving(model, cost, constraint.at_least, constraint.quantile, float(best), flying)
+    return LogExpectedSaving(model, cost, constraint.at_least, constraint.quantile, float(best), running)
 
 
 def _with_probability(
-    first: RockMeanGP, constraint: Constraint, flying: torch.Tensor | None, seed: int
+    first: RockMeanGP, constraint: Constraint, running: torch.Tensor | None, seed: int
 ) -> AcquisitionFunction:
     second, floor = constraint.model, constraint.floor()
     assert isinstance(second, RockMeanGP)
     model = ModelListGP(first.model, second.model)
     objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
     constraints = [lambda samples: floor - samples[..., 1]]
-    flown = first.inputs(np.unique(first.unit, axis=0))
+    evaluated = first.inputs(np.unique(first.unit, axis=0))
     return qLogNoisyExpectedImprovement(
         model,
-        X_baseline=pruned(model, flown, seed, objective=objective, constraints=constraints),
+        X_baseline=pruned(model, evaluated, seed, objective=objective, constraints=constraints),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         objective=objective,
         constraints=constraints,
-        X_pending=flying,
+        X_pending=running,
         prune_baseline=False,
         cache_root=False,
     )

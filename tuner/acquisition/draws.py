@@ -17,7 +17,7 @@ from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import draws_of, numerics, seeded, tensor
-from tuner.surrogate.posterior import KnownOutcome
+from tuner.surrogate.posterior import DeterministicOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _FAILS = 1e6  # standard deviations: worse than all that works
@@ -26,11 +26,11 @@ _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
 def draw(
-    models: Sequence[RockMeanGP | KnownOutcome], constraint: Constraint | None, count: int, seed: int
+    models: Sequence[RockMeanGP | DeterministicOutcome], constraint: Constraint | None, count: int, seed: int
 ) -> list[Values]:
     """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
 
-    A draw is over points everywhere and near the best flown. With a limit of the second objective: the best of the first where
+    A draw is over points everywhere and near the best run. With a limit of the second objective: the best of the first where
     the draw keeps it, else what comes nearest. What the configuration decides is the same in every draw.
 
     Parameters
@@ -62,7 +62,7 @@ def draw(
 
 
 def _drawn(
-    model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
+    model: RockMeanGP | DeterministicOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
 ) -> torch.Tensor:
     """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
     if isinstance(model, RockMeanGP):

@@ -1,4 +1,4 @@
-"""What to fly next: log noisy expected improvement of the mean over worlds (Ament et al., NeurIPS 2023)."""
+"""What to run next: log noisy expected improvement of the mean over instances (Ament et al., NeurIPS 2023)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LOCAL_BEST = 4
 LOCAL_SD = (0.01, 0.25)  # of the unit cube: smallest and largest, evenly spread logarithms
 MONTE_CARLO_SAMPLES = 64
 MAX_ITERATIONS = 50
-BASELINE = EXACT_MISSIONS  # flown configurations that an improvement is over; of more, the best
+BASELINE = EXACT_MISSIONS  # run configurations that an improvement is over; of more, the best
 # Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
 DISCRETE_COMBINATIONS = 4
 RESTARTS = 4  # gradient searches
@@ -51,8 +51,8 @@ def propose(
     with numerics():
         known = pruned(model.model, model.inputs(model.promising(BASELINE)), seed)
         if pending:
-            flying = model.inputs(np.array([model.space.to_unit(v) for v in pending]))
-            known = torch.unique(torch.cat([known, flying]), dim=0)
+            running = model.inputs(np.array([model.space.to_unit(v) for v in pending]))
+            known = torch.unique(torch.cat([known, running]), dim=0)
         acquisition = LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
         position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
@@ -80,13 +80,13 @@ def maximise(
     Parameters
     ----------
     model
-        The surrogate, for its space and what has flown.
+        The surrogate, for its space and what has run.
     acquisition
         The function to maximise.
     seed
         The seed of the starting points.
     near
-        (n, d) positions around which to start, too; None: those flown with the best posterior means.
+        (n, d) positions around which to start, too; None: those run with the best posterior means.
     allowed
         Says of (n, d) positions which may be proposed; None: all.
     """
@@ -105,7 +105,7 @@ def maximise(
     best, best_score = points[int(order[0])], float(scores[order[0]])
     if len(discrete) == d:
         return best, best_score
-    # The last columns are world and block: everything is compared without their offsets.
+    # The last columns are instance and block: everything is compared without their offsets.
     nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0
@@ -167,8 +167,8 @@ class _WhereAllowed(AcquisitionFunction):
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 
-def best_flown(model: RockMeanGP, count: int) -> Floats:
-    """Return (count or fewer, d) unit positions with the best posterior means among those flown, best first."""
+def best_evaluated(model: RockMeanGP, count: int) -> Floats:
+    """Return (count or fewer, d) unit positions with the best posterior means among those run, best first."""
     seen = model.promising(BASELINE)
     with torch.no_grad():
         mean, _ = moments(model.model.posterior(model.inputs(seen)))
@@ -187,7 +187,7 @@ def starting_points(
     Parameters
     ----------
     model
-        The surrogate, for its space and what has flown.
+        The surrogate, for its space and what has run.
     seed
         The seed of the points.
     everywhere_count
@@ -195,12 +195,12 @@ def starting_points(
     count
         How many local ones.
     near_to
-        (m, d) positions around which local points lie; None: those flown with the best posterior means.
+        (m, d) positions around which local points lie; None: those run with the best posterior means.
     """
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
-    best = best_flown(model, LOCAL_BEST) if near_to is None else near_to
+    best = best_evaluated(model, LOCAL_BEST) if near_to is None else near_to
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
     smallest, largest = LOCAL_SD
@@ -230,7 +230,7 @@ def _climbs(
 class LogNoisyImprovement(AcquisitionFunction):
     """Logarithm of the expected improvement over the best of ``baseline``, (r, inputs), by joint ``draws``.
 
-    BoTorch's ``qLogNoisyExpectedImprovement`` computes the posterior of all that is flown and in flight again for every point
+    BoTorch's ``qLogNoisyExpectedImprovement`` computes the posterior of all that is run and in flight again for every point
     it is asked for. Here what is true there is drawn once, and a point costs its own covariances: the values are the same.
 
     The root of the joint covariance of outcomes and baseline is [[A, 0], [B, C]]; a point's covariances with both, whitened by it,

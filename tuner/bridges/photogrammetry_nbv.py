@@ -245,7 +245,7 @@ def write_scoring(
     UserError
         The gate, or a scorer, does not exist there.
     """
-    config = _with_the_flying_scorers_weights(config)
+    config = _with_weights_of_selected_scorer(config)
     values, remarks = _direct(config, SCORING, theirs), list[Remark]()
     values["name"], mode = _scorer(config)
     if mode is not None:
@@ -289,7 +289,7 @@ def _scorer(config: MissionConfig) -> tuple[str, str | None]:
     raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
 
 
-def _with_the_flying_scorers_weights(config: MissionConfig) -> MissionConfig:
+def _with_weights_of_selected_scorer(config: MissionConfig) -> MissionConfig:
     """Return ``config`` with both scorers having the shared weights of the one that flies alone, where one does."""
     alone = {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind)
     if alone is None:
@@ -331,7 +331,7 @@ def write_mission(
     own_rings = not seed.count and bool(seed.ring_radii_m or seed.ring_bearings_deg)
     remarks += _remarks(
         ("seed.ring_radii_m", own_rings, "theirs has one radius, and every ring begins in the north"),
-        ("seed.reaim_after", bool(seed.reaim_after), "theirs does not look for the target"),
+        ("seed.retarget_after", bool(seed.retarget_after), "theirs does not look for the target"),
         (
             "sparse.ground_features",
             bool(config.sparse.ground_features),

@@ -1,1 +1,1 @@
-"""A campaign: what was asked for, its ledger of missions, beginning it, flying it, learning from earlier ones."""
+"""A campaign: what was asked for, its ledger of missions, beginning it, running it, learning from earlier ones."""

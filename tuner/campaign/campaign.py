@@ -1,7 +1,7 @@
-"""A campaign as its run directory holds it: what was asked for, what has flown, what is recommended.
+"""A campaign as its run directory holds it: what was asked for, what has run, what is recommended.
 
 A trial is one mission: one configuration on one rock under one condition with one replicate. Worlds, that is, rocks under
-conditions, are taken in turn, and missions share replicate numbers, so that configurations meet on common (world, replicate)
+conditions, are taken in turn, and missions share replicate numbers, so that configurations meet on common (instance, replicate)
 pairs. The run directory::
 
     campaign.yaml          what was asked for; a resume must agree with it
@@ -39,7 +39,7 @@ from tuner.missions.external.program import require_trusted, trust
 from tuner.missions.job import Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
-from tuner.problem.exact_costs import Exact, modelled
+from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
@@ -57,7 +57,7 @@ LEARNED_FILE = "learned_from.json"
 
 
 def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
-    """Return the sampler that a campaign asks; ``learned`` are missions flown before it.
+    """Return the sampler that a campaign asks; ``learned`` are missions run before it.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
     return SamplerSettings(
         settings.space,
         settings.default_values(),
-        settings.worlds,
+        settings.instances,
         settings.seed,
         settings.initial_size(),
         settings.blocks,
@@ -88,7 +88,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
 
 
 class Campaign:
-    """One run directory: `begin_campaign` makes it, `open` looks at it, `fly_campaign` fills it."""
+    """One run directory: `begin_campaign` makes it, `open` looks at it, `run_campaign` fills it."""
 
     def __init__(
         self, directory: Path, settings: CampaignSettings, ledger: Ledger, identity: str = ""
@@ -194,7 +194,7 @@ class Campaign:
         except (UserError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
-    def exact(self, history: Sequence[Observation]) -> Exact:
+    def exact(self, history: Sequence[Observation]) -> DeterministicMetrics:
         """Return which objectives the configuration decides; one that any mission in ``history`` contradicts is left out."""
         return self.settings.exact.agreed(history)
 
@@ -232,7 +232,7 @@ class Campaign:
         )
 
     def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
-        """Return the best of what may be recommended, by posterior mean over the training worlds; None while `nothing_yet`.
+        """Return the best of what may be recommended, by posterior mean over the training instances; None while `nothing_yet`.
 
         One that was saved after these very missions is read. ``latest``: also one that was saved before further missions ended,
         since a model of thousands takes long.
@@ -248,7 +248,7 @@ class Campaign:
         result = recommend(
             s.space,
             self._modelled(history),
-            s.worlds,
+            s.instances,
             s.default_values(),
             s.objective,
             s.seed,
@@ -281,7 +281,7 @@ class Campaign:
         s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or s.at_least is None or not both:
             return None
-        models = two_models(s.space, both, s.worlds, s.seed, exact=self.exact(both))
+        models = two_models(s.space, both, s.instances, s.seed, exact=self.exact(both))
         return Constraint(models[1], s.at_least, s.second.is_share)
 
     def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
@@ -289,7 +289,7 @@ class Campaign:
         from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415
 
         s = self.settings
-        return RockMeanGP(s.space, self._modelled(history), s.worlds, s.seed)
+        return RockMeanGP(s.space, self._modelled(history), s.instances, s.seed)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""
@@ -300,10 +300,10 @@ class Campaign:
     ) -> list[Proposal]:
         """Return ``count`` missions more, after ``trials`` and proposals ``reserved`` that are not in the ledger yet."""
         asked = _sampler_settings(self.settings, self.learned)
-        history, flying = self.history(trials), self.ledger.pending(trials, len(trials))
+        history, running = self.history(trials), self.ledger.pending(trials, len(trials))
         for proposal in reserved:
-            flying.append(in_flight(asked, history, flying, proposal))
-        return ask_many(self._sampler, asked, history, flying, count)
+            running.append(in_flight(asked, history, running, proposal))
+        return ask_many(self._sampler, asked, history, running, count)
 
     def unseen_rocks(self, rocks: Sequence[str] | None, making: Making = nullcontext) -> tuple[str, ...]:
         """Look up ``rocks``, or the held-out procedural ones, and return them.
@@ -315,7 +315,7 @@ class Campaign:
         """
         chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
-        seen |= {self.settings.rock_flown(t.rock, t.replicate) for t in self.trials()}
+        seen |= {self.settings.rock_evaluated(t.rock, t.replicate) for t in self.trials()}
         for rock in chosen:
             if rock in seen:
                 raise UserError(
@@ -356,6 +356,6 @@ class Campaign:
             saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
         except (UserError, AttributeError, ValueError, KeyError, TypeError):
             return None
-        flown = any(saved.values == dict(o.values) for o in history)
+        evaluated = any(saved.values == dict(o.values) for o in history)
         counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
-        return saved if flown and (latest or counted) else None
+        return saved if evaluated and (latest or counted) else None

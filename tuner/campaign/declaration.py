@@ -33,7 +33,7 @@ class Setting:
     panel: str = ""  # of the command's help
     in_file: str = ""  # what a settings file may say besides
     has_paths: bool = False  # relative ones are taken from the settings file's folder
-    ours: bool = False  # of our own missions; a mission file says it itself, or has none
+    builtin: bool = False  # of our own missions; a mission file says it itself, or has none
     # (YAML form, source) to value, where the type does not say how.
     read: Callable[[Any, str], Any] | None = None
     write: Callable[[Any], Any] | None = None

@@ -1,4 +1,4 @@
-"""What a campaign tells while it flies and when it ends: events, counts, the summary of a session."""
+"""What a campaign tells while it runs and when it ends: events, counts, the summary of a session."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class CampaignStatus:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """How one session (``fly_campaign``) ended."""
+    """How one session (``run_campaign``) ended."""
 
     stopped: Literal["budget", "interrupted", "failing", "exhausted"]
     message: str

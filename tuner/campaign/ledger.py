@@ -26,10 +26,16 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
-from tuner.campaign.storage import JOURNAL_FILE, CoordinatorLock, Journal, open_storage, patiently
+from tuner.campaign.storage import (
+    JOURNAL_FILE,
+    CoordinatorLock,
+    Journal,
+    open_storage,
+    retry_while_unavailable,
+)
 from tuner.missions.job import Trial, repeated
+from tuner.problem.instances import Instance, instances_of
 from tuner.problem.observations import Observation, Proposal
-from tuner.problem.worlds import World, worlds_of
 from tuner.samplers.optuna import distributions
 
 if TYPE_CHECKING:
@@ -77,7 +83,7 @@ class Ledger:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._directory, self._settings, self._campaign_id = directory, settings, campaign_id
         self._distributions = distributions(settings.space)
-        self._worlds = frozenset(worlds_of(settings.worlds))
+        self._worlds = frozenset(instances_of(settings.instances))
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
@@ -101,7 +107,7 @@ class Ledger:
             return study
 
         try:
-            self._study = patiently(shown, opened)
+            self._study = retry_while_unavailable(shown, opened)
         except optuna.exceptions.DuplicatedStudyError as error:
             raise UserError(
                 f"{shown} already holds a study {settings.name!r}; choose another campaign name or storage"
@@ -137,7 +143,7 @@ class Ledger:
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Hold the ledger while this campaign flies; ``UserError`` where another coordinator does.
+        """Hold the ledger while this campaign runs; ``UserError`` where another coordinator does.
 
         A journal goes with its run directory, which is locked; a database is for several campaigns, each with one
         coordinator, on whatever machine.
@@ -150,38 +156,38 @@ class Ledger:
             finally:
                 self._alone = False
 
-    def together(self) -> contextlib.AbstractContextManager[None]:
+    def batch(self) -> contextlib.AbstractContextManager[None]:
         """Enter several missions, or their ends, in one synchronised write, which happens when the context ends.
 
         A database takes them one by one.
         """
-        return self._storage.together() if isinstance(self._storage, Journal) else contextlib.nullcontext()
+        return self._storage.batch() if isinstance(self._storage, Journal) else contextlib.nullcontext()
 
     def start(
         self,
         proposal: Proposal,
-        world: World,
+        instance: Instance,
         replicate: int,
         config_digest: str,
         code: str = "",
     ) -> Trial:
-        """Enter a mission that is about to fly, in one write.
+        """Enter a mission that is about to run, in one write.
 
         Parameters
         ----------
         proposal
             What the sampler asked for.
-        world, replicate
-            The block on which it flies.
+        instance, replicate
+            The block on which it runs.
         config_digest
             The digest of the complete configuration.
         code
-            The digest of the code that flies it (`tuner.campaign.reproducibility_check`).
+            The digest of the code that runs it (`tuner.campaign.reproducibility_check`).
         """
         number = len(self.trials())
         entry: dict[str, Any] = {
-            "rock": world.rock,
-            "condition": world.condition,
+            "rock": instance.rock,
+            "condition": instance.condition,
             "replicate": replicate,
             "config_digest": config_digest,
             "why": proposal.why,
@@ -205,7 +211,7 @@ class Ledger:
             return self._storage.create_new_trial(self._study_id, trial)
 
         entered = self._trial(self._read_back(self._patiently(enter)))
-        if entered.number != number or (entered.world, entered.replicate) != (world, replicate):
+        if entered.number != number or (entered.instance, entered.replicate) != (instance, replicate):
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return entered
 
@@ -233,7 +239,7 @@ class Ledger:
             self._require_ours()
             if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
                 return  # the answer to the first try was lost
-            with self.together():  # the attributes before the state: finished trials are frozen
+            with self.batch():  # the attributes before the state: finished trials are frozen
                 for key, constraint in constraints.items():
                     self._storage.set_trial_system_attr(frozen._trial_id, key, constraint)
                 self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
@@ -265,7 +271,7 @@ class Ledger:
         return self._patiently(lambda _: self._storage.get_trial(trial_id))
 
     def _patiently(self, step: Callable[[bool], T]) -> T:
-        return patiently(self._shown, step, self.pause)
+        return retry_while_unavailable(self._shown, step, self.pause)
 
     # -- reading ---------------------------------------------------------------------------------------------
 
@@ -299,15 +305,15 @@ class Ledger:
             if known != self._checksum(row.number, row.params, entry, *ending):
                 raise KeyError
             asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END, *_NO_LONGER)}
-            world = World(entry["rock"], entry["condition"])
-            if world not in self._worlds:
+            instance = Instance(entry["rock"], entry["condition"])
+            if instance not in self._worlds:
                 raise KeyError
             return Trial(
                 number=row.number,
                 values=row.params,
                 raw=value,
                 run=self._directory,
-                directory=mission_directory(row.number, world, int(entry["replicate"])),
+                directory=mission_directory(row.number, instance, int(entry["replicate"])),
                 started=row.datetime_start,
                 finished=row.datetime_complete,
                 **asked,
@@ -336,6 +342,6 @@ class Ledger:
         ]
 
 
-def mission_directory(number: int, world: World, replicate: int) -> str:
+def mission_directory(number: int, instance: Instance, replicate: int) -> str:
     """Return a mission's directory, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
-    return f"missions/{number:04d}_{world.file_name}_r{replicate}"
+    return f"missions/{number:04d}_{instance.file_name}_r{replicate}"

@@ -1,6 +1,6 @@
-"""A resumed campaign must fly the missions that it began with: the same code of the missions, the same rocks.
+"""A resumed campaign must run the missions that it began with: the same code of the missions, the same rocks.
 
-Every trial carries the digest of the code that flies it and, once it has ended, its rock's content hash. Where one differs
+Every trial carries the digest of the code that runs it and, once it has ended, its rock's content hash. Where one differs
 from the last trial of its kind the session stops and asks, so that no ledger mixes two experiments unnoticed.
 """
 
@@ -12,7 +12,7 @@ from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.missions.registry import code_of
-from tuner.problem.worlds import family_of
+from tuner.problem.instances import family_of
 
 ACCEPT = "--accept-changes"
 
@@ -46,7 +46,7 @@ class ReproducibilityCheck:
         self._remember(trial, rock_sha256)
 
     def begin(self) -> None:
-        """Forget the rocks of earlier sessions where changes are wanted; called before the first mission flies."""
+        """Forget the rocks of earlier sessions where changes are wanted; called before the first mission runs."""
         if self._accept:
             self._rocks.clear()
 
@@ -60,7 +60,7 @@ class ReproducibilityCheck:
 
     def _ask(self, what: str) -> None:
         raise UserError(
-            f"{what}: its ledger would mix two worlds; restore what it was, or go on all the same with "
+            f"{what}: its ledger would mix two kinds of missions; restore what it was, or go on all the same with "
             f"`gatetune campaign resume {self._directory} {ACCEPT}`"
         )
 

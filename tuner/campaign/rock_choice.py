@@ -1,4 +1,4 @@
-"""Which rocks a command flies unless told otherwise, and which it may not."""
+"""Which rocks a command runs unless told otherwise, and which it may not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import list_rocks, load_coarse_rock
 from nbv.safe_files import is_file
-from tuner.problem.worlds import family_of
+from tuner.problem.instances import family_of
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 QUICK_HELD_OUT = ["arch", "fin"]

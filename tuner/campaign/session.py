@@ -1,6 +1,6 @@
-"""One session of a campaign: ask, fly, tell, until the budget is used or somebody interrupts.
+"""One session of a campaign: ask, run, tell, until the budget is used or somebody interrupts.
 
-With many workers proposals are prefetched in a thread while missions fly: one worker is always free. A prefetched proposal is not
+With many workers proposals are prefetched in a thread while missions run: one worker is always free. A prefetched proposal is not
 in the ledger yet: a campaign that ends forgets it, and its resume asks for another one.
 """
 
@@ -22,9 +22,9 @@ from tuner.campaign.reproducibility_check import ReproducibilityCheck
 from tuner.campaign.simplify import simplified
 from tuner.missions.executors import Executor
 from tuner.missions.external.program import trust
-from tuner.missions.fly import fly
-from tuner.missions.job import MissionJob, Trial, landed, repeated
+from tuner.missions.job import MissionJob, Trial, load_trial, repeated
 from tuner.missions.long_runs import Stop, long_run
+from tuner.missions.run_jobs import run_jobs
 from tuner.problem.objective import dotted
 from tuner.problem.observations import Proposal, configuration_key, next_block
 from tuner.problem.search_space import Configuration
@@ -49,7 +49,7 @@ SHARE = 4  # of the workers' number: proposals of one batch, and as many are kep
 MAX_BATCH = 256
 
 
-def fly_campaign(
+def run_campaign(
     campaign: Campaign,
     executor: Executor,
     on_event: Callable[[CampaignEvent], None] | None = None,
@@ -57,9 +57,9 @@ def fly_campaign(
     recommend_every: int = 0,
     accept_changes: bool = False,
 ) -> CampaignSummary:
-    """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
+    """Run missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
 
-    Missions that were in flight when an earlier session ended are flown again under their old trial numbers (or
+    Missions that were in flight when an earlier session ended are run again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
     A stop waits for no proposal or recommendation, and a second Ctrl-C interrupts at once. The trial of an infrastructure
     failure (`Trial.infrastructure_failure`) stays open too.
@@ -69,7 +69,7 @@ def fly_campaign(
     campaign
         The campaign to go on with.
     executor
-        Flies the missions, at most its ``capacity`` at a time.
+        Runs the missions, at most its ``capacity`` at a time.
     on_event
         Is called with everything that happens, in this thread.
     recommend_every
@@ -81,19 +81,19 @@ def fly_campaign(
     ------
     UserError
         The campaign is running elsewhere; rocks or the missions' code changed (`tuner.campaign.reproducibility_check`); a
-        mission met a user's mistake (its trial stays open, so a resume flies it again); the ledger cannot be written.
+        mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
     try:
         with long_run(campaign.directory) as stop, campaign.ledger.exclusive():
-            return session.fly(stop)
+            return session.run(stop)
     finally:
         session.prefetch.close()
 
 
 @dataclasses.dataclass(eq=False)
 class _Session:
-    """One call of `fly_campaign`: the `Source` of its jobs."""
+    """One call of `run_campaign`: the `JobQueue` of its jobs."""
 
     campaign: Campaign
     executor: Executor
@@ -123,20 +123,20 @@ class _Session:
             trust(campaign.identity, mission)
         self.prefetch = ProposalPrefetch(campaign)
 
-    def fly(self, stop: Stop) -> CampaignSummary:
+    def run(self, stop: Stop) -> CampaignSummary:
         self._stop, self._ledger.pause = stop, stop.wait
         self._recover()
-        fly(self, self.executor, stop)
+        run_jobs(self, self.executor, stop)
         repeats_in_row = self._repeats_in_row  # of the search: what simplifies its outcome repeats on purpose
         for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
-            if stop.is_set() or self.given_up:
+            if stop.is_set() or self.cancelled:
                 break
             self._simplified.extend(stop.computed(lambda: simplified(self.campaign)) or ())
             if not self._simplified:
                 break
-            fly(self, self.executor, stop)
+            run_jobs(self, self.executor, stop)
         if stop.is_set():
-            waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
+            waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
             return self._end("interrupted", "interrupted", waiting)
         if repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
             return self._end(
@@ -145,7 +145,7 @@ class _Session:
                 f"the last {repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
                 f"left to try, and used {self._finished} of {self._settings.budget} missions",
             )
-        if self.given_up:
+        if self.cancelled:
             return self._end(
                 "failing",
                 "stopped",
@@ -159,7 +159,7 @@ class _Session:
                 "failing",
                 "stopped",
                 f"{self._infrastructure_failures} missions were ended by the machine, the last with "
-                f"{self._last_infrastructure_failure}; they are not counted, and flown again by a resume",
+                f"{self._last_infrastructure_failure}; they are not counted, and run again by a resume",
             )
         left = self._settings.budget - self._finished
         if left > 0 and self._has_run_all(self._ledger.trials()):
@@ -181,7 +181,7 @@ class _Session:
         return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self.campaign.status(), best)
 
     def _recover(self) -> None:
-        """Enter missions that finished without being in the ledger; the others are flown again."""
+        """Enter missions that finished without being in the ledger; the others are run again."""
         trials = self._ledger.trials()
         self._repeats = len(repeated(trials))
         self._taken = {t.photographs_taken for t in trials}
@@ -193,7 +193,7 @@ class _Session:
             if isinstance(config, UserError):
                 self._count(self._refuse(trial, config))
             else:
-                ended = landed(self._job(trial))
+                ended = load_trial(self._job(trial))
                 if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
                     self._to_retry.append(trial)
                 else:
@@ -204,22 +204,22 @@ class _Session:
         """Return whether the end does not count: the machine failed, or the mesh has been replaced since."""
         return ended.infrastructure_failure or self._reproducibility.is_another(trial, ended.rock_sha256)
 
-    # -- what `fly` asks ---------------------------------------------------------------------------------------
+    # -- what `run_jobs` asks ---------------------------------------------------------------------------------------
 
     @property
-    def thinking(self) -> bool:
-        return self.prefetch.thinking
+    def has_pending(self) -> bool:
+        return self.prefetch.has_pending
 
     @property
-    def given_up(self) -> bool:
+    def cancelled(self) -> bool:
         return self._failures_in_row >= MAX_CONSECUTIVE_FAILURES
 
-    def take(self, free: int) -> list[MissionJob]:
+    def next_jobs(self, free: int) -> list[MissionJob]:
         """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
         most = min(free, _TOGETHER if self._prefetches else 1)
         batch, refused, trial = list[Trial](), list[Trial](), None
         while not batch:
-            with self._ledger.together():
+            with self._ledger.batch():
                 while len(batch) < most and len(refused) < _TOGETHER and not self._stop.is_set():
                     trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
                     if trial is None:
@@ -242,7 +242,7 @@ class _Session:
 
     def ended(self, trials: Sequence[Trial]) -> None:
         """Enter all missions that have ended, then count them: only what is on disk counts."""
-        with self._ledger.together():
+        with self._ledger.batch():
             entered = [found for trial in trials if (found := self._finish(trial)) is not None]
         for trial in entered:
             self._count(trial)
@@ -275,21 +275,21 @@ class _Session:
             self._ask_s += time.monotonic() - started
         if proposal is None:
             return None
-        world, replicate = next_block(self._settings.worlds, self._settings.blocks, trials, proposal)
-        config = self._config(proposal.values, world.condition)
+        instance, replicate = next_block(self._settings.instances, self._settings.blocks, trials, proposal)
+        config = self._config(proposal.values, instance.condition)
         digest = "" if isinstance(config, UserError) else config.digest()
-        trial = self._ledger.start(proposal, world, replicate, digest, self._reproducibility.code)
+        trial = self._ledger.start(proposal, instance, replicate, digest, self._reproducibility.code)
         if isinstance(config, UserError):
             return self._refuse(trial, config)
         return trial
 
     def _has_run_all(self, trials: Sequence[Trial]) -> bool:
-        """Return whether every configuration has run with every replicate in every world: what follows would be repeats."""
+        """Return whether every configuration has run with every replicate in every instance: what follows would be repeats."""
         s = self._settings
-        every = s.space.size * len(s.worlds) * s.blocks
+        every = s.space.size * len(s.instances) * s.blocks
         if len(trials) < every:
             return False
-        run = {(configuration_key(s.space, t.values), t.world, t.replicate) for t in trials}
+        run = {(configuration_key(s.space, t.values), t.instance, t.replicate) for t in trials}
         return sum(replicate < s.blocks for _, _, replicate in run) >= every
 
     def _nothing_registers(self, trials: Sequence[Trial]) -> bool:
@@ -312,7 +312,7 @@ class _Session:
             return error
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
-        """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing flies."""
+        """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
         return self._ledger.finish(
             trial.number, dataclasses.replace(trial, status="failed", reason=REFUSED, message=str(why))
         )
@@ -321,7 +321,7 @@ class _Session:
         return MissionJob(
             id=f"{trial.number:04d}",
             config=self._settings.config(trial.values, trial.condition),
-            rock=self._settings.rock_flown(trial.rock, trial.replicate),
+            rock=self._settings.rock_evaluated(trial.rock, trial.replicate),
             replicate=trial.replicate,
             directory=trial.path,
             keep=self._settings.keep,
@@ -406,7 +406,7 @@ class ProposalPrefetch:
     def next(self, trials: Sequence[Trial], workers: int, left: int) -> Proposal | None:
         """Return the next proposal after ``trials``; ``left``: how many more the budget allows.
 
-        None means that the budget is used or, while `thinking`, that no proposal is ready yet.
+        None means that the budget is used or, while `has_pending`, that no proposal is ready yet.
         """
         self._collect()
         batch = max(2, min(workers // SHARE, MAX_BATCH))
@@ -418,7 +418,7 @@ class ProposalPrefetch:
         return self._ready.popleft() if self._ready else None
 
     @property
-    def thinking(self) -> bool:
+    def has_pending(self) -> bool:
         """Whether a batch of proposals is being computed."""
         return self._asked is not None
 

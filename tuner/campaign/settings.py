@@ -31,19 +31,26 @@ from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
-from tuner.problem.exact_costs import Exact, exact_cost
+from tuner.problem.deterministic_metrics import DeterministicMetrics, deterministic_metric
+from tuner.problem.instances import (
+    Instance,
+    are_drawn,
+    instances_over,
+    require_rocks,
+    training_rock,
+    with_families,
+)
 from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of, require_share
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
-from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
+from tuner.problem.search_space import Configuration, SearchSpace, Values, builtin
 from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.problem.worlds import World, are_drawn, require_rocks, training_rock, with_families, worlds_over
 from tuner.samplers.base import SAMPLER_NAMES
 from tuner.samplers.design import initial_design_size
 
 PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"  # of the environment
 # Panels of the command's help.
-WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
+WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, how it searches", "Execution"
 _DEFAULT_SPACE = "gate_weights_and_pool"
 
 
@@ -99,7 +106,7 @@ class CampaignSettings:
         panel=WHAT,
         in_file="in a file also the space itself",
         has_paths=True,
-        ours=True,
+        builtin=True,
         read=_read_space,
         write=SearchSpace.to_dict,
     )
@@ -114,13 +121,13 @@ class CampaignSettings:
     )
     conditions: tuple[Condition, ...] = setting(
         lambda: (IDEAL_CONDITION,),
-        "worlds to fly every rock in, names of conditions/ or YAML files",
+        "conditions to run every rock under, names of conditions/ or YAML files",
         shown="ideal",
         option="--condition",
         panel=WHAT,
         in_file="in a file also {name: sections}",
         has_paths=True,
-        ours=True,
+        builtin=True,
         read=_read_conditions,
         write=lambda conditions: {condition.name: condition.to_dict() for condition in conditions},
     )
@@ -132,7 +139,7 @@ class CampaignSettings:
         option="--compare-on",
         panel=WHAT,
         has_paths=True,
-        ours=True,
+        builtin=True,
     )
     mission: MissionFile | None = setting(
         None,
@@ -170,22 +177,22 @@ class CampaignSettings:
         choices=lambda: PRESETS,
         option="--preset",
         panel=MISSION,
-        ours=True,
+        builtin=True,
     )
     overrides: dict[str, Any] = setting(
         dict,
         "values by parameter path, laid over the preset in every mission",
         option="--set",
         panel=MISSION,
-        ours=True,
+        builtin=True,
     )
     fidelity: str = setting(
         DEFAULT_FIDELITY,
-        "how missions fly: photogrammetric; geometric, without photographs in a fraction of the time, which ranks "
+        "how missions run: photogrammetric; geometric, without photographs in a fraction of the time, which ranks "
         "configurations and does not measure them; or module:function of your own",
         option="--fidelity",
         panel=MISSION,
-        ours=True,
+        builtin=True,
     )
     replicates: int = setting(
         2,
@@ -281,8 +288,8 @@ class CampaignSettings:
             )
         if self.mission is None:
             return
-        ours = {"overrides": self.overrides, "conditions": self.conditions != (IDEAL_CONDITION,)}
-        for what, given in ours.items():
+        builtin = {"overrides": self.overrides, "conditions": self.conditions != (IDEAL_CONDITION,)}
+        for what, given in builtin.items():
             if given:
                 raise UserError(f"{what} are of our own missions; with a mission file leave them out")
         if self.space != self.mission.space:
@@ -356,18 +363,18 @@ class CampaignSettings:
         default, found = self.default_values(), list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
             with contextlib.suppress(UserError):  # ends that exclude one another
-                config = ours(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
+                config = builtin(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
                 found.append(config.seed.total + (0 if config.stop.may_end_early else config.adaptive_budget))
         return min(found, default=0)
 
     @functools.cached_property
-    def exact(self) -> Exact:
+    def exact(self) -> DeterministicMetrics:
         """Which objectives the configuration decides, as far as no mission contradicts it (`Exact.agreed`)."""
         found = [
-            None if o is None else exact_cost(self.space, self.config, self.default_values(), o)
+            None if o is None else deterministic_metric(self.space, self.config, self.default_values(), o)
             for o in (self.objective, self.second)
         ]
-        return Exact(*found)
+        return DeterministicMetrics(*found)
 
     @property
     def at_least(self) -> float | None:
@@ -378,9 +385,11 @@ class CampaignSettings:
 
     @property
     def blocks(self) -> int:
-        """Replicates per world; where places are families, as many fresh rocks as may be flown."""
+        """Replicates per instance; where places are families, as many fresh rocks as may be run."""
         return (
-            max(self.replicates, -(-self.budget // len(self.worlds))) if self.draws_rocks else self.replicates
+            max(self.replicates, -(-self.budget // len(self.instances)))
+            if self.draws_rocks
+            else self.replicates
         )
 
     @property
@@ -388,14 +397,14 @@ class CampaignSettings:
         """Whether every mission meets a fresh rock of a family."""
         return are_drawn(self.rocks)
 
-    def rock_flown(self, rock: str, replicate: int) -> str:
+    def rock_evaluated(self, rock: str, replicate: int) -> str:
         """Return the rock that a mission at ``rock`` meets: a fresh one where that is a family."""
         return training_rock(rock, replicate, self.seed)
 
     @property
-    def worlds(self) -> tuple[World, ...]:
+    def instances(self) -> tuple[Instance, ...]:
         """Every rock under every condition, in the order of their turns."""
-        return worlds_over(self.rocks, [condition.name for condition in self.conditions])
+        return instances_over(self.rocks, [condition.name for condition in self.conditions])
 
     def base_config(self) -> Configuration:
         """Return the mission configuration on which conditions and tuned values are laid."""
@@ -435,14 +444,14 @@ class CampaignSettings:
 
     @property
     def default_missions(self) -> int:
-        """Missions of the default that come first: its replicates in every training world, at most half of the budget.
+        """Missions of the default that come first: its replicates in every training instance, at most half of the budget.
 
-        One where rocks are drawn: there the default flies beside all that is proposed.
+        One where rocks are drawn: there the default runs beside all that is proposed.
         """
         if self.draws_rocks:
             return 1
         most = self.budget // 2 if self.initial is None else min(self.initial, self.budget)
-        return max(1, min(len(self.worlds) * self.replicates, most))
+        return max(1, min(len(self.instances) * self.replicates, most))
 
     def initial_size(self) -> int:
         """Missions of the initial design, those of the default included."""

@@ -29,9 +29,9 @@ from tuner.campaign.rock_choice import (
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, is_geometric
+from tuner.problem.instances import with_families
 from tuner.problem.objective import Direction, asked_objective, reached
-from tuner.problem.search_space import ours
-from tuner.problem.worlds import with_families
+from tuner.problem.search_space import builtin
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
@@ -208,7 +208,7 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
     layers = (QUICK if quick else {}, read, given)
     tree = {key: value for layer in layers for key, value in layer.items() if value is not None}
     if "mission" in given:
-        wrong = [s.option for name, s in SETTINGS.items() if s.ours and name in given]
+        wrong = [s.option for name, s in SETTINGS.items() if s.builtin and name in given]
         if wrong or quick:
             raise UserError(f"{[*wrong, '--quick'][0]} is of our own missions; with --mission leave it out")
         return {"name": load_mission_file(Path(given["mission"])).name, **tree}
@@ -249,7 +249,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
     """Raise `UserError` where our missions have no such metric: better now than after eight of them."""
     if settings.fidelity not in ("photogrammetric", "geometric"):
         return
-    thresholds = ours(settings.base_config()).evaluation.thresholds_mm
+    thresholds = builtin(settings.base_config()).evaluation.thresholds_mm
     measured = PREDICTED if is_geometric(settings.fidelity) else METRICS
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in filter(None, (settings.objective, settings.second)):

@@ -1,7 +1,7 @@
 """Missions that come with this program: what campaigns on its procedural rocks taught before it was shipped.
 
 ``shipped_missions/SPACE.json`` has the geometric missions of one campaign in the search space of that name, on training
-rocks, and the command that flew it; ``research/ship_missions.py`` writes it from the campaign's run directory.
+rocks, and the command that ran it; ``research/ship_missions.py`` writes it from the campaign's run directory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The showcase flies the default and the recommended mission once more and keeps all their files, for pages and pictures."""
+"""The showcase runs the default and the recommended mission once more and keeps all their files, for pages and pictures."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import contextlib
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import Executor
-from tuner.missions.fly import JobList, fly
-from tuner.missions.job import MissionJob, landed
+from tuner.missions.job import MissionJob, load_trial
 from tuner.missions.long_runs import Stop
 from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
+from tuner.missions.run_jobs import JobList, run_jobs
 
 SHOWN = "shown"  # in a campaign's directory
 
@@ -23,23 +23,25 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):
         return []
-    world = s.worlds[0]
+    instance = s.instances[0]
     jobs: dict[str, MissionJob] = {}
     for name, values in (("default", best.default_values), ("recommended", best.values)):
-        config = s.config(values, world.condition)
+        config = s.config(values, instance.condition)
         folder = campaign.directory / SHOWN / name
-        job = MissionJob(f"{SHOWN}-{name}", config, s.rock_flown(world.rock, 0), 0, folder, "all", s.fidelity)
+        job = MissionJob(
+            f"{SHOWN}-{name}", config, s.rock_evaluated(instance.rock, 0), 0, folder, "all", s.fidelity
+        )
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())
 
 
-def fly_showcase(campaign: Campaign, executor: Executor) -> None:
-    """Fly those of `showcase_jobs` that have not flown yet; one that fails is left out of the pages."""
+def run_showcase(campaign: Campaign, executor: Executor) -> None:
+    """Run those of `showcase_jobs` that have not run yet; one that fails is left out of the pages."""
     with contextlib.suppress(UserError):
-        fly(JobList(showcase_jobs(campaign)), executor, Stop())
+        run_jobs(JobList(showcase_jobs(campaign)), executor, Stop())
 
 
-def was_flown(job: MissionJob) -> bool:
+def was_run(job: MissionJob) -> bool:
     """Return whether the job's directory holds a finished mission of the job's configuration."""
-    trial = landed(job)
+    trial = load_trial(job)
     return trial is not None and trial.status != "failed"

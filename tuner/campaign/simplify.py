@@ -57,7 +57,7 @@ def _job(campaign: Campaign, trial: Trial, values: Values) -> MissionJob:
     return MissionJob(
         id=f"{trial.number:04d}",
         config=s.config(values, trial.condition),
-        rock=s.rock_flown(trial.rock, trial.replicate),
+        rock=s.rock_evaluated(trial.rock, trial.replicate),
         replicate=trial.replicate,
         directory=trial.path,
         fidelity=s.fidelity,

@@ -30,7 +30,7 @@ from tuner.campaign.settings import PASSWORD_VARIABLE, require_no_password
 
 JOURNAL_FILE = "study.journal"
 _AWAY = (optuna.exceptions.StorageInternalError, SQLAlchemyError)  # raised where a database goes away
-PATIENCE_S = 600.0  # with a database that is away while missions fly
+PATIENCE_S = 600.0  # with a database that is away while missions run
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -50,9 +50,9 @@ class Journal(JournalStorage):
         self._records = _Records(str(path), _JournalLock(str(path)))
         super().__init__(self._records)
 
-    def together(self) -> contextlib.AbstractContextManager[None]:
+    def batch(self) -> contextlib.AbstractContextManager[None]:
         """Collect what is written inside: this process sees it at once, the disk has it in one write at the end."""
-        return self._records.together()
+        return self._records.batch()
 
 
 class _Records(JournalFileBackend):
@@ -76,8 +76,8 @@ class _Records(JournalFileBackend):
             yield from new
 
     @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """Collect records for one write; inside another ``together`` they join that one's write."""
+    def batch(self) -> Iterator[None]:
+        """Collect records for one write; inside another ``batch`` they join that one's write."""
         if self._held is not None:
             yield
             return
@@ -143,10 +143,12 @@ def open_storage(
         ) from None  # what it comes from may show the password
 
 
-def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool] | None = None) -> T:
+def retry_while_unavailable(
+    shown: str, step: Callable[[bool], T], pause: Callable[[float], bool] | None = None
+) -> T:
     """Return what ``step`` returns; retry it for `PATIENCE_S`, with pauses that double, while the database is away.
 
-    What was in flight stays open in the ledger, and a resume flies it again or enters it. ``shown`` is the ledger as messages
+    What was in flight stays open in the ledger, and a resume runs it again or enters it. ``shown`` is the ledger as messages
     name it. ``step`` is told whether it was tried before: then what it wrote may be there or not. ``pause`` waits for so many
     seconds, and says whether somebody wants no more of it; None: one try.
 
@@ -288,7 +290,7 @@ class CoordinatorLock:
         if not connection.scalar(sa.text("select pg_try_advisory_lock(:key)"), {"key": self._key}):
             connection.close()
             raise UserError(
-                f"campaign {self._name!r} is being flown on {self._last_owner().split()[0]}; stop it there, or wait a minute "
+                f"campaign {self._name!r} is being run on {self._last_owner().split()[0]}; stop it there, or wait a minute "
                 "where its machine is gone"
             )
         self._connection = connection

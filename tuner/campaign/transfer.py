@@ -1,4 +1,4 @@
-"""Learning from earlier campaigns: what was flown on other rocks tells where to look on these.
+"""Learning from earlier campaigns: what was run on other rocks tells where to look on these.
 
 A configuration that is good on some rocks tends to be good on others. The missions of earlier campaigns, moved into the
 present search space, lead the initial design and inform the surrogate (``tuner.samplers.earlier_missions``); what they are worth
@@ -57,7 +57,7 @@ def learn_from(
             one = shipped_missions(space, objective)
         else:
             one = _missions_of(directory, space, base, objective)
-        # Two campaigns may have flown one rock with different fidelities or presets: each has offsets of its own.
+        # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
         names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
         found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
         rocks += names.values()

@@ -119,19 +119,19 @@ def run(
         named_mission = given.get("mission") and Path(given["mission"])
         campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
         ready = executor_at(where, campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission)
-        return fly(campaign, ready, show_pair=quick)
-    flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
-    refuse_code_of_file(flown, given.get("fidelity"), str(settings))
+        return run_and_report(campaign, ready, show_pair=quick)
+    evaluated = str(fields.get("fidelity") or DEFAULT_FIDELITY)
+    refuse_code_of_file(evaluated, given.get("fidelity"), str(settings))
     own = load_mission_file(Path(given["mission"])) if "mission" in given else None
     # Before anything is written: a wrong address leaves no campaign behind.
-    with executor_at(where, flown if own is None else EXTERNAL, workers, timeout_s, own) as ready:
+    with executor_at(where, evaluated if own is None else EXTERNAL, workers, timeout_s, own) as ready:
         ready.begin()
         load(MODEL)
         asked = asked_settings(fields, str(settings or "command line"), working)
         note_dense_stage(fields.get("overrides") or {}, asked.overrides)
         from tuner.campaign.begin import begin_campaign
 
-        fly(begin_campaign(directory, asked), ready, show_pair=quick)
+        run_and_report(begin_campaign(directory, asked), ready, show_pair=quick)
 
 
 @app.command()
@@ -154,7 +154,7 @@ def resume(
     ] = False,
     json: EventsAsJson = False,
 ) -> None:
-    """Go on with an interrupted campaign; only the missions that were in flight are flown again.
+    """Go on with an interrupted campaign; only the missions that were in flight are run again.
 
     Example: gatetune campaign resume runs/mine --missions 64
     """
@@ -168,7 +168,7 @@ def resume(
         campaign = extend_campaign(campaign, missions)
     s, where = campaign.settings, (executor, scheduler, unencrypted)
     ready = executor_at(where, s.fidelity, workers, timeout_s, s.mission)
-    fly(campaign, ready, accept_changes=accept_changes)
+    run_and_report(campaign, ready, accept_changes=accept_changes)
 
 
 @app.command()
@@ -263,7 +263,7 @@ def _row(directory: Path) -> dict[str, Any]:
     }
 
 
-def fly(
+def run_and_report(
     campaign: Campaign,
     executor: LocalProcessExecutor | DaskExecutor,
     *,
@@ -277,13 +277,13 @@ def fly(
     campaign
         Begun, or interrupted.
     executor
-        Where missions fly; it is closed at the end.
+        Where missions run; it is closed at the end.
     accept_changes
         Go on although rocks or code have changed.
     show_pair
-        Then fly the default and the recommendation whole.
+        Then run the default and the recommendation whole.
     """
-    from tuner.campaign.session import fly_campaign
+    from tuner.campaign.session import run_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 
@@ -312,7 +312,7 @@ def fly(
         )
     with executor:
         with CampaignProgress(settings, about_s) as progress:
-            summary = fly_campaign(
+            summary = run_campaign(
                 campaign,
                 executor,
                 (lambda event: typer.echo(event_line(event))) if as_json() else progress,
@@ -343,8 +343,8 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
     What has been run before is not run again.
     """
     from tuner.commands.console import ComparisonProgress
-    from tuner.evaluation.flying import place_for, run_evaluation
     from tuner.evaluation.of_campaign import end_of_campaign
+    from tuner.evaluation.run import place_for, run_evaluation
     from tuner.report import comparison, gate_result
     from tuner.report.style import short_names
 
@@ -386,15 +386,15 @@ def show_gate_result(result: GateResult) -> None:
 
 
 def write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
-    """Draw the answer. ``pair``: where the default and the recommendation fly once more, whole."""
-    from tuner.campaign.showcase import fly_showcase, showcase_jobs
+    """Draw the answer. ``pair``: where the default and the recommendation run once more, whole."""
+    from tuner.campaign.showcase import run_showcase, showcase_jobs
     from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)
     try:
         if pair is not None and shown:
-            with working("flying the default and the recommendation whole, to show them"):
-                fly_showcase(campaign, pair)
+            with working("running the default and the recommendation whole, to show them"):
+                run_showcase(campaign, pair)
                 page = write_showcase_page(campaign)
         with working("writing the report"):
             report = write_campaign_report(campaign)

@@ -11,7 +11,7 @@ from tuner.commands.console import FlightProgress, output, show_table
 from tuner.evaluation.baselines import photographs
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
-from tuner.problem.search_space import ours
+from tuner.problem.search_space import builtin
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ PER_PHOTOGRAPH_S, GEOMETRIC_S = 0.44, 2.0
 
 
 class CampaignProgress(FlightProgress):
-    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
+    """A line per mission and one bar: how far, what failed, what is left, the best so far, what runs now."""
 
     def __init__(self, settings: CampaignSettings, about_s: float = 0.0) -> None:
         super().__init__(settings.budget)
@@ -43,16 +43,18 @@ class CampaignProgress(FlightProgress):
         if self._began is None:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
-            self.took_off(str(trial.number), f"{trial.world.label} r{trial.replicate}", trial.path)
+            self.took_off(str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.path)
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
             self._failed += event.kind == "failed"
-            self.landed(str(trial.number), mission_line(event, self._settings))
+            self.load_trial(str(trial.number), mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
             output.print(f"{event.kind}: {event.message}", style="yellow")
         elif event.kind == "recommendation" and event.recommendation is not None:
             self._best = f", best {best_text(event.recommendation)}"
-        flown, left = event.finished - self._began, event.budget - event.finished
-        rest_s = event.elapsed_s / flown * left if flown else max(0.0, self._about_s - event.elapsed_s)
+        evaluated, left = event.finished - self._began, event.budget - event.finished
+        rest_s = (
+            event.elapsed_s / evaluated * left if evaluated else max(0.0, self._about_s - event.elapsed_s)
+        )
         rest = f", {duration(rest_s)} left" if rest_s and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
         counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
@@ -65,7 +67,7 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
     elif s.mission is None and ":" not in s.fidelity:
-        config = ours(s.config(s.default_values()))
+        config = builtin(s.config(s.default_values()))
         one_s = GEOMETRIC_S if is_geometric(s.fidelity) else PER_PHOTOGRAPH_S * photographs(config)
     return one_s * status.remaining / max(1, workers)
 
@@ -101,9 +103,7 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         raw = trial.raw or 0.0
         value = f"{f'{raw:g}' if settings.exact.first else number_text(raw):>7}{also}{mark}"
         outcome = f"{value} {trial.wall_s:4.0f} s  {trial.why.get('phase', '')}"
-    line = (
-        f"#{trial.number:04d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
-    )
+    line = f"#{trial.number:04d} {trial.instance.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
 
@@ -128,7 +128,7 @@ def event_line(event: CampaignEvent) -> str:
 
 
 def show_counts(facts: CampaignStatus, place: str) -> None:
-    """Missions, failures and costs so far; ``place``: what missions are flown on."""
+    """Missions, failures and costs so far; ``place``: what missions are run on."""
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
@@ -171,7 +171,7 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
     label, digits = metric_label(best.modelled_metric), decimals_for(best.noise_sd)
     place = place_word(settings)
     rows = [
-        f"{row.world.label} {format_number(label.possible(row.predicted), digits)}"
+        f"{row.instance.label} {format_number(label.possible(row.predicted), digits)}"
         + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
         for row in best.per_rock
     ]

@@ -27,11 +27,11 @@ from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
-from tuner.problem.worlds import World
+from tuner.problem.instances import Instance
 from tuner.report.labels import number_text
 
 if TYPE_CHECKING:
-    from tuner.evaluation.flying import EvaluationEvent
+    from tuner.evaluation.run import EvaluationEvent
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.external.mission_file import MissionFile
@@ -49,7 +49,7 @@ class _Console(Console):
 output = _Console(markup=False, emoji=False)
 errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
-CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
+CONDITION_HELP = "Condition to run under: a name of conditions/, or a YAML file."
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
@@ -131,10 +131,10 @@ class FlightProgress(Progress):
         self._missions = self.add_task("", total=total)
 
     def took_off(self, key: str, label: str, directory: Path | None = None) -> None:
-        """A mission flies; in its ``directory`` it notes how far it is."""
+        """A mission runs; in its ``directory`` it notes how far it is."""
         self._flights[key] = label, directory
 
-    def landed(self, key: str, line: str) -> None:
+    def load_trial(self, key: str, line: str) -> None:
         """It is over, and what there is to say of it."""
         self._flights.pop(key, None)
         output.print(line, highlight=False, soft_wrap=True)
@@ -176,16 +176,16 @@ class ComparisonProgress(FlightProgress):
 
     def __call__(self, event: EvaluationEvent) -> None:
         job, trial = event.job, event.trial
-        world, strategy = World(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
+        instance, strategy = Instance(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
         if trial is None:
-            self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}", job.directory)
+            self.took_off(job.id, f"{strategy} {instance.label} r{job.replicate}", job.directory)
         else:
             value = trial.value(self._metric)
             text = "not measured" if value is None else number_text(value)
             if trial.status == "failed":
                 text = f"failed: {trial.reason} {trial.message}"
-            line = f"{strategy:<22} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
-            self.landed(job.id, line)
+            line = f"{strategy:<22} {instance.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
+            self.load_trial(job.id, line)
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 
@@ -253,7 +253,7 @@ def executor_at(
     where
         The options executor, scheduler and unencrypted.
     fidelity
-        What flies.
+        What runs.
     workers
         Side by side; by default one per core.
     timeout_s

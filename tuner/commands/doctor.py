@@ -1,4 +1,4 @@
-"""``gatetune doctor``: is this machine fit for missions, and if not, which command mends it?"""
+"""``gatetune doctor``: is this machine fit for missions, and if not, which command expected_gain it?"""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _SYSTEM = {
 class Finding(NamedTuple):
     """What one check found."""
 
-    verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be flown
+    verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be run
     what: str
-    remedy: str = ""  # what it means, or the command that mends it
+    remedy: str = ""  # what it means, or the command that expected_gain it
 
 
 def doctor(as_json: AsJson = False) -> None:
@@ -56,7 +56,7 @@ def doctor(as_json: AsJson = False) -> None:
             if finding.remedy:
                 output.print(f"       {finding.remedy}", highlight=False, soft_wrap=True)
     fit = all(finding.verdict != "bad" for finding in findings)
-    output.print("missions can be flown here" if fit else "missions cannot be flown here yet")
+    output.print("missions can be run here" if fit else "missions cannot be run here yet")
     answer_json({"fit": fit, "findings": [finding._asdict() for finding in findings]})
     if not fit:
         raise typer.Exit(1)

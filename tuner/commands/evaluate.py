@@ -1,4 +1,4 @@
-"""``gatetune evaluate``, ``confirm`` and ``reproduce``, jobs 2 and 3: strategies flown against each other."""
+"""``gatetune evaluate``, ``confirm`` and ``reproduce``, jobs 2 and 3: strategies run against each other."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from tuner.problem.objective import Objective
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
-    from tuner.evaluation.flying import EvaluationRun
     from tuner.evaluation.of_campaign import CampaignEvaluation
+    from tuner.evaluation.run import EvaluationRun
     from tuner.missions.external.mission_file import MissionFile
 
 
@@ -75,7 +75,7 @@ def evaluate(
     mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
+    """Run the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
 
     Example: gatetune evaluate runs/mine --replicates 3
     """
@@ -109,7 +109,7 @@ def evaluate(
 def confirm(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
     rocks: TunedRocks = None,
-    replicates: Annotated[int, typer.Option(help="Per rock, none of them flown by the campaign.")] = 4,
+    replicates: Annotated[int, typer.Option(help="Per rock, none of them run by the campaign.")] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
@@ -118,7 +118,7 @@ def confirm(
     mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the recommendation, the default and plain orbits on training rocks with fresh replicates; say whether the rocks gained.
+    """Run the recommendation, the default and plain orbits on training rocks with fresh replicates; say whether the rocks gained.
 
     Example: gatetune confirm runs/mine --rock mine
     """
@@ -150,7 +150,7 @@ def _open(directory: Path, mission: Path | None, fidelity: str) -> Campaign:
     source = Campaign.open(directory, read_only=True, mission=mission)
     source.allow_program(named=mission is not None)
     if source.settings.mission is not None and fidelity != DEFAULT_FIDELITY:
-        raise UserError("--fidelity is of our own missions; a mission file says itself how it flies")
+        raise UserError("--fidelity is of our own missions; a mission file says itself how it runs")
     return source
 
 
@@ -165,7 +165,7 @@ def reproduce(
         ),
     ] = "paper",
     conditions: OrIdeal = None,
-    replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
+    replicates: Annotated[int, typer.Option(help="Per rock; the paper ran one.")] = 1,
     strategies: Annotated[
         list[str] | None,
         typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
@@ -185,7 +185,7 @@ def reproduce(
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     load("tuner.evaluation.baselines")
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-    from tuner.evaluation.of_campaign import Asked, CampaignEvaluation
+    from tuner.evaluation.of_campaign import CampaignEvaluation, ComparisonSpec
     from tuner.evaluation.plan import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
@@ -199,7 +199,7 @@ def reproduce(
         fidelity=fidelity,
         conditions=load_conditions(conditions or [IDEAL]),
     )
-    asked = Asked(Objective("whole.completeness_48mm"))
+    asked = ComparisonSpec(Objective("whole.completeness_48mm"))
     how = PRESETS[preset].purpose
     if is_geometric(fidelity):
         how = "predicted by geometric missions, without photographs"
@@ -226,12 +226,12 @@ def compare(
     mission: MissionFile | None = None,
     campaign: Campaign | None = None,
 ) -> None:
-    """Fly what is missing, say what was found, write the report.
+    """Run what is missing, say what was found, write the report.
 
     Parameters
     ----------
     asked
-        What is flown, against what, in which metrics.
+        What is run, against what, in which metrics.
     usual, out
         The evaluation's directory, or one beside it that holds nothing else; the one that the user named.
     workers, timeout_s
@@ -245,7 +245,7 @@ def compare(
     campaign
         Whose page is written anew: it shows what its evaluations found.
     """
-    from tuner.evaluation.flying import place_for, run_evaluation
+    from tuner.evaluation.run import place_for, run_evaluation
     from tuner.report import comparison
     from tuner.report.labels import counted, duration
 
@@ -266,7 +266,7 @@ def compare(
     facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=notes)
     for line in facts.verdicts:
         output.print(line.text, style="bold")
-    tables = {"What was flown, and what it got": facts.summary}
+    tables = {"What was run, and what it got": facts.summary}
     tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for name, table in tables.items():
         output.print(*comparison.for_terminal(comparison.strategy_grid(table, name), output.width))
@@ -289,7 +289,7 @@ def compare(
 
 
 def end(run: EvaluationRun) -> None:
-    """Say what failed; the exit code says whether all has flown."""
+    """Say what failed; the exit code says whether all has run."""
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
     if not run.complete:

@@ -110,8 +110,8 @@ def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
 def _missions(run: Path) -> Any:
     """The campaign, or the evaluation, in ``run``."""
     from tuner.campaign.campaign import Campaign
-    from tuner.evaluation.flying import EvaluationRun
     from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+    from tuner.evaluation.run import EvaluationRun
 
     if not (run / PLAN_FILE).is_file():
         return Campaign.open(run, read_only=True)
@@ -146,12 +146,12 @@ def _write_plan(run: Path, home: str, out: Path) -> None:
 def _recommended_mission(run: Path) -> Path:
     """Where the recommended mission, or the default that it is, was flown whole."""
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.showcase import showcase_jobs, was_flown
+    from tuner.campaign.showcase import showcase_jobs, was_run
 
     campaign = Campaign.open(run, read_only=True)
     jobs = showcase_jobs(campaign)
     if not jobs:
         raise UserError(f"{run} has no route: it has no recommendation, or its missions are not ours")
-    if not was_flown(jobs[-1]):
+    if not was_run(jobs[-1]):
         raise UserError(f"{run} has not flown its recommendation whole; run: gatetune mission view {run}")
     return jobs[-1].directory

@@ -74,13 +74,13 @@ def run(
     ] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a finished mission in that directory.")] = False,
 ) -> None:
-    """Fly one complete mission and print its metrics.
+    """Run one complete mission and print its metrics.
 
     Example: gatetune mission run --rock slab --gate hyb-h
     """
     config = mission_config(preset, set_ or [], gate, condition)
-    world = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
-    directory = out or Path("runs") / f"mission-{world}-{config.gate.kind}-{replicate}"
+    instance = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
+    directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
     from nbv.cache import Store
     from nbv.rocks import load_rock
@@ -90,7 +90,7 @@ def run(
     load(module_of(fidelity))
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
-    with working("flying"):
+    with working("running"):
         result = mission_function(fidelity)(
             config, rock, replicate, directory, overwrite=overwrite, log=say_event
         )
@@ -100,7 +100,7 @@ def run(
         show_metrics(result.metrics)
     output.print(
         f"{result.costs['images']:.0f} images ({result.costs['registered_images']:.0f} registered), "
-        f"{result.costs['path_length_m']:.0f} m flown in {duration(result.costs['flight_time_s'])} (simulated), "
+        f"{result.costs['path_length_m']:.0f} m run in {duration(result.costs['flight_time_s'])} (simulated), "
         f"computed in {duration(result.costs['wall_s'])}; everything is in {directory}"
     )
     if result.status == "failed":
@@ -158,7 +158,7 @@ def explain(
 @app.command()
 def figures(
     runs: Annotated[
-        list[Path], typer.Argument(help="Directories of missions on one rock, flown with everything kept.")
+        list[Path], typer.Argument(help="Directories of missions on one rock, run with everything kept.")
     ],
     rock: RockFile = None,
     out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
@@ -178,7 +178,7 @@ def view(
     run: Annotated[
         Path,
         typer.Argument(
-            help="A mission's directory, flown with everything kept; or a campaign's, whose page is made."
+            help="A mission's directory, run with everything kept; or a campaign's, whose page is made."
         ),
     ],
     other: Annotated[
@@ -209,7 +209,7 @@ def _view_campaign(directory: Path) -> None:
     from tuner.commands.console import local_executor
 
     campaign = Campaign.open(directory, read_only=True)
-    output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
+    output.print(f"campaign in {directory}: running what is not there yet", soft_wrap=True)
     s = campaign.settings
     with local_executor(s.fidelity, None, 3600.0, s.mission) as executor:
         write_pages(campaign, executor)
@@ -232,13 +232,13 @@ def init(
 
 @app.command()
 def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_json: AsJson = False) -> None:
-    """Try a mission of your own: fly its defaults once, on its first instance.
+    """Try a mission of your own: run its defaults once, on its first instance.
 
     Example: gatetune mission check my-mission/mission.yaml
     """
     import tempfile
 
-    from tuner.missions.external.flight import run_external_mission
+    from tuner.missions.external.mission import run_external_mission
     from tuner.missions.external.mission_file import external_config, load_mission_file
 
     found = load_mission_file(mission)
@@ -247,7 +247,7 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
     reason = message = ""
     metrics: dict[str, Any] = {}
     try:
-        with working(f"flying {instance}"):
+        with working(f"running {instance}"):
             result = run_external_mission(config, instance, 0, folder, keep="all")
         reason, message = result.reason, result.message
         metrics = {**result.metrics, "costs": result.costs}

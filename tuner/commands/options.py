@@ -35,14 +35,14 @@ Conditions = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
+        help="Condition to run under: a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
     ),
 ]
 OrIdeal = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: ideal).",
+        help="Condition to run under: a name of conditions/ or a YAML file; repeatable (default: ideal).",
     ),
 ]
 Overrides = Annotated[
@@ -63,7 +63,7 @@ Timeout = Annotated[
 Executor = Annotated[
     str,
     typer.Option(
-        help="Where missions fly: local (processes of this machine), dask, or jobs of slurm or pbs.",
+        help="Where missions run: local (processes of this machine), dask, or jobs of slurm or pbs.",
         rich_help_panel=EXECUTION,
     ),
 ]

@@ -123,7 +123,7 @@ def enough(
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="Whose recommended gate and scorers fly as the tuned planner (default: our scorer predicted, alone)."
+            help="Whose recommended gate and scorers run as the tuned planner (default: our scorer predicted, alone)."
         ),
     ] = None,
     set_: Overrides = None,
@@ -146,7 +146,7 @@ def enough(
     from nbv.config import MissionConfig
     from nbv.photographs import PhotographSet
     from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
-    from tuner.evaluation.flying import run_evaluation
+    from tuner.evaluation.run import run_evaluation
     from tuner.report.labels import duration
     from tuner.report.photographs import draw_enough
 
@@ -158,7 +158,7 @@ def enough(
         found = Campaign.open(campaign, read_only=True).recommended_config()
         if not isinstance(found, MissionConfig):
             raise UserError(
-                f"{campaign} flies a mission file of its own, which has no gate and scorers of ours"
+                f"{campaign} runs a mission file of its own, which has no gate and scorers of ours"
             )
         tuned = found
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))

@@ -46,7 +46,7 @@ def noise(
 
     Example: gatetune study noise --rock slab
     """
-    from tuner.evaluation.flying import run_evaluation
+    from tuner.evaluation.run import run_evaluation
     from tuner.problem.space_files import load_search_space
     from tuner.studies.noise import METRICS, analyse, noise_plan, noise_tables, write_noise
 

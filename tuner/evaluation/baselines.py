@@ -11,7 +11,7 @@ from typing import Any
 
 from nbv.config import GATES, Condition, MissionConfig, SparseConfig, parameters, under
 from nbv.errors import UserError
-from nbv.mission.belief import must_look
+from nbv.mission.target_prior import must_look
 from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
@@ -19,7 +19,7 @@ from tuner.problem.search_space import Configuration
 
 @dataclass(frozen=True)
 class Baseline:
-    """A strategy: which ranking the mission flies, everything else as in the base configuration."""
+    """A strategy: which ranking the mission runs, everything else as in the base configuration."""
 
     name: str
     label: str
@@ -27,7 +27,7 @@ class Baseline:
     in_paper: bool = False
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
-    reaimed: bool = False  # of an orbit: half of it is flown around where the first half has found the target
+    reaimed: bool = False  # of an orbit: half of it is run around where the first half has found the target
 
     @property
     def uses_ground_truth(self) -> bool:
@@ -35,7 +35,7 @@ class Baseline:
         return self.name in GATES and bool(GATES.load(self.name).sees_ground_truth)
 
     def config(self, base: MissionConfig) -> MissionConfig:
-        """``base`` flying this strategy."""
+        """``base`` running this strategy."""
         if not self.plans:
             return self.orbit(base, photographs(base))
         return base.with_values({"gate.kind": self.name, **self.values})
@@ -47,7 +47,7 @@ class Baseline:
             "seed.rings": 1,
             "seed.radius_m": base.pool.radius_m,
             "seed.start_bearing_deg": 0.0,
-            "seed.reaim_after": number // 2 if self.reaimed else 0,
+            "seed.retarget_after": number // 2 if self.reaimed else 0,
             **_registering(base.sparse, number),
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
@@ -130,7 +130,7 @@ PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
 # what chance and a planner that looks at the true surface reach, and plain orbits.
 ORBITS, REAIMED_ORBITS = ("orbit", "orbit-two"), ("orbit-reaimed", "orbit-two-reaimed")
 EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle", *ORBITS)
-# What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.
+# What `gatetune reproduce` runs: Table I's columns, and the same two references for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
@@ -234,7 +234,7 @@ def photographs(config: MissionConfig) -> int:
 
 
 def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[str, ...]:
-    """Those that fly as many photographs as the tuned one, are not its equal, and see nothing of the true surface.
+    """Those that run as many photographs as the tuned one, are not its equal, and see nothing of the true surface.
 
     Where something may end the tuned one early, as many as it took in the mean: their names say the number.
     """

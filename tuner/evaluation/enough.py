@@ -1,6 +1,6 @@
 """How few of the photographs of a set would have done: which missions say so, and what they said.
 
-Ways to choose photographs, each flown at several numbers with several replicates (of the place where it begins): an even
+Ways to choose photographs, each run at several numbers with several replicates (of the place where it begins): an even
 ring, random ones, and planners. All but the ring begin with the same seeds. One more mission takes all photographs: what it
 reaches is what a few are to keep. A plan keeps it where the lower bound over its replicates does.
 """
@@ -19,8 +19,8 @@ from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import Interval, mean_interval
-from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationRun
 from tuner.missions.registry import PHOTOGRAPHS
 
 NUMBERS = (16, 20, 24, 32, 48)
@@ -90,7 +90,7 @@ def enough_plans(
     replicates
         Of every way at every number.
     tuned
-        A configuration whose gate and scorers fly as "tuned"; by default our own scorer.
+        A configuration whose gate and scorers run as "tuned"; by default our own scorer.
     overrides
         Values for every mission.
 
@@ -157,7 +157,7 @@ def read_enough(
     Parameters
     ----------
     everything, curves
-        The flown plans.
+        The run plans.
     keep_percent
         Of the quality with all photographs.
     metric
@@ -177,8 +177,8 @@ def read_enough(
     found: dict[str, list[Point]] = {way: [] for way in WAYS}
     smallest: Smallest | None = None
     for strategy in curves.plan.strategies:
-        way, flown = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
-        qualities = [trial.value(metric) or 0.0 for trial in flown]
+        way, evaluated = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
+        qualities = [trial.value(metric) or 0.0 for trial in evaluated]
         interval = mean_interval({"set": qualities})
         if interval is None:
             continue
@@ -187,13 +187,13 @@ def read_enough(
                 interval, low=max(0.0, interval.low), high=min(100.0, interval.high)
             )
         images, registered = (
-            float(np.mean([trial.costs.get(key, 0.0) for trial in flown]))
+            float(np.mean([trial.costs.get(key, 0.0) for trial in evaluated]))
             for key in ("images", "registered_images")
         )
         point = Point(images, registered, interval)
         found[way].append(point)
-        quality, typical = sorted(zip(qualities, flown, strict=True), key=lambda pair: pair[0])[
-            len(flown) // 2
+        quality, typical = sorted(zip(qualities, evaluated, strict=True), key=lambda pair: pair[0])[
+            len(evaluated) // 2
         ]
         candidate = Smallest(way, point, typical.replicate, quality, tuple(typical.metrics.get("taken", ())))
         keeps = interval.low is not None and interval.low >= asked
@@ -216,7 +216,7 @@ def _rank(one: Smallest) -> tuple[float, float]:
 
 
 def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
-    """About how long one processor flies the missions of these plans."""
+    """About how long one processor runs the missions of these plans."""
     most = len(photographs.takeable)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
     taken = sum(

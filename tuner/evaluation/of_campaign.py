@@ -1,4 +1,4 @@
-"""What is flown of a campaign: its recommendation against baselines on unseen rocks, or against the default on its own."""
+"""What is run of a campaign: its recommendation against baselines on unseen rocks, or against the default on its own."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from tuner.evaluation.baselines import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.external.mission_file import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
+from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import COUNTS, Objective
-from tuner.problem.search_space import Configuration, ours
-from tuner.problem.worlds import are_drawn, held_out_rocks_of, with_families
+from tuner.problem.search_space import Configuration, builtin
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
@@ -47,7 +47,7 @@ HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparis
 
 
 @dataclass(frozen=True)
-class Asked:
+class ComparisonSpec:
     """What strategies are compared in, and how much quality may be lost and still counts as kept."""
 
     objective: Objective
@@ -57,7 +57,7 @@ class Asked:
     decided: frozenset[str] = frozenset(
         COUNTS
     )  # metrics that the configuration decides: they have no interval
-    place: str = "rock"  # what missions are flown on: rocks, or the instances of a mission file
+    place: str = "rock"  # what missions are run on: rocks, or the instances of a mission file
 
     @property
     def counts(self) -> list[Objective]:
@@ -73,11 +73,11 @@ class Asked:
 
 @dataclass(frozen=True)
 class CampaignEvaluation:
-    """What is flown, against what, in which metrics, and what to know before the outcome."""
+    """What is run, against what, in which metrics, and what to know before the outcome."""
 
     plan: EvaluationPlan
     reference: str
-    asked: Asked
+    asked: ComparisonSpec
     notes: tuple[str, ...] = ()
 
 
@@ -112,26 +112,26 @@ def held_out(
             name: external_config(s.mission, known[name]) for name in strategies or known
         }
         against = _reference(configs, "default")
-        flown = {TUNED: recommended, **configs}
-        plan = EvaluationPlan(flown, _instances(s, rocks), replicates, fidelity=EXTERNAL)
+        evaluated = {TUNED: recommended, **configs}
+        plan = EvaluationPlan(evaluated, _instances(s, rocks), replicates, fidelity=EXTERNAL)
         return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
-    worlds = tuple(conditions or s.conditions)
-    dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
-    looking = any_must_look(ours(s.base_config()), _looking(worlds, rocks or ()))
+    instances = tuple(conditions or s.conditions)
+    dataclasses.replace(s, conditions=instances)  # says where the two contradict each other
+    looking = any_must_look(builtin(s.base_config()), _looking(instances, rocks or ()))
     names = tuple(strategies or (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ())))
     if not rocks and are_drawn(s.rocks):
         rocks = s.rocks
     if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
         rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
-    configs_of_ours, more = _against(source, found, names, worlds, rocks or ())
+    configs_of_ours, more = _against(source, found, names, instances, rocks or ())
     plan = EvaluationPlan(
         configs_of_ours,
         source.unseen_rocks(rocks, making),
         replicates,
         fidelity=fidelity,
-        conditions=worlds,
+        conditions=instances,
     )
-    notes = (*notes, *more, *_conditions(source, worlds))
+    notes = (*notes, *more, *_conditions(source, instances))
     return CampaignEvaluation(plan, _reference(names, "hyb-h"), asked_of(s, margin), notes)
 
 
@@ -170,7 +170,7 @@ def confirmation(
         orbits, more = where_photographed(orbits_at_number(_counted(source, found.values), seen), chosen)
     first = _first_fresh(source)
     if s.draws_rocks:
-        chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
+        chosen = tuple(s.rock_evaluated(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
         {TUNED: tuned, "default": s.config(s.default_values()), **orbits},
@@ -225,7 +225,11 @@ def _against(
 ) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
     """The recommendation with the arms that split its gain, and baselines at its number of photographs; notes on them."""
     s = source.settings
-    base, tuned, counted = ours(s.base_config()), ours(s.config(found.values)), _counted(source, found.values)
+    base, tuned, counted = (
+        builtin(s.base_config()),
+        builtin(s.config(found.values)),
+        _counted(source, found.values),
+    )
     baselines = baseline_configs(list(names), base)
     against = _reference(baselines, "hyb-h")
     controls, notes = where_photographed(at_equal_number(baselines, counted, against), rocks)
@@ -247,24 +251,24 @@ def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[
 
 def _counted(source: Campaign, values: Mapping[str, Any]) -> MissionConfig:
     """The configuration with the number of photographs that it takes; the mean of its missions, rounded up, where they vary."""
-    config = ours(source.settings.config(values))
+    config = builtin(source.settings.config(values))
     if not config.stop.may_end_early:
         return config
     numbers = [t.costs["images"] for t in source.trials() if t.costs and dict(t.values) == dict(values)]
     return ending_at(config, math.ceil(sum(numbers) / len(numbers))) if numbers else config
 
 
-def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Asked:
+def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:
     """What the campaign was asked for."""
     exact = settings.exact
     computed = {cost.objective.metric for cost in (exact.first, exact.second) if cost is not None}
     decided = frozenset({*COUNTS, *computed})
     place = "rock" if settings.mission is None else "instance"
-    return Asked(settings.objective, settings.second, settings.limit, margin, decided, place)
+    return ComparisonSpec(settings.objective, settings.second, settings.limit, margin, decided, place)
 
 
 def _reference(configs: Collection[str], usual: str) -> str:
-    """What differences are taken against: the paper's default, or the first that is flown."""
+    """What differences are taken against: the paper's default, or the first that is run."""
     return usual if usual in configs else next(iter(configs))
 
 
@@ -286,22 +290,22 @@ def _notes(found: Recommendation) -> tuple[str, ...]:
         notes.append("The campaign recommends to keep the default: Tuned is the default.")
     if found.limit is not None and not found.limit.kept:
         notes.append(
-            "Nothing that the campaign flew is known to keep its limit: Tuned is the likeliest to, with probability "
+            "Nothing that the campaign ran is known to keep its limit: Tuned is the likeliest to, with probability "
             f"{found.limit.probability:.0%}."
         )
     return tuple(notes)
 
 
 def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
-    """Which conditions the campaign, and those that it learned from, have flown under."""
-    flown = {condition.name for condition in source.settings.conditions}
+    """Which conditions the campaign, and those that it learned from, have run under."""
+    evaluated = {condition.name for condition in source.settings.conditions}
     if source.learned is not None:
-        flown |= {o.condition for o in source.learned.observations}
+        evaluated |= {o.condition for o in source.learned.observations}
     names = [condition.name for condition in conditions]
     notes = []
-    if unseen := [name for name in names if name not in flown]:
+    if unseen := [name for name in names if name not in evaluated]:
         notes.append(f"Conditions that the campaign has not seen: {', '.join(unseen)}.")
-    if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
+    if (seen := [name for name in names if name in evaluated]) and names != [IDEAL]:
         notes.append(f"Tuned under, so no test of transfer: {', '.join(seen)}.")
     return notes
 
@@ -309,9 +313,9 @@ def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
 def where_photographed(
     strategies: Mapping[str, MissionConfig], rocks: Sequence[str]
 ) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
-    """``strategies`` whose plain orbits fly where the photographs are, if all ``rocks`` are sets, and a note that says so.
+    """``strategies`` whose plain orbits run where the photographs are, if all ``rocks`` are sets, and a note that says so.
 
-    One ring flies at the median elevation of all photographs, two rings at their quartiles.
+    One ring runs at the median elevation of all photographs, two rings at their quartiles.
     """
     if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
         return dict(strategies), ()
@@ -324,7 +328,7 @@ def where_photographed(
         return config.with_values(ring)
 
     note = (
-        f"Plain orbits fly where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
+        f"Plain orbits run where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
         f"{high:g}° (the quartiles)."
     )
     return {name: placed(c) if is_orbit(name) else c for name, c in strategies.items()}, (note,)

@@ -1,4 +1,4 @@
-"""What an evaluation flies: named configurations in the same worlds with the same replicates, and its directory.
+"""What an evaluation runs: named configurations in the same instances with the same replicates, and its directory.
 
 The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/NN_ROCK_rK`` (``NN_ROCK_CONDITION_rK`` where that is not ideal).
 """
@@ -25,11 +25,11 @@ from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require, require_plain
 from tuner.missions.external.mission_file import configuration_from_dict
-from tuner.missions.job import MissionJob, Trial, landed
+from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
+from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration
-from tuner.problem.worlds import World, require_rocks
 
 PLAN_FILE = "evaluation.yaml"
 FORMAT_VERSION = 3  # 2 might call its fidelity a runner
@@ -69,12 +69,12 @@ class EvaluationPlan:
     @property
     def missions(self) -> int:
         """Missions in all, strategies that are the same configuration counted once."""
-        return len(set(self._owners.values())) * len(self.worlds) * self.replicates
+        return len(set(self._owners.values())) * len(self.instances) * self.replicates
 
     @property
-    def worlds(self) -> tuple[World, ...]:
+    def instances(self) -> tuple[Instance, ...]:
         """Every rock under every condition, condition by condition."""
-        return tuple(World(rock, condition.name) for condition in self.conditions for rock in self.rocks)
+        return tuple(Instance(rock, condition.name) for condition in self.conditions for rock in self.rocks)
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
@@ -121,9 +121,9 @@ class EvaluationPlan:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""
         jobs = []
         for k in range(self.first_replicate, self.first_replicate + self.replicates):
-            for world in self.worlds:
+            for instance in self.instances:
                 jobs += [
-                    self._job(directory, name, world, k)
+                    self._job(directory, name, instance, k)
                     for name, owner in self._owners.items()
                     if name == owner
                 ]
@@ -131,26 +131,28 @@ class EvaluationPlan:
 
     @functools.cached_property
     def _owners(self) -> dict[str, str]:
-        """Strategies that fly one and the same mission share the first one's."""
+        """Strategies that run one and the same mission share the first one's."""
         first: dict[str, str] = {}
         return {name: first.setdefault(mission_key(c), name) for name, c in self.strategies.items()}
 
     def owner(self, strategy: str) -> str:
-        """The strategy whose missions count for this one: the first that flies the same."""
+        """The strategy whose missions count for this one: the first that runs the same."""
         return self._owners[strategy]
 
-    def _job(self, directory: Path, strategy: str, world: World, replicate: int) -> MissionJob:
-        condition = next(c for c in self.conditions if c.name == world.condition)
+    def _job(self, directory: Path, strategy: str, instance: Instance, replicate: int) -> MissionJob:
+        condition = next(c for c in self.conditions if c.name == instance.condition)
         owner = self._owners[strategy]
         config = self.strategies[owner]  # of the same mission, whatever else differs
         name = (
-            Path(world.rock).stem if world.condition == IDEAL else f"{Path(world.rock).stem}_{condition.name}"
+            Path(instance.rock).stem
+            if instance.condition == IDEAL
+            else f"{Path(instance.rock).stem}_{condition.name}"
         )
-        folder = f"{self.rocks.index(world.rock):02d}_{name}_r{replicate}"
+        folder = f"{self.rocks.index(instance.rock):02d}_{name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
             under(config, condition) if isinstance(config, MissionConfig) else config,
-            world.rock,
+            instance.rock,
             replicate,
             directory / "missions" / owner / folder,
             self.keep,
@@ -158,12 +160,12 @@ class EvaluationPlan:
         )
 
     def records(self, directory: Path) -> list[Trial]:
-        """What is known of every combination so far; missions not flown yet are left out."""
+        """What is known of every combination so far; missions not run yet are left out."""
         records = []
         for name in self.strategies:
-            for world in self.worlds:
+            for instance in self.instances:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
-                    trial = landed(self._job(directory, name, world, k))
+                    trial = load_trial(self._job(directory, name, instance, k))
                     if trial is not None and not trial.infrastructure_failure:
                         records.append(dataclasses.replace(trial, strategy=name))
         return records

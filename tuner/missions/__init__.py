@@ -1,1 +1,1 @@
-"""How missions are flown for the tuner: fidelities by name, jobs and their trials, processes to fly them in."""
+"""How missions are run for the tuner: fidelities by name, jobs and their trials, processes to run them in."""

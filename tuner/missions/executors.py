@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Self
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
-from tuner.missions.job import LOG_FILE, MissionJob, Trial, clear_traces, landed, record_failure
+from tuner.missions.job import LOG_FILE, MissionJob, Trial, clear_traces, load_trial, record_failure
 from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
@@ -64,7 +64,7 @@ class Executor(abc.ABC):
         """Kill all missions in flight; they leave no trial."""
 
     def close(self) -> None:
-        """Kill what flies and free all resources."""
+        """Kill what runs and free all resources."""
         self.cancel_all()
 
     def __enter__(self) -> Self:
@@ -222,7 +222,7 @@ class LocalProcessExecutor(Executor):
 
     def _land(self, attempt: _Attempt, status: int | None, error: str) -> None:
         job, wall_s = attempt.job, attempt.elapsed_s
-        trial = landed(job, wall_s)
+        trial = load_trial(job, wall_s)
         if trial is None:
             reason, message = self._verdict(attempt, status, error)
             trial = job.failed(reason, message, wall_s)
@@ -299,7 +299,7 @@ def _is_stopped(pid: int | None) -> bool:
 
 
 def _wait_for_end(pid: int | None) -> None:
-    """Wait until a mission whose server has died has been killed by the system, so that it is not flown twice at once."""
+    """Wait until a mission whose server has died has been killed by the system, so that it is not run twice at once."""
     deadline = time.monotonic() + 5.0
     while pid is not None and Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)

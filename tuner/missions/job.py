@@ -26,10 +26,10 @@ from nbv.safe_files import (
 )
 from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, photographs_key
 from tuner.problem.search_space import Configuration
-from tuner.problem.worlds import World
 
 RESULT_FILE = "mission.json"
 LOG_FILE = "worker.log"
@@ -49,7 +49,7 @@ _MEASURED = ("metrics", "costs")  # what of a mission.json is kept in memory
 
 @dataclass(frozen=True)
 class MissionJob:
-    """One mission to fly."""
+    """One mission to run."""
 
     id: str  # unique among the jobs of one executor
     config: Configuration
@@ -84,7 +84,7 @@ class MissionJob:
 
     def has_finished(self) -> bool:
         """Whether its directory tells of an end that counts: neither the machine's doing nor a user's mistake."""
-        trial = landed(self)
+        trial = load_trial(self)
         return trial is not None and trial.reason != "user_error" and not trial.infrastructure_failure
 
     def failed(self, reason: str, message: str, wall_s: float = 0.0) -> Trial:
@@ -110,7 +110,7 @@ class Trial:
     reason: str = ""  # snake_case code, e.g. "worker_died: signal 6", "timeout", "seed_model_failed"
     message: str = ""
     wall_s: float = 0.0
-    rock_sha256: str = ""  # of the rock that was flown, where the mission says so
+    rock_sha256: str = ""  # of the rock that was run, where the mission says so
     checksum: str = ""  # of its mission.json
     photographs: str = ""  # `photographs_key`, of our own missions
     switched: bool | None = None  # whether its views are of more than one scorer; None where none was planned
@@ -121,7 +121,7 @@ class Trial:
     why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
     raw: float | None = None  # the objective as measured; None while in flight and where the mission failed
     second: float | None = None  # the second objective, likewise
-    code: str = ""  # digest of what flies it, see `tuner.campaign.reproducibility_check`
+    code: str = ""  # digest of what runs it, see `tuner.campaign.reproducibility_check`
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
     measured_then: Mapping[str, Any] | None = field(
@@ -132,7 +132,7 @@ class Trial:
         """``Trial(12: complete, 94.57 on slab r1)``, in an evaluation ``Trial(tuned: ok on slab r1)``."""
         found = self.reason if self.raw is None else f"{self.raw:.4g}"
         what = f"{self.strategy}: {self.status}" if self.strategy else f"{self.number}: {self.state}, {found}"
-        return f"Trial({what} on {self.world.label} r{self.replicate})"
+        return f"Trial({what} on {self.instance.label} r{self.replicate})"
 
     @property
     def state(self) -> Literal["running", "complete", "failed"]:
@@ -142,14 +142,14 @@ class Trial:
         return "failed" if self.raw is None else "complete"
 
     @functools.cached_property
-    def world(self) -> World:
-        """The world in which it flies."""
-        return World(self.rock, self.condition)
+    def instance(self) -> Instance:
+        """The instance in which it runs."""
+        return Instance(self.rock, self.condition)
 
     @property
-    def photographs_taken(self) -> tuple[World, int, str, float | None]:
-        """Equal for trials that took the same photographs in one world and replicate, and so had the same outcome."""
-        return self.world, self.replicate, self.photographs, self.raw
+    def photographs_taken(self) -> tuple[Instance, int, str, float | None]:
+        """Equal for trials that took the same photographs in one instance and replicate, and so had the same outcome."""
+        return self.instance, self.replicate, self.photographs, self.raw
 
     @property
     def path(self) -> Path:
@@ -182,7 +182,7 @@ class Trial:
         return {**self.metrics, "costs": {**self.values, **self.costs}}
 
     def measured(self, objective: Objective) -> float | None:
-        """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
+        """An objective's metric, perhaps another than the campaign's; None while running, where it failed or has none."""
         if self.status in ("", "failed"):
             return None
         return objective.measure(self.measurements)
@@ -219,7 +219,7 @@ class Trial:
 
     @property
     def infrastructure_failure(self) -> bool:
-        """Whether the machine ended it: this says nothing about the configuration, and the mission may be flown again."""
+        """Whether the machine ended it: this says nothing about the configuration, and the mission may be run again."""
         return self.status == "failed" and self.reason.partition(":")[0] in _INFRASTRUCTURE_FAILURES
 
     @property
@@ -228,7 +228,7 @@ class Trial:
         return self.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
 
     def should_retry(self, attempt: int, *, excused: bool) -> bool:
-        """Return whether to fly the mission once more after this ``attempt`` (from 1).
+        """Return whether to run the mission once more after this ``attempt`` (from 1).
 
         An infrastructure failure is retried until `MAX_ATTEMPTS`; a possible machine fault once only: where an earlier
         attempt was ``excused`` as one, the fault is the configuration's.
@@ -240,7 +240,7 @@ class Trial:
         )
 
 
-def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:
+def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     """Return how a job ended, as its directory tells; None when the mission did not finish.
 
     A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
@@ -270,8 +270,8 @@ def _photographs(tree: Mapping[str, Any], config: Configuration) -> str:
 
 
 def repeated(trials: Iterable[Trial]) -> set[int]:
-    """Return the numbers of those trials whose photographs an earlier one has taken in the same world and replicate."""
-    first: dict[tuple[World, int, str, float | None], int] = {}
+    """Return the numbers of those trials whose photographs an earlier one has taken in the same instance and replicate."""
+    first: dict[tuple[Instance, int, str, float | None], int] = {}
     taken = [t for t in trials if t.photographs]
     return {t.number for t in taken if first.setdefault(t.photographs_taken, t.number) != t.number}
 

@@ -19,12 +19,12 @@ from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import is_photographed
 
-# Named by module, so that a command imports only what it flies.
+# Named by module, so that a command imports only what it runs.
 FIDELITIES = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
     "photographs": "nbv.photographs.mission:run_photographs_mission",
-    "external": "tuner.missions.external.flight:run_external_mission",
+    "external": "tuner.missions.external.mission:run_external_mission",
 }
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
@@ -34,7 +34,7 @@ _IMPORTED_IN_FLIGHT = {
     "nbv.geometric": ("open3d",),
 }
 PHOTOGRAPHS = "photographs"
-EXTERNAL = "external"  # flies the missions of mission files, which are not ours
+EXTERNAL = "external"  # runs the missions of mission files, which are not ours
 
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
@@ -50,8 +50,8 @@ def is_geometric(name: str) -> bool:
 
 def fidelity_on(rock: str, fidelity: str) -> str:
     """The fidelity of a mission of ours on ``rock``: over a set of photographs nothing is rendered nor simulated."""
-    ours = fidelity in FIDELITIES and fidelity != EXTERNAL
-    if ours and is_photographed(rock):
+    builtin = fidelity in FIDELITIES and fidelity != EXTERNAL
+    if builtin and is_photographed(rock):
         return PHOTOGRAPHS
     if fidelity == PHOTOGRAPHS:
         raise UserError(f"{rock} is no set of photographs; gatetune photographs import makes one")
@@ -73,7 +73,7 @@ def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
 
 
 def module_of(fidelity: str) -> str:
-    """The module that a worker imports to fly ``fidelity``."""
+    """The module that a worker imports to run ``fidelity``."""
     return FIDELITIES.get(fidelity, fidelity).partition(":")[0]
 
 
@@ -92,7 +92,7 @@ def code_of(fidelity: str) -> str:
 
 
 def all_modules(fidelity: str) -> tuple[str, ...]:
-    """Return `module_of` the fidelity, and the modules that its missions import as they fly."""
+    """Return `module_of` the fidelity, and the modules that its missions import as they run."""
     module = module_of(fidelity)
     return (module, *_IMPORTED_IN_FLIGHT.get(module, ()))
 

@@ -1,4 +1,4 @@
-"""One job, flown in this process: its result or the reason why there is none is left in its directory."""
+"""One job, run in this process: its result or the reason why there is none is left in its directory."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
 
 
 def run_job(tree: dict[str, Any]) -> int:
-    """Fly one mission and leave ``mission.json`` in its directory, also of one that failed; exit status."""
+    """Run one mission and leave ``mission.json`` in its directory, also of one that failed; exit status."""
     job = MissionJob.from_dict(tree)
     directory = job.directory
     try:

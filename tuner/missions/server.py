@@ -2,7 +2,7 @@
 
 ``python -P -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
 it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
-the rocks that were flown before in memory).
+the rocks that were run before in memory).
 Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
 fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
 ``{"event": "ready" | "started" | "exited" | "beat", ...}``. When standard input closes, i.e. the campaign ended or was
@@ -181,13 +181,13 @@ class MissionServer:
         """Load the rock of ``job``, whose mission has ended well, so that the missions forked from now on need not.
 
         Reading it takes 0.1 s from the store and 0.5 to 1.5 s from a mesh file: more than a geometric mission itself.
-        Never before a mission has flown it: a mesh that ends the process that reads it ends a mission, not the server.
+        Never before a mission has run it: a mesh that ends the process that reads it ends a mission, not the server.
         """
         rock, fidelity = job["rock"], job["fidelity"]
-        ours = (
+        builtin = (
             fidelity in FIDELITIES and fidelity != EXTERNAL
         )  # what others call a rock is their own business
-        if not ours or rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES:
+        if not builtin or rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES:
             return
         self._known_rocks.add(rock)
         try:

@@ -1,4 +1,4 @@
-"""Missions as plain values: finished ones, those in flight, what is proposed; which configurations flew on which blocks."""
+"""Missions as plain values: finished ones, those in flight, what is proposed; which configurations ran on which blocks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
+from tuner.problem.instances import Instance, InstanceLike, instances_of
 from tuner.problem.search_space import Configuration, SearchSpace, Values
-from tuner.problem.worlds import Place, World, worlds_of
 
 MAX_MISSIONS = 100_000  # of a campaign
 MAX_REPLICATES = 10_000  # of a rock
 Key = tuple[float, ...]
-Block = tuple[World, int]  # with the replicate
+Block = tuple[Instance, int]  # with the replicate
 # What only the planner of a mission reads: without effect where no view is planned.
 PLANNERS = (
     *("gate.", "covis.", "b_aware.", "matchable."),
@@ -48,14 +48,14 @@ class Observation:
         return self.outcome is not None
 
     @functools.cached_property
-    def world(self) -> World:
-        """The world in which it flies."""
-        return World(self.rock, self.condition)
+    def instance(self) -> Instance:
+        """The instance in which it runs."""
+        return Instance(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to fly next; the campaign's schedule decides ``rock``, ``condition`` and ``replicate`` where they are None."""
+    """What to run next; the campaign's schedule decides ``rock``, ``condition`` and ``replicate`` where they are None."""
 
     values: dict[str, Any]
     why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
@@ -64,9 +64,9 @@ class Proposal:
     condition: str = IDEAL  # of ``rock``
 
     @property
-    def world(self) -> World | None:
-        """The world in which to fly it."""
-        return None if self.rock is None else World(self.rock, self.condition)
+    def instance(self) -> Instance | None:
+        """The instance in which to run it."""
+        return None if self.rock is None else Instance(self.rock, self.condition)
 
 
 class Mission(Protocol):
@@ -78,7 +78,7 @@ class Mission(Protocol):
         ...
 
     @property
-    def world(self) -> World:
+    def instance(self) -> Instance:
         """Rock and condition."""
         ...
 
@@ -89,37 +89,37 @@ class Mission(Protocol):
 
 
 def next_block(
-    worlds: Sequence[Place], replicates: int, missions: Sequence[Mission], proposal: Proposal
-) -> tuple[World, int]:
-    """Return the world and the replicate of the next mission where the sampler left them open.
+    instances: Sequence[InstanceLike], replicates: int, missions: Sequence[Mission], proposal: Proposal
+) -> tuple[Instance, int]:
+    """Return the instance and the replicate of the next mission where the sampler left them open.
 
-    The world visited least (ties: list order), so worlds are taken in turn; in it the replicate used least among
-    those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
+    The instance visited least (ties: list order), so instances are taken in turn; in it the replicate used least among
+    those this configuration has not run there. A configuration that has run them all gets a fresh number.
 
     Parameters
     ----------
-    worlds
-        The training worlds.
+    instances
+        The training instances.
     replicates
-        Replicates per world.
+        Replicates per instance.
     missions
         All missions so far, those in flight included.
     proposal
         The mission to place.
     """
-    if proposal.world is not None and proposal.replicate is not None:
-        return proposal.world, proposal.replicate
-    visits = collections.Counter(t.world for t in missions)
-    world = proposal.world or min(worlds_of(worlds), key=lambda place: visits[place])
+    if proposal.instance is not None and proposal.replicate is not None:
+        return proposal.instance, proposal.replicate
+    visits = collections.Counter(t.instance for t in missions)
+    instance = proposal.instance or min(instances_of(instances), key=lambda place: visits[place])
     if proposal.replicate is not None:
-        return world, proposal.replicate
-    here = [t for t in missions if t.world == world]
+        return instance, proposal.replicate
+    here = [t for t in missions if t.instance == instance]
     used = collections.Counter(t.replicate for t in here)
     own = {t.replicate for t in here if t.values == proposal.values}
     fresh = [k for k in range(replicates) if k not in own]
     if fresh:
-        return world, min(fresh, key=lambda k: (used[k], k))
-    return world, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
+        return instance, min(fresh, key=lambda k: (used[k], k))
+    return instance, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
@@ -128,16 +128,16 @@ def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
 
 
 def distinct_configurations(space: SearchSpace, missions: Sequence[Observation]) -> list[Values]:
-    """Return each configuration that has flown, once, in the order of the first missions."""
+    """Return each configuration that has run, once, in the order of the first missions."""
     return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
 
 
-def blocks_flown(space: SearchSpace, missions: Sequence[Observation]) -> dict[Key, set[Block]]:
-    """Return the (world, replicate) blocks that each configuration has flown, or is flying."""
-    flown: dict[Key, set[Block]] = collections.defaultdict(set)
+def blocks_evaluated(space: SearchSpace, missions: Sequence[Observation]) -> dict[Key, set[Block]]:
+    """Return the (instance, replicate) blocks that each configuration has run, or is running."""
+    evaluated: dict[Key, set[Block]] = collections.defaultdict(set)
     for mission in missions:
-        flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
-    return flown
+        evaluated[configuration_key(space, mission.values)].add((mission.instance, mission.replicate))
+    return evaluated
 
 
 def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str, ...]:
@@ -149,7 +149,7 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
 
 
 def mission_key(config: Configuration) -> str:
-    """Return the same for configurations that fly the same mission: what is without effect in it does not count."""
+    """Return the same for configurations that run the same mission: what is without effect in it does not count."""
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
         idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
         config = config.with_values(idle)

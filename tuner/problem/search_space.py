@@ -19,7 +19,7 @@ from nbv.types import Floats
 
 
 class Configuration(Protocol):
-    """What a mission is flown with: `MissionConfig`, or the configuration of a mission that is not ours."""
+    """What a mission is run with: `MissionConfig`, or the configuration of a mission that is not ours."""
 
     @property
     def preset(self) -> str:
@@ -28,7 +28,7 @@ class Configuration(Protocol):
 
     @property
     def condition(self) -> str:
-        """The condition under which it flies."""
+        """The condition under which it runs."""
         ...
 
     def digest(self) -> str:
@@ -129,7 +129,7 @@ class SearchSpace:
     parameters: tuple[Parameter, ...]
     base: dict[str, Any] = field(default_factory=dict)
     description: str = ""
-    begin: tuple[Values, ...] = ()  # flown right after the default: where they differ from it
+    begin: tuple[Values, ...] = ()  # run right after the default: where they differ from it
 
     @property
     def dimension(self) -> int:
@@ -254,7 +254,7 @@ class SearchSpace:
         }
 
 
-def ours(config: Configuration) -> MissionConfig:
+def builtin(config: Configuration) -> MissionConfig:
     """``config`` of one of our own missions; `UserError` where it is of another: gates, pools and rocks are ours alone."""
     if not isinstance(config, MissionConfig):
         raise UserError(f"{config.preset} is a mission that is not ours; this is only for our own missions")

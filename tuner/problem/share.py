@@ -1,4 +1,4 @@
-"""What is believed of a share of rocks, as if so many rocks had been flown and so many of them had succeeded.
+"""What is believed of a share of rocks, as if so many rocks had been run and so many of them had succeeded.
 
 The belief is the Beta distribution of a share after those rocks, with Jeffreys' prior (Brown, Cai and DasGupta, "Interval
 estimation for a binomial proportion", 2001). A Gaussian process has rocks of its own at every configuration: the variance
@@ -47,7 +47,7 @@ class ShareBelief:
         """Return the probability that the share is at least ``least``."""
         return float(special.betaincc(*self._ab, least))
 
-    def of_the_next(self, count: int = NEXT) -> tuple[int, int]:
+    def predictive_interval(self, count: int = NEXT) -> tuple[int, int]:
         """95 % interval of how many of the next ``count`` rocks succeed: beta-binomial."""
         a, b = self._ab
         k = np.arange(count + 1)

@@ -5,7 +5,7 @@ A search space file reads::
     name: gate
     base:                       # optional: fixed values laid over the preset
       gate.kind: hyb-h
-    begin:                      # optional: flown right after the default
+    begin:                      # optional: run right after the default
       - {gate.d95_m: 0.1}
     parameters:
       gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value

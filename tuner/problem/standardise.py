@@ -27,7 +27,7 @@ class RockStandardiser:
     y = mu + a_rock + e, with the variances of a and e estimated from the data, so that a rock's centre moves
     from the grand mean towards its own mean as the rock effect stands out from the spread within rocks.
     Scales are within-rock standard deviations shrunk towards the pooled one by 5 pseudo-observations.
-    Rocks never flown get the grand mean and the pooled scale.
+    Rocks never run get the grand mean and the pooled scale.
     """
 
     centres: Mapping[Any, float]
@@ -105,7 +105,7 @@ class RockStandardiser:
         )
 
 
-def believed(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -> Floats:
+def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -> Floats:
     """Return (n,) outcomes, those far from all others moved to `FAR` ranges of the others: winsorised.
 
     The middle half of the deviations from the groups' medians is believed, and step by step the next one on either side, where

@@ -1,12 +1,12 @@
-"""Which configuration to use, of those that have been flown, with its uncertainty.
+"""Which configuration to use, of those that have been run, with its uncertainty.
 
 Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
 that are better than the default, with a 95 % interval, the one with the fewest changes is taken that is not worse
 than the best of them, or that had exactly its outcomes wherever it was tried. Where none is better, the default is recommended: its gain is inside the noise.
 
 The best of many posterior means is too good more often than not: most of what the surrogate knows of a configuration that
-flew once is what it concludes from neighbours, and a planner's outcome jumps wherever another view is chosen. So a
-configuration has to have flown on two rocks and with two replicates, and where there are several conditions under two (`enough`).
+ran once is what it concludes from neighbours, and a planner's outcome jumps wherever another view is chosen. So a
+configuration has to have run on two rocks and with two replicates, and where there are several conditions under two (`enough`).
 The default was chosen by hand, not by an outcome: nothing flatters it.
 """
 
@@ -19,23 +19,23 @@ from typing import Any
 import numpy as np
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.exact_costs import ExactCost
+from tuner.problem.deterministic_metrics import DeterministicMetric
+from tuner.problem.instances import Instance, InstanceLike, are_drawn, conditions_of, instances_of, rocks_of
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Block, Observation, blocks_flown, changes, configuration_key
+from tuner.problem.observations import Block, Observation, blocks_evaluated, changes, configuration_key
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import FEW
-from tuner.problem.worlds import Place, World, are_drawn, conditions_of, rocks_of, worlds_of
 from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import Outlier, Recommendation, RockRow, RunnerUp
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import KnownOutcome, Posterior, interval_95, probability_positive
+from tuner.surrogate.posterior import DeterministicOutcome, Posterior, interval_95, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
-JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
+JOINT = 600  # configurations, over instances, whose joint belief is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
 SUSPECT, CONTRADICTS = 2.5, 6.0  # standard deviations
@@ -46,7 +46,7 @@ ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 def recommend(
     space: SearchSpace,
     observations: Sequence[Observation],
-    places: Sequence[Place],
+    places: Sequence[InstanceLike],
     default: Mapping[str, Any],
     objective: Objective,
     seed: int = 0,
@@ -55,7 +55,7 @@ def recommend(
     only_verified: bool = True,
     settings: SurrogateSettings | None = None,
     constraint: Constraint | None = None,
-    exact: ExactCost | None = None,
+    exact: DeterministicMetric | None = None,
     second: Objective | None = None,
     limit: float | None = None,
 ) -> Recommendation | None:
@@ -68,7 +68,7 @@ def recommend(
     observations
         Finished missions.
     places
-        The training worlds.
+        The training instances.
     default
         The default values.
     objective
@@ -76,14 +76,14 @@ def recommend(
     seed
         The seed of the fits.
     replicates
-        The campaign's, per world.
+        The campaign's, per instance.
     only_verified
-        Whether a configuration has to have flown often enough (`tuner.recommendation.choose`). Samplers that fly nothing again leave
-        no such configuration: theirs is any that has flown.
+        Whether a configuration has to have run often enough (`tuner.recommendation.choose`). Samplers that run nothing again leave
+        no such configuration: theirs is any that has run.
     settings
         Of the surrogate.
     constraint
-        A limit of the second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
+        A limit of the second objective: only what keeps it may be recommended. Where nothing run does, what is likeliest to.
     exact
         The objective, where the configuration decides it. Outcomes are then those of the second objective.
     second, limit
@@ -112,7 +112,7 @@ def recommend(
     if constraint is not None and not kept:
         chosen = [int(constraint.probability(configurations).argmax())]
     if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
-        few = max(TOP, JOINT // len(model.worlds))
+        few = max(TOP, JOINT // len(model.instances))
         configurations = [configurations[i] for i in chosen]
         best_first: Sequence[int] = model.best_first(configurations)
         if exact is not None:
@@ -126,7 +126,7 @@ def recommend(
     modelled = second if exact is not None and second is not None else objective
     goal, among = belief, list(chosen)
     if exact is not None:
-        goal = KnownOutcome(space, exact).posterior([*configurations, default])
+        goal = DeterministicOutcome(space, exact).posterior([*configurations, default])
         least = max(goal.mean[i] for i in among)
         among = [i for i in among if goal.mean[i] == least]
         if goal.mean[reference] >= least and (
@@ -141,7 +141,7 @@ def recommend(
     )
     values, sign = configurations[index], objective.sign
     # No number lies beyond all that is believed.
-    seen = model.believed if exact is None else goal.mean
+    seen = model.winsorised if exact is None else goal.mean
     shown = np.clip(goal.mean, min(seen), max(seen))
     mean, sd = sign * float(shown[index]), float(goal.sd[index])
     gain, gain_sd = goal.difference(index, reference)
@@ -163,7 +163,7 @@ def recommend(
             else float(constraint.probability([configurations[rival]])[0]),
         )
     elsewhere = None
-    rocks = rocks_of(model.worlds)
+    rocks = rocks_of(model.instances)
     one_rock = len(rocks) == 1 and not are_drawn(rocks)  # how rocks differ is then unknown
     if values != dict(default) and not one_rock and not are_drawn(rocks):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
@@ -180,7 +180,7 @@ def recommend(
         mean=mean,
         sd=sd,
         interval_95=interval_95(mean, sd),
-        per_rock=[_rock_row(model, world, own, values, modelled.sign) for world in model.worlds],
+        per_rock=[_rock_row(model, instance, own, values, modelled.sign) for instance in model.instances],
         default_values=dict(default),
         default_mean=sign * float(shown[reference]),
         improvement=gain,
@@ -199,7 +199,7 @@ def recommend(
         limit=kept_limit,
         outliers=tuple(
             Outlier(o.number, modelled.sign * o.outcome, None if o in outliers else modelled.sign * y)
-            for o, y in [*((o, 0.0) for o in outliers), *zip(feasible, model.believed)]
+            for o, y in [*((o, 0.0) for o in outliers), *zip(feasible, model.winsorised)]
             if o.outcome is not None and (o in outliers or o.outcome != y)
         ),
     )
@@ -219,8 +219,8 @@ def without_outliers(model: RockMeanGP, seed: int) -> tuple[RockMeanGP, list[Obs
             break
         rest, o = list(model.observations), model.observations[worst]
         del rest[worst]
-        other = RockMeanGP(model.space, rest, model.worlds, seed, model.settings)
-        mean, sd = other.predict_mission(o.values, o.world)
+        other = RockMeanGP(model.space, rest, model.instances, seed, model.settings)
+        mean, sd = other.predict_mission(o.values, o.instance)
         if abs((o.outcome or 0.0) - mean) <= CONTRADICTS * sd:
             break
         model, left_out = other, [*left_out, o]
@@ -242,7 +242,7 @@ def fewest_changes(
     Parameters
     ----------
     configurations
-        All configurations flown.
+        All configurations run.
     among
         Indices of those that may be taken; not empty. The default is taken only where it is among them.
     default
@@ -272,26 +272,26 @@ def fewest_changes(
 
 def _outcomes(own: Sequence[Observation]) -> dict[Block, float | None]:
     """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
-    return {(o.world, o.replicate): o.outcome for o in own}
+    return {(o.instance, o.replicate): o.outcome for o in own}
 
 
 def _rock_row(
-    model: RockMeanGP, world: World, own: Sequence[Observation], values: Mapping[str, Any], sign: float
+    model: RockMeanGP, instance: Instance, own: Sequence[Observation], values: Mapping[str, Any], sign: float
 ) -> RockRow:
-    outcomes = [o.outcome for o in own if o.world == world and o.outcome is not None]
+    outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
     observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-    predicted = sign * model.predict_mission(values, world)[0]
-    return RockRow(world.rock, len(outcomes), observed, predicted, world.condition)
+    predicted = sign * model.predict_mission(values, instance)[0]
+    return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
 
-def enough(flown: Collection[Block], places: Collection[Place], replicates: int) -> bool:
+def enough(evaluated: Collection[Block], places: Collection[InstanceLike], replicates: int) -> bool:
     """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
-    worlds = worlds_of(places)
-    own = [(world, replicate) for world, replicate in flown if world in worlds]
-    seen = [world for world, _ in own]
+    instances = instances_of(places)
+    own = [(instance, replicate) for instance, replicate in evaluated if instance in instances]
+    seen = [instance for instance, _ in own]
     return (
-        len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(worlds)))
-        and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(worlds)))
+        len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(instances)))
+        and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(instances)))
         and len({k for _, k in own}) >= min(REPLICATES, replicates)
     )
 
@@ -300,11 +300,11 @@ def may_be_recommended(
     space: SearchSpace,
     history: Sequence[Observation],
     configurations: Sequence[Mapping[str, Any]],
-    places: Collection[Place],
+    places: Collection[InstanceLike],
     replicates: int,
     default: Mapping[str, Any],
 ) -> list[bool]:
-    """Return for each configuration whether it has flown often enough; the default always has.
+    """Return for each configuration whether it has run often enough; the default always has.
 
     Parameters
     ----------
@@ -315,13 +315,13 @@ def may_be_recommended(
     configurations
         The configurations in question.
     places
-        The training worlds.
+        The training instances.
     replicates
-        The campaign's replicates per world.
+        The campaign's replicates per instance.
     default
         The default values.
     """
-    flown = blocks_flown(space, [o for o in history if o.feasible])
+    evaluated = blocks_evaluated(space, [o for o in history if o.feasible])
     trusted = configuration_key(space, default)
     keys = [configuration_key(space, values) for values in configurations]
-    return [key == trusted or enough(flown.get(key, ()), places, replicates) for key in keys]
+    return [key == trusted or enough(evaluated.get(key, ()), places, replicates) for key in keys]

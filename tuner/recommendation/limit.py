@@ -10,13 +10,13 @@ import numpy as np
 from scipy import special
 
 from tuner.acquisition.constrained import Constraint
+from tuner.problem.instances import are_drawn, rocks_of
 from tuner.problem.objective import Objective
 from tuner.problem.share import ShareBelief
-from tuner.problem.worlds import are_drawn, rocks_of
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import KnownOutcome, interval_95
+from tuner.surrogate.posterior import DeterministicOutcome, interval_95
 
 
 def limit_of(
@@ -29,7 +29,7 @@ def limit_of(
     own: Sequence[float | None] | None,
     no_worse: float | None,
 ) -> Limit:
-    """Return how the recommended configuration keeps the limit on the training worlds, and on the next rock.
+    """Return how the recommended configuration keeps the limit on the training instances, and on the next rock.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def limit_of(
     values, default
         The recommended and the default values.
     kept
-        Whether any configuration flown can be taken to keep the limit.
+        Whether any configuration run can be taken to keep the limit.
     own
-        What the missions that flew the recommended values had of it, where one failed None; None: say nothing of rocks
-        never flown.
+        What the missions that ran the recommended values had of it, where one failed None; None: say nothing of rocks
+        never run.
     no_worse
         Probability that the values are no worse than the default on the next rock, where it is known.
     """
     belief, sign = constraint.model.posterior([values, default]), second.sign
     probability, of_default = constraint.probability([values, default])
     mean, default_mean, sd = sign * float(belief.mean[0]), sign * float(belief.mean[1]), float(belief.sd[0])
-    interval, next_rocks, flown = interval_95(mean, sd), None, None
+    interval, next_rocks, evaluated = interval_95(mean, sd), None, None
     if constraint.is_share:
         next_rocks, default_mean = (
             constraint.shares([values])[0],
@@ -61,7 +61,7 @@ def limit_of(
         low, high = next_rocks.interval_95
         mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)
         measured = [y for y in own or () if y is not None]
-        flown = (sum(y > 0.0 for y in measured), len(measured))
+        evaluated = (sum(y > 0.0 for y in measured), len(measured))
     elif own is not None:
         next_rocks = _next_rocks(constraint, values)
     return Limit(
@@ -69,7 +69,7 @@ def limit_of(
         direction=second.direction,
         limit=limit,
         kept=kept,
-        exact=isinstance(constraint.model, KnownOutcome),
+        exact=isinstance(constraint.model, DeterministicOutcome),
         mean=mean,
         sd=sd,
         interval_95=interval,
@@ -78,34 +78,34 @@ def limit_of(
         default_mean=default_mean,
         next_rock_keeps=None if next_rocks is None else next_rocks.share,
         next_rock_no_worse=None if next_rocks is None else no_worse,
-        next_hundred=None if next_rocks is None else next_rocks.of_the_next(),
-        flown=flown,
+        next_hundred=None if next_rocks is None else next_rocks.predictive_interval(),
+        evaluated=evaluated,
     )
 
 
 def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelief:
-    """Return the belief about the share of rocks never flown on which ``values`` keep the limit of a mean."""
+    """Return the belief about the share of rocks never run on which ``values`` keep the limit of a mean."""
     model = constraint.model
     assert isinstance(model, RockMeanGP)
-    rocks = rocks_of(model.worlds)
+    rocks = rocks_of(model.instances)
     if not are_drawn(rocks):  # as if so many of the training rocks kept it
         return ShareBelief(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
     belief, one = model.posterior([values]), model.one_mission_sd  # every block is a rock
-    flown = (one / max(float(belief.sd[0]), 1e-9 * one)) ** 2
+    evaluated = (one / max(float(belief.sd[0]), 1e-9 * one)) ** 2
     z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
-    return ShareBelief(float(special.stdtr(PRIOR_ROCKS + flown, z)), flown)
+    return ShareBelief(float(special.stdtr(PRIOR_ROCKS + evaluated, z)), evaluated)
 
 
 def _next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
-    """Return the probability that the mean of ``values`` on a rock never flown is ``at_least`` that; larger is better.
+    """Return the probability that the mean of ``values`` on a rock never run is ``at_least`` that; larger is better.
 
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
     differ as much as missions on one rock do.
     """
     belief = model.posterior([values])
-    rocks = rocks_of(model.worlds)
+    rocks = rocks_of(model.instances)
     own = [
-        np.mean([model.predict_mission(values, w)[0] for w in model.worlds if w.rock == rock])
+        np.mean([model.predict_mission(values, w)[0] for w in model.instances if w.rock == rock])
         for rock in rocks
     ]
     freedom = PRIOR_ROCKS + len(rocks) - 1

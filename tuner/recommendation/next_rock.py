@@ -1,4 +1,4 @@
-"""What the recommendation gains on a rock that nobody has flown.
+"""What the recommendation gains on a rock that nobody has run.
 
 The mean over the training rocks is known ever better; how a configuration's gain differs from rock to rock is not. Here
 the surrogate has both: a common landscape, and a departure of each rock from it, exchangeable between rocks. Rocks also
@@ -9,7 +9,7 @@ the common landscape and
     sd^2 = sd_common^2 + sd_between^2,    sd_between^2 = s^2 [sd_d^2 + tau^2 (z^2 + sd_z^2 + sd_d^2)]
 
 tau is the standard deviation of log s over the training rocks, with a prior worth `PRIOR_ROCKS` rocks: a few missions do not
-tell a rock's scale, and the surrogate's are drawn together. What differs between rocks is known from as many as were flown: the
+tell a rock's scale, and the surrogate's are drawn together. What differs between rocks is known from as many as were run: the
 interval is Student's t with `PRIOR_ROCKS` degrees of freedom more than rocks less one, as in the prediction of the next
 draw from a normal distribution whose variance is unknown (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.2). How often it
 covers: docs/results/next_rock.md.
@@ -25,7 +25,7 @@ import numpy as np
 import torch
 from scipy import special
 
-from tuner.problem.worlds import rocks_of
+from tuner.problem.instances import rocks_of
 from tuner.recommendation.recommendation import NextRock
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.posterior import probability_positive
@@ -37,7 +37,7 @@ AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
 
 def next_rock(model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str, Any]) -> NextRock:
     """Return the gain of ``values`` over ``default`` on a new rock; rocks have landscapes of their own in the ``model``."""
-    rocks = rocks_of(model.worlds)
+    rocks = rocks_of(model.instances)
     unit = np.array([model.space.to_unit(v) for v in (values, default)])
 
     def gain(x: torch.Tensor, scale: float) -> tuple[float, float]:
@@ -47,13 +47,15 @@ def next_rock(model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str
         return scale * float(mean[0] - mean[1]), scale * math.sqrt(max(0.0, float(variance)))
 
     elsewhere = model.inputs(unit)
-    elsewhere[:, model.space.dimension] = len(model.worlds) + len(model.observations)  # a rock like no other
+    elsewhere[:, model.space.dimension] = len(model.instances) + len(
+        model.observations
+    )  # a rock like no other
     mean, with_departure = gain(elsewhere, model.mean_scale)
     sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))
     on = {
         rock: [
             gain(model.inputs(unit, w), model.standardiser.scale(rock))
-            for w in model.worlds
+            for w in model.instances
             if w.rock == rock
         ]
         for rock in rocks

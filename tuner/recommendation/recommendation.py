@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 
 from nbv.config import IDEAL
+from tuner.problem.instances import Instance
 from tuner.problem.objective import Direction
 from tuner.problem.observations import changes, short
-from tuner.problem.worlds import World
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class RockRow:
     condition: str = IDEAL
 
     @property
-    def world(self) -> World:
-        """The world of this row."""
-        return World(self.rock, self.condition)
+    def instance(self) -> Instance:
+        """The instance of this row."""
+        return Instance(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What has a limit, at the recommended configuration: means over the training worlds, in the metric's unit.
+    """What has a limit, at the recommended configuration: means over the training instances, in the metric's unit.
 
     What the configuration decides (``exact``) has standard deviations 0 and no width.
     """
@@ -42,7 +42,7 @@ class Limit:
     metric: str
     direction: Direction
     limit: float
-    kept: bool  # whether any configuration flown can be taken to keep the limit: then this one
+    kept: bool  # whether any configuration run can be taken to keep the limit: then this one
     exact: bool
     mean: float
     sd: float
@@ -50,25 +50,25 @@ class Limit:
     probability: float  # that the limit is kept
     default_probability: float  # that the default keeps it
     default_mean: float
-    # Probability on a rock nobody has flown; None: exact, or nobody asked.
+    # Probability on a rock nobody has run; None: exact, or nobody asked.
     next_rock_keeps: float | None = None
     next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
     next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that keep it, 95 % interval
-    # Of a share: rocks that reached it with this configuration, and all that it flew.
-    flown: tuple[int, int] | None = None
+    # Of a share: rocks that reached it with this configuration, and all that it ran.
+    evaluated: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """What was flown, is believed to be better, and is not known to be: to be shown below the recommendation.
+    """What was run, is believed to be better, and is not known to be: to be shown below the recommendation.
 
-    It flew too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
+    It ran too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
     objective, in the metric's unit, the latter positive where this configuration is better, with 95 % intervals (of
     no width where the objective is exact).
     """
 
     values: dict[str, Any]
-    missions: int  # that flew it
+    missions: int  # that ran it
     mean: float
     difference: float  # to the recommendation
     difference_interval_95: tuple[float, float]
@@ -107,12 +107,12 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The answer of a campaign: ``values``, a configuration that has been flown, or the default.
+    """The answer of a campaign: ``values``, a configuration that has been run, or the default.
 
-    Of the configurations flown often enough (``tuner.recommendation.choose``) that are not worse than the best posterior
+    Of the configurations run often enough (``tuner.recommendation.choose``) that are not worse than the best posterior
     mean, the one with the fewest changes; the default itself where the gain is inside the noise (``keep_default``).
 
-    ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training worlds, without the noise of
+    ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training instances, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
     (``tuner.surrogate.posterior``).
@@ -142,7 +142,7 @@ class Recommendation:
     modelled_metric: str  # the objective's, or the second one's where that is exact
     runner_up: RunnerUp | None = None
     next_rock: NextRock | None = (
-        None  # None: nobody asked, it is the default, or one rock was flown: how rocks differ is unknown
+        None  # None: nobody asked, it is the default, or one rock was run: how rocks differ is unknown
     )
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()

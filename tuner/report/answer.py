@@ -44,13 +44,13 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
     if best.limit is not None and not best.limit.kept:
         likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
-        return f"Nothing flown is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
+        return f"Nothing run is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
     if best.keep_default:
         plan = plan_words(s.config(best.values), ceiling=False)
         default = f"the default{f' ({plan})' if plan else ''}"
         if _leads(best.runner_up):
             return f"Keep {default} for now: what looks better has not run often enough to be recommended."
-        return f"Keep {default}: nothing flown is known to be better."
+        return f"Keep {default}: nothing run is known to be better."
     words = configuration_words(best.values, best, s)
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
         place, (low, high) = place_word(s), best.limit.next_hundred or (0, 100)
@@ -131,7 +131,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         lines += next_rock.warnings(place)
     elif len(s.rocks) == 1 and not s.draws_rocks:
         lines.append(
-            f"Only one {place} was flown: how {place}s differ is not known, nor what holds on the next one."
+            f"Only one {place} was run: how {place}s differ is not known, nor what holds on the next one."
         )
     lines += outlier_sentences(best)
     return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
@@ -143,7 +143,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
         if o.counts_as is None:
-            line += "which all others contradict: this was found without it; fly its configuration again if it may be true."
+            line += "which all others contradict: this was found without it; run its configuration again if it may be true."
         else:
             line += f"far from all others: it counts as {number_text(o.counts_as)}."
         said.append(line)
@@ -163,8 +163,8 @@ def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str
     said += f", {asked} asked for"
     if not limit.exact:
         said += f" and kept with probability {limit.probability:.2f}"
-    if limit.flown is not None:
-        said += "; reached on {} of the {} that were flown".format(*limit.flown)
+    if limit.evaluated is not None:
+        said += "; reached on {} of the {} that were run".format(*limit.evaluated)
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
@@ -188,7 +188,7 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
     few = "; it has to run on more rocks or replicates before it can be recommended" if _leads(rival) else ""
     return (
-        f"Runner-up (flown {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. "
+        f"Runner-up (run {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. "
         f"{worth}{keeps}{few}."
     )
 

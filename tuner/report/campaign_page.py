@@ -24,18 +24,18 @@ from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
-from tuner.campaign.showcase import SHOWN, showcase_jobs, was_flown
+from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.evaluation.baselines import TUNED
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import MIN_ROCKS
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
-from tuner.problem.exact_costs import PHOTOGRAPHS
+from tuner.problem.deterministic_metrics import PHOTOGRAPHS
+from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
 from tuner.problem.observations import configuration_key, short
-from tuner.problem.search_space import Parameter, ours
-from tuner.problem.worlds import World
+from tuner.problem.search_space import Parameter, builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import gate_result
 from tuner.report.answer import (
@@ -72,7 +72,7 @@ POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they a
 MIN_MISSIONS_FOR_COVERAGE = 12
 MOST_MISSIONS = 2000  # a browser draws more only slowly
 SLICE_POINTS = 61
-LEANS = "The intervals are of the best of those flown, where it was tuned: they lean towards optimism."
+LEANS = "The intervals are of the best of those run, where it was tuned: they lean towards optimism."
 
 
 class CampaignFacts:
@@ -119,16 +119,16 @@ class CampaignFacts:
         """What a mission had of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 
-    def flown(self, values: Mapping[str, Any]) -> list[Trial]:
+    def evaluated(self, values: Mapping[str, Any]) -> list[Trial]:
         """The successful missions of exactly these values."""
         space = self.settings.space
         key = configuration_key(space, values)
         return [t for t in self.trials if t.state == "complete" and configuration_key(space, t.values) == key]
 
-    def world_name(self, world: World) -> str:
+    def world_name(self, instance: Instance) -> str:
         """``slab``, or ``slab, field`` where there is more than one condition."""
-        rock = self.rock_names.get(world.rock, world.rock)
-        return f"{rock}, {world.condition}" if self.several_conditions else rock
+        rock = self.rock_names.get(instance.rock, instance.rock)
+        return f"{rock}, {instance.condition}" if self.several_conditions else rock
 
 
 def write_campaign_report(campaign: Campaign) -> Path:
@@ -167,7 +167,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         measure=measure_text(facts.label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
         verdict_kind=kind,
         use=use_answer(facts),
-        plan=plan_picture(ours(s.config(best.values))) if best is not None and s.mission is None else "",
+        plan=plan_picture(builtin(s.config(best.values))) if best is not None and s.mission is None else "",
         sure=sure_answer(facts),
         gate=_gate_answer(facts) if s.mission is None else "",
         gate_figure=gate_figure(facts) if s.mission is None else "",
@@ -205,8 +205,8 @@ def write_campaign_report(campaign: Campaign) -> Path:
 
 
 def write_showcase_page(campaign: Campaign) -> Path | None:
-    """Write the page of the missions that `showcase_jobs` has flown, unless it is there; None where there is none to show."""
-    shown = [job for job in showcase_jobs(campaign) if was_flown(job)]
+    """Write the page of the missions that `showcase_jobs` has run, unless it is there; None where there is none to show."""
+    shown = [job for job in showcase_jobs(campaign) if was_run(job)]
     if not shown:
         return None
     page = campaign.directory / SHOWN / VIEW_FILE
@@ -255,18 +255,18 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
     }
 
 
-def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[World, int], float]:
-    """By world and replicate that both flew: the recommendation minus the default, positive where it is better."""
-    found: dict[tuple[World, int], list[list[float]]] = {}
+def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, int], float]:
+    """By instance and replicate that both ran: the recommendation minus the default, positive where it is better."""
+    found: dict[tuple[Instance, int], list[list[float]]] = {}
     for side, values in enumerate((best.default_values, best.values)):
-        for t in facts.flown(values):
+        for t in facts.evaluated(values):
             if (outcome := facts.outcome(t)) is not None:
-                place = found.setdefault((t.world, t.replicate), [[], []])
+                place = found.setdefault((t.instance, t.replicate), [[], []])
                 place[side].append(facts.modelled.sign * outcome)
     return {
-        place: sum(ours) / len(ours) - sum(theirs) / len(theirs)
-        for place, (theirs, ours) in found.items()
-        if ours and theirs
+        place: sum(builtin) / len(builtin) - sum(theirs) / len(theirs)
+        for place, (theirs, builtin) in found.items()
+        if builtin and theirs
     }
 
 
@@ -277,17 +277,17 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
         return ["There is nothing to compare."]
     said, place = worth_sentences(best, facts.settings), place_word(facts.settings)
     if best.keep_default:
-        rocks = len({t.rock for t in facts.flown(best.values)})
-        return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} {place}s."]
+        rocks = len({t.rock for t in facts.evaluated(best.values)})
+        return [*said, f"It ran on {rocks} of {len(facts.settings.rocks)} {place}s."]
     both = pairs(facts, best)
     if not both:
         said.append(
-            f"Never flown side by side: no {place} and replicate has both the recommendation and the default."
+            f"Never run side by side: no {place} and replicate has both the recommendation and the default."
         )
         return [*said, LEANS]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
-        f"Flown side by side on {len({world for world, _ in both})} of {len(facts.settings.worlds)} {place}s"
+        f"Run side by side on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {place}s"
         f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
         f"{mean} of {facts.label.name} on average, better in {sum(d > 0 for d in both.values())} of {len(both)}."
     )
@@ -302,7 +302,7 @@ def _gate_answer(facts: CampaignFacts) -> str:
     config = facts.settings.config(best.values)
     if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
-    traces = [trace for _, trace in traces_of(facts.campaign, facts.flown(best.values))]
+    traces = [trace for _, trace in traces_of(facts.campaign, facts.evaluated(best.values))]
     if not traces:
         return "The missions' documents hold no choices."
     records = [record for trace in traces for record in trace]
@@ -317,13 +317,13 @@ def gate_figure(facts: CampaignFacts) -> str:
         return ""
     sides = {"default": best.default_values} | ({} if best.keep_default else {"recommended": best.values})
     found = {
-        name: {(t.world, t.replicate): trace for t, trace in traces_of(facts.campaign, facts.flown(v))}
+        name: {(t.instance, t.replicate): trace for t, trace in traces_of(facts.campaign, facts.evaluated(v))}
         for name, v in sides.items()
     }
     common = set.intersection(*(set(traces) for traces in found.values()))
     if not common:
         return ""
-    block = min(common, key=lambda b: (facts.settings.worlds.index(b[0]), b[1]))
+    block = min(common, key=lambda b: (facts.settings.instances.index(b[0]), b[1]))
     panels = []
     for name, values in sides.items():
         config = facts.settings.config(values)
@@ -336,7 +336,7 @@ def gate_figure(facts: CampaignFacts) -> str:
 
 
 def _rocks_measured(facts: CampaignFacts, measured: Sequence[str]) -> int:
-    """On how many rocks the evaluations among the folders ``measured`` have flown this very recommendation."""
+    """On how many rocks the evaluations among the folders ``measured`` have run this very recommendation."""
     best, rocks = facts.recommendation, set[str]()
     if best is None:
         return 0
@@ -370,19 +370,19 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     if evaluated:
         return f"Measure it on more {place}s: {counted(evaluated, place)} cannot speak for others.", evaluate
     if best.limit is not None and not best.limit.kept:
-        return f"Fly more, or ask for less: nothing flown is likely to keep {limit_words(best.limit)}.", more
+        return f"Run more, or ask for less: nothing run is likely to keep {limit_words(best.limit)}.", more
     if best.keep_default:
         rival = best.runner_up
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
             return "Stop: keep the default. Nothing else is believed to be better.", ""
-        return "Fly more: the runner-up is not yet told from the default.", more
+        return "Run more: the runner-up is not yet told from the default.", more
     if is_geometric(s.fidelity):
-        return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
+        return "Run it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
     if s.mission is not None and not s.mission.held_out:
         return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
     if s.mission is None and len(pairs(facts, best)) < 2:
         one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
-        return "Confirm it where it was tuned: too few pairs were flown.", one_rock
+        return "Confirm it where it was tuned: too few pairs were run.", one_rock
     return f"Measure it on {place}s it has not seen.", evaluate
 
 
@@ -425,12 +425,12 @@ def _stop_reason(facts: CampaignFacts) -> str:
         begin = (
             f"Stopped after {MAX_CONSECUTIVE_FAILURES} failures in a row, the last with {last[-1].reason!r}"
         )
-    flying = f", {status.running} in flight or interrupted" if status.running else ""
-    return f"{begin}: {status.finished} of {status.budget} missions are finished{flying}."
+    running = f", {status.running} in flight or interrupted" if status.running else ""
+    return f"{begin}: {status.finished} of {status.budget} missions are finished{running}."
 
 
 def bounds_text(facts: CampaignFacts) -> str:
-    """Which recommended values lie at a bound of what was searched, although a mission can fly beyond; empty where none does."""
+    """Which recommended values lie at a bound of what was searched, although a mission can run beyond; empty where none does."""
     best, s = facts.recommendation, facts.settings
     if best is None:
         return ""
@@ -494,19 +494,19 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
 
 
 def _rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
-    """World by world: missions, failures, what the recommendation and the default had there, with their missions."""
+    """World by instance: missions, failures, what the recommendation and the default had there, with their missions."""
 
     def measured(mean: float | None, missions: int) -> str:
         return f"{format_number(mean, facts.digits)} ({missions})" if missions else format_number(None)
 
     rows = []
     for row in best.per_rock:
-        own = [t for t in facts.trials if t.state != "running" and t.world == row.world]
+        own = [t for t in facts.trials if t.state != "running" and t.instance == row.instance]
         outcomes = [facts.outcome(t) for t in own if t.values == best.default_values]
         default = [value for value in outcomes if value is not None]
         rows.append(
             [
-                facts.world_name(row.world),
+                facts.world_name(row.instance),
                 str(len(own)),
                 str(sum(t.raw is None for t in own)),
                 format_number(facts.label.possible(row.predicted), facts.digits),
@@ -528,7 +528,7 @@ def _failure_rows(facts: CampaignFacts) -> list[list[str]]:
             reason,
             outcome,
             str(len(group)),
-            "; ".join(sorted({facts.world_name(t.world) for t in group})),
+            "; ".join(sorted({facts.world_name(t.instance) for t in group})),
             group[-1].message,
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
@@ -539,8 +539,8 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
     """JSON for the page's script; without a "<" nothing in it can end the element, or hide its end."""
     best, model, parameters = facts.recommendation, facts.model, facts.settings.space.parameters
     sign, adjusted = facts.modelled.sign, {}
-    if model is not None:  # outcomes with the worlds' differences taken out
-        offset, factor = model.standardiser.mean_over([world.rock for world in model.worlds])
+    if model is not None:  # outcomes with the instances' differences taken out
+        offset, factor = model.standardiser.mean_over([instance.rock for instance in model.instances])
         values = sign * (offset + factor * model.targets)
         adjusted = {o.number: round(float(v), 6) for o, v in zip(model.observations, values, strict=True)}
     # Where the number of photographs is the objective, the page shows it against the quality.
@@ -548,7 +548,7 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
     trials = [
         {
             "n": t.number,
-            "where": facts.world_name(t.world),
+            "where": facts.world_name(t.instance),
             "rep": t.replicate,
             "raw": facts.outcome(t),
             "adj": adjusted.get(t.number),
@@ -635,7 +635,7 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
         flies = ("mission file", f"{s.mission.path} (SHA-256 {s.mission.sha256[:12]}…)")
     named = ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items()))
     return [
-        ("flown between", between),
+        ("run between", between),
         *recorded_rows(recorded([directory / t.directory for t in facts.trials])),
         flies,
         ("conditions", ", ".join(condition.name for condition in s.conditions)),

@@ -1,4 +1,4 @@
-"""What strategies that were flown against each other say: verdicts, tables, and the page of an evaluation.
+"""What strategies that were run against each other say: verdicts, tables, and the page of an evaluation.
 
 ``report.html`` of ``gatetune evaluate``, ``confirm`` and ``reproduce``, the same on the terminal, and as JSON for scripts.
 """
@@ -39,11 +39,11 @@ from tuner.evaluation.comparison import (
     strategy_interval,
     values_of,
 )
-from tuner.evaluation.flying import EvaluationRun
-from tuner.evaluation.of_campaign import Asked
+from tuner.evaluation.of_campaign import ComparisonSpec
+from tuner.evaluation.run import EvaluationRun
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, is_geometric
-from tuner.problem.exact_costs import PHOTOGRAPHS
+from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.objective import Objective
 from tuner.report.labels import (
     MISSING,
@@ -106,7 +106,7 @@ class ComparisonFacts:
     """What was found: sentences, then tables from the shortest to the longest."""
 
     run: EvaluationRun
-    asked: Asked
+    asked: ComparisonSpec
     reference: str
     notes: tuple[str, ...]  # what to know before the verdicts
     verdicts: list[Sentence]
@@ -136,14 +136,17 @@ class ComparisonFacts:
 
 
 def comparison_facts(
-    run: EvaluationRun, reference: str | None = None, asked: Asked | None = None, notes: Sequence[str] = ()
+    run: EvaluationRun,
+    reference: str | None = None,
+    asked: ComparisonSpec | None = None,
+    notes: Sequence[str] = (),
 ) -> ComparisonFacts:
     """What ``run`` says of its strategies.
 
     Parameters
     ----------
     run
-        What was flown, complete or not.
+        What was run, complete or not.
     reference
         Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
         configuration), else the first strategy.
@@ -159,7 +162,7 @@ def comparison_facts(
     """
     records, plan = run.records, run.plan
     strategies = tuple(in_table_order(plan.strategies))
-    asked = asked or Asked(Objective())
+    asked = asked or ComparisonSpec(Objective())
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
     if plan.fidelity != EXTERNAL or any("whole" in r.metrics for r in records):
         tables: dict[str, ComparisonTable] = {
@@ -204,7 +207,9 @@ def _mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[
     return tuple(rows)
 
 
-def _summary(run: EvaluationRun, records: Sequence[Trial], reference: str, asked: Asked) -> ComparisonTable:
+def _summary(
+    run: EvaluationRun, records: Sequence[Trial], reference: str, asked: ComparisonSpec
+) -> ComparisonTable:
     """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
     strategies = tuple(in_table_order(run.plan.strategies))
     costs = OURS_COST if run.plan.fidelity != EXTERNAL else ()
@@ -228,7 +233,7 @@ def _summary(run: EvaluationRun, records: Sequence[Trial], reference: str, asked
 # -- verdicts ------------------------------------------------------------------------------------------------
 
 
-def _verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
+def _verdicts(run: EvaluationRun, reference: str, asked: ComparisonSpec) -> list[Sentence]:
     """The verdict on the tuned strategy, without one on the first that is not ``reference``, line by line."""
     others = [name for name in run.plan.strategies if name != reference]
     if not others:
@@ -256,17 +261,17 @@ def _verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence
 
 def _count(records: Sequence[Trial], name: str, reference: str, o: Objective) -> Sentence:
     """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
-    ours, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
-    if ours is None or theirs is None:
+    builtin, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
+    if builtin is None or theirs is None:
         return Sentence(f"{strategy_label(name)}: no mission in common with {strategy_label(reference)}.")
-    gain = o.sign * (ours.mean - theirs.mean)
+    gain = o.sign * (builtin.mean - theirs.mean)
     what = metric_label(o.metric).name
-    text = f"{what}: {ours.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
+    text = f"{what}: {builtin.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
     return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
 
 
 def _quality(
-    records: Sequence[Trial], name: str, reference: str, asked: Asked, margin: float, whom: str = ""
+    records: Sequence[Trial], name: str, reference: str, asked: ComparisonSpec, margin: float, whom: str = ""
 ) -> Sentence:
     """Whether a strategy's quality is better, worse, or no worse by more than the margin.
 
@@ -313,7 +318,7 @@ def _quality(
     return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
 
 
-def _limit(records: Sequence[Trial], asked: Asked) -> list[Sentence]:
+def _limit(records: Sequence[Trial], asked: ComparisonSpec) -> list[Sentence]:
     share = _share_kept(records, TUNED, asked)
     if share is None or asked.second is None:
         return []
@@ -326,7 +331,7 @@ def _limit(records: Sequence[Trial], asked: Asked) -> list[Sentence]:
     return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
 
 
-def _share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interval | None:
+def _share_kept(records: Sequence[Trial], strategy: str, asked: ComparisonSpec) -> Interval | None:
     """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
 
     A rock on which a mission failed has not kept it. None where the strategy has no mission.
@@ -350,8 +355,10 @@ def _share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interv
     return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
 
 
-def _best_control(run: EvaluationRun, reference: str, asked: Asked, quality: Objective) -> list[Sentence]:
-    """Against the best control at equal number that is not the reference itself; nothing where none was flown."""
+def _best_control(
+    run: EvaluationRun, reference: str, asked: ComparisonSpec, quality: Objective
+) -> list[Sentence]:
+    """Against the best control at equal number that is not the reference itself; nothing where none was run."""
     names = [name for name in controls_at_equal_number(run.plan.strategies) if name != reference]
     means = {name: strategy_interval(run.records, name, quality.metric) for name in names}
     known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
@@ -373,7 +380,7 @@ def gain_interval(d: PairedDifference, metric: MetricRow) -> tuple[float, float 
 def _warnings(run: EvaluationRun, place: str) -> list[str]:
     out, plan = [], run.plan
     if not run.complete:
-        expected = len(plan.strategies) * len(plan.worlds) * plan.replicates
+        expected = len(plan.strategies) * len(plan.instances) * plan.replicates
         out.append(
             f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
         )
@@ -467,15 +474,15 @@ def table_i_grid(table: ComparisonTable, title: str, *, paper: bool = False) -> 
 
 
 def _world_grid(facts: ComparisonFacts) -> Grid:
-    """The mean of every strategy in every world, in the quality or the only objective."""
+    """The mean of every strategy in every instance, in the quality or the only objective."""
     plan, o = facts.run.plan, facts.asked.quality or facts.asked.objective
     stems = dict(zip(plan.rocks, short_names(plan.rocks)))
     several = len(plan.conditions) > 1
-    names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.worlds]
+    names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.instances]
     lines = []
     for name in plan.strategies:
         own = [r for r in facts.run.records if r.strategy == name]
-        found = [[r.measured(o) for r in own if r.world == world] for world in plan.worlds]
+        found = [[r.measured(o) for r in own if r.instance == instance] for instance in plan.instances]
         known = [[value for value in values if value is not None] for values in found]
         means = (format_number(float(np.mean(values)) if values else None) for values in known)
         lines.append(Line(strategy_label(name), tuple(map(Cell, means))))
@@ -594,7 +601,7 @@ def write_comparison_report(
         truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
         summary=strategy_grid(facts.summary, "", run),
         conditions=[strategy_grid(table, f"Under {name}") for name, table in facts.conditions.items()],
-        worlds=_world_grid(facts) if len(plan.worlds) > 1 else None,
+        instances=_world_grid(facts) if len(plan.instances) > 1 else None,
         tables=[
             table_i_grid(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()

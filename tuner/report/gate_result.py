@@ -159,7 +159,7 @@ def _block(directory: Any, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
                 sum(r.status == "failed" for r in own),
             )
         )
-    expected = len(plan.strategies) * len(plan.worlds) * plan.replicates
+    expected = len(plan.strategies) * len(plan.instances) * plan.replicates
     block = ResultBlock(plan.rocks, held_out, plan.replicates, rows, len(records) == expected, directory.name)
     return block, records
 

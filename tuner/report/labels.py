@@ -153,10 +153,10 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
         return f"{metric}; missions of your mission file"
     if are_photographed(rocks):
         return f"{metric}, against the set's own dense reference; missions over photographs that were taken"
-    flown = f"{fidelity} missions"
+    evaluated = f"{fidelity} missions"
     if is_geometric(fidelity):
-        flown = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
-    return f"{metric}; {flown}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
+        evaluated = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
+    return f"{metric}; {evaluated}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str | None 
 
     A geometric mission has no cloud with errors and so no overlay.
 
-    ``runs``: directories of missions on one rock by label, such as ``{"Covis": ..., "Hyb-O": ...}``, flown with everything
+    ``runs``: directories of missions on one rock by label, such as ``{"Covis": ..., "Hyb-O": ...}``, run with everything
     kept; ``rock``: catalogue name or mesh file, for one that is not in the catalogue under the missions' name for it.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -69,11 +69,11 @@ def labels_of(runs: Sequence[Path]) -> dict[str, Path]:
     return {kind if kinds.count(kind) == 1 else f"{kind} ({run.name})": run for kind, run in zip(kinds, runs)}
 
 
-# -- Fig. 2: the flown path with its views ---------------------------------------------------------------------
+# -- Fig. 2: the run path with its views ---------------------------------------------------------------------
 
 
 def trajectory_figure(run: Path) -> Figure:
-    """Flown path, seed and selected views, and the first iteration's candidates from above, in ENU (m).
+    """Run path, seed and selected views, and the first iteration's candidates from above, in ENU (m).
 
     The selected views are numbered in the order of their capture. ``run``: a mission's directory with ``flight.json``,
     ``states/`` and, where it exists, ``cleaned.ply``; ``UserError`` where a file is missing.
@@ -94,16 +94,16 @@ def trajectory_figure(run: Path) -> Figure:
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
 
-    # What is flown in either phase; NaN outside the drawn square, since the way from and to home would shrink all else.
+    # What is run in either phase; NaN outside the drawn square, since the way from and to home would shrink all else.
     time_s, home_s = flight.samples[:, 0], flight.begins_s.get("return", np.inf)
     begins = [flight.begins_s[r.chosen] for *_, r in known if r.chosen in flight.begins_s]
     adaptive_s = min(begins, default=np.inf)
     near: np.ndarray = np.all(np.abs(flight.samples[:, 1:3] - (x, y)) <= reach, axis=1)
     path = np.where(near[:, None], flight.samples[:, 1:], np.nan)
-    phases = [(path[time_s <= adaptive_s], GREY, "flown in the seed phase")]
+    phases = [(path[time_s <= adaptive_s], GREY, "run in the seed phase")]
     if len(chosen):
         later = path[(time_s >= adaptive_s) & (time_s <= home_s)]
-        phases.append((later, VERMILION, "flown in the adaptive phase"))
+        phases.append((later, VERMILION, "run in the adaptive phase"))
 
     with look():
         figure = new_figure(6.4, 6.8)
@@ -119,8 +119,8 @@ def trajectory_figure(run: Path) -> Figure:
         mark(candidates[~taken], 10, SKY, f"{len(candidates)} candidates at the first iteration")
         mark(seeds, 40, BLUE, f"{len(seeds)} seed views", "white")
         mark(chosen, 90, ORANGE, f"{len(chosen)} selected views, in their order", "black")
-        for flown, shade, label in phases:
-            plan.plot(*flown.T[:2], color=shade, lw=0.9, label=label)
+        for evaluated, shade, label in phases:
+            plan.plot(*evaluated.T[:2], color=shade, lw=0.9, label=label)
         for k, (east, north, _) in enumerate(chosen, 1):
             plan.text(east, north, str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
         plan.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach))

@@ -21,17 +21,15 @@ from tuner.missions.registry import is_geometric
 
 @dataclass(frozen=True)
 class Flight:
-    """What a mission flew."""
+    """What a mission ran."""
 
     samples: Floats  # (N, 4): time in s; east, north and up in m
-    begins_s: dict[
-        str, float
-    ]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in the order flown
+    begins_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in the order run
     ends_s: dict[str, float]
     duration_s: float
 
     def photographed_m(self) -> dict[str, Floats]:
-        """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order flown."""
+        """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order run."""
         last = len(self.samples) - 1
         return {
             name: self.samples[min(int(np.searchsorted(self.samples[:, 0], end_s)), last), 1:]
@@ -57,7 +55,7 @@ def planned_config(run: Path) -> MissionConfig:
 
 
 def read_flight(run: Path) -> Flight:
-    """What a mission flew; ``UserError`` if the mission kept nothing of it."""
+    """What a mission ran; ``UserError`` if the mission kept nothing of it."""
     file = run / "flight.json"
     if not file.is_file():
         raise UserError(
@@ -81,7 +79,7 @@ def decided(run: Path, result: MissionResult) -> list[tuple[PlanningState, Candi
 
 
 def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
-    """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another.
+    """The rock that the mission in ``run`` was run on; ``UserError`` if the one found is another.
 
     Parameters
     ----------
@@ -100,11 +98,9 @@ def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -
     except UserError as error:
         if rock is not None:
             raise
-        raise UserError(
-            f"{run} was flown on {name!r}, which the catalogue does not have; {remedy}"
-        ) from error
+        raise UserError(f"{run} was run on {name!r}, which the catalogue does not have; {remedy}") from error
     if found.sha256 != result.provenance.get("rock_sha256", found.sha256):
-        raise UserError(f"{run} was flown on another {name!r} than the one found now; {remedy}")
+        raise UserError(f"{run} was run on another {name!r} than the one found now; {remedy}")
     return found
 
 

@@ -16,7 +16,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import ExternalConfig
 from tuner.problem.observations import short
-from tuner.problem.search_space import ours
+from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 
 SCORING, MISSION, OURS = "scoring.yaml", "unified_mission.yaml", "gatetune.yaml"
@@ -67,7 +67,7 @@ def vehicle_files(
     if isinstance(config, ExternalConfig):
         text = to_yaml(dict(config.values))
         return [VehicleFile(OURS, comment + text, best.changed, (), ())]
-    text = "\n".join(commented_yaml(ours(config)))
+    text = "\n".join(commented_yaml(builtin(config)))
     own = VehicleFile(OURS, f"{comment}{text}\n", best.changed, (), ())
     theirs = sorted(
         (_their_file(name, campaign, best, (onto or {}).get(name)) for name in WRITERS),
@@ -79,7 +79,7 @@ def vehicle_files(
 def _their_file(name: str, campaign: Campaign, best: Recommendation, onto: Path | None) -> VehicleFile:
     theirs = read_file(onto, name) if onto is not None else None
     try:
-        values, remarks = WRITERS[name](ours(campaign.settings.config(best.values)), theirs)
+        values, remarks = WRITERS[name](builtin(campaign.settings.config(best.values)), theirs)
         kept = _carried(name, campaign.settings, best)
     except UserError as error:  # the gate does not exist there
         return VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),))
@@ -98,10 +98,10 @@ def _carried(name: str, s: CampaignSettings, best: Recommendation) -> list[str]:
     for path in best.changed:
         pair = best.values, {**best.values, path: default[path]}
         try:
-            with_it, without = (ours(s.config(values)) for values in pair)
+            with_it, without = (builtin(s.config(values)) for values in pair)
         except UserError:
             pair = {**default, path: best.values[path]}, default
-            with_it, without = (ours(s.config(values)) for values in pair)
+            with_it, without = (builtin(s.config(values)) for values in pair)
         (values, remarks), (before, remarks_before) = write(with_it), write(without)
         if path in {remark.key for remark in remarks if not remark.partly}:
             continue

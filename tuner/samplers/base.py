@@ -2,7 +2,7 @@
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
 campaign that is resumed proposes what it would have proposed. Every sampler starts with the default configuration, which a
-campaign flies with all replicates on every training rock first: each optimiser may know where the paper stands. A new one is a file with a class, and a line here. None is imported before it is made: the
+campaign runs with all replicates on every training rock first: each optimiser may know where the paper stands. A new one is a file with a class, and a line here. None is imported before it is made: the
 command line lists their names.
 """
 
@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from nbv.config.registry import Registry
-from tuner.problem.exact_costs import Exact
+from tuner.problem.deterministic_metrics import DeterministicMetrics
+from tuner.problem.instances import Instance, InstanceLike, instances_of
 from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import SearchSpace, Values
-from tuner.problem.worlds import Place, World, worlds_of
 from tuner.samplers.design import sobol_point
 
 if TYPE_CHECKING:
@@ -58,22 +58,24 @@ class SamplerSettings:
 
     space: SearchSpace
     default: Values  # the configuration everything starts from: the paper's
-    places: tuple[Place, ...]  # training worlds
+    places: tuple[InstanceLike, ...]  # training instances
     seed: int
     initial: int  # size of the initial design, the default configuration included
-    replicates: int = 1  # per world, for samplers that choose them
-    earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
+    replicates: int = 1  # per instance, for samplers that choose them
+    earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     at_least: float | None = None  # limit of the second objective, larger is better; None: there is none
     is_share: bool = False  # of rocks: the second objective
     defaults: int = 1  # missions of the default that come first
-    exact: Exact = field(default_factory=Exact)  # what of the objectives the configuration decides
+    exact: DeterministicMetrics = field(
+        default_factory=DeterministicMetrics
+    )  # what of the objectives the configuration decides
 
     @property
-    def worlds(self) -> tuple[World, ...]:
-        """The training worlds, every one with its condition."""
-        return worlds_of(self.places)
+    def instances(self) -> tuple[Instance, ...]:
+        """The training instances, every one with its condition."""
+        return instances_of(self.places)
 
 
 def derived_seed(seed: int, number: int) -> int:
@@ -98,7 +100,7 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
 def in_flight(
     settings: SamplerSettings,
     history: Sequence[Observation],
-    flying: Sequence[Observation],
+    running: Sequence[Observation],
     proposal: Proposal,
 ) -> Observation:
     """Return a proposal as a pending mission, for the proposal after it.
@@ -106,15 +108,15 @@ def in_flight(
     Parameters
     ----------
     settings
-        The sampler's settings, for the training worlds.
-    history, flying
+        The sampler's settings, for the training instances.
+    history, running
         Finished missions, and those in flight before this one.
     proposal
         The mission that joins them.
     """
-    number = missions_asked(history, flying)
-    world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
-    return Observation(number, proposal.values, world.rock, replicate, condition=world.condition)
+    number = missions_asked(history, running)
+    instance, replicate = next_block(settings.instances, settings.replicates, [*history, *running], proposal)
+    return Observation(number, proposal.values, instance.rock, replicate, condition=instance.condition)
 
 
 def ask_many(
@@ -140,10 +142,10 @@ def ask_many(
     if (at_once := getattr(sampler, "ask_many", None)) is not None:
         found: list[Proposal] = at_once(history, pending, count)
         return found
-    proposals, flying = list[Proposal](), list(pending)
+    proposals, running = list[Proposal](), list(pending)
     for _ in range(count):
-        proposals.append(sampler.ask(history, flying))
-        flying.append(in_flight(settings, history, flying, proposals[-1]))
+        proposals.append(sampler.ask(history, running))
+        running.append(in_flight(settings, history, running, proposals[-1]))
     return proposals
 
 

@@ -1,4 +1,4 @@
-"""On rocks that nobody has met, the default flies beside what a sampler proposes: a gain is told from an easy rock."""
+"""On rocks that nobody has met, the default runs beside what a sampler proposes: a gain is told from an easy rock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tuner.samplers.base import (
 
 @dataclass(frozen=True)
 class BesideDefault:
-    """``inner``, with the default on every rock that it has flown, until favourites are verified."""
+    """``inner``, with the default on every rock that it has run, until favourites are verified."""
 
     inner: Sampler
     settings: SamplerSettings
@@ -36,18 +36,20 @@ class BesideDefault:
         self, history: Sequence[Observation], pending: Sequence[Observation], count: int
     ) -> list[Proposal]:
         """Return ``count`` proposals, each knowing those before."""
-        s, proposals, flying = self.settings, list[Proposal](), list(pending)
+        s, proposals, running = self.settings, list[Proposal](), list(pending)
         while len(proposals) < count:
-            missing = self._without_default([*history, *flying])
+            missing = self._without_default([*history, *running])
             if missing is None:
                 left = count - len(proposals)
-                found = ask_many(self.inner, s, history, flying, (left + 1) // 2)
+                found = ask_many(self.inner, s, history, running, (left + 1) // 2)
             else:
-                world, replicate = missing
+                instance, replicate = missing
                 why = {"sampler": self.name, "phase": "beside the default"}
-                found = [Proposal(dict(s.default), why, world.rock, replicate, condition=world.condition)]
+                found = [
+                    Proposal(dict(s.default), why, instance.rock, replicate, condition=instance.condition)
+                ]
             for proposal in found:
-                flying.append(in_flight(s, history, flying, proposal))
+                running.append(in_flight(s, history, running, proposal))
             proposals += found
         return proposals
 
@@ -57,8 +59,8 @@ class BesideDefault:
         if s.budget is not None and missions_asked(missions, ()) >= VERIFICATION_BEGINS * s.budget:
             return None
         default = configuration_key(s.space, s.default)
-        flown: dict[Block, bool] = {}
+        evaluated: dict[Block, bool] = {}
         for m in missions:
-            block = (m.world, m.replicate)
-            flown[block] = flown.get(block, False) or configuration_key(s.space, m.values) == default
-        return next((block for block, has in flown.items() if not has), None)
+            block = (m.instance, m.replicate)
+            evaluated[block] = evaluated.get(block, False) or configuration_key(s.space, m.values) == default
+        return next((block for block, has in evaluated.items() if not has), None)

@@ -1,4 +1,4 @@
-"""What is flown before a model can say anything: the default configuration, then points that need no outcomes."""
+"""What is run before a model can say anything: the default configuration, then points that need no outcomes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.surrogate.settings import MANY_PARAMETERS
 
-# Where missions were flown before a campaign, elsewhere, a design this short has so many of the best of them right after
+# Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/warm_start.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4
 
@@ -39,7 +39,7 @@ def initial_design_size(
         Whether the default can be trusted: then d + 2, at most a quarter of the budget, where half of the design stays near
         it, and at most a fifth of the budget where parameters are many.
     earlier
-        Whether the best of missions flown before take most places: then at most ``WITH_EARLIER``, and at most a third of
+        Whether the best of missions run before take most places: then at most ``WITH_EARLIER``, and at most a third of
         the budget.
     """
     if earlier:
@@ -50,7 +50,7 @@ def initial_design_size(
 
 
 def places_for_earlier(initial: int) -> range:
-    """Return which places of a design of ``initial`` missions go to the best missions flown before the campaign, best first.
+    """Return which places of a design of ``initial`` missions go to the best missions run before the campaign, best first.
 
     The first after the default in a short design, every second one in a longer one.
     """

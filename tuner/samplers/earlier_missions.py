@@ -1,4 +1,4 @@
-"""Missions flown before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.transfer``).
+"""Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.transfer``).
 
 Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
 surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing
@@ -17,9 +17,9 @@ import numpy as np
 from nbv.config import IDEAL
 from nbv.safe_files import RESULT_NODES, parse_json
 from nbv.types import Floats
+from tuner.problem.instances import conditions_of, instances_over
 from tuner.problem.observations import Observation, distinct_configurations
 from tuner.problem.search_space import SearchSpace, Values
-from tuner.problem.worlds import conditions_of, worlds_over
 
 if TYPE_CHECKING:
     from tuner.surrogate.model import RockMeanGP
@@ -31,7 +31,7 @@ MIN_OBSERVATIONS = 20
 
 @dataclass(frozen=True)
 class EarlierMissions:
-    """Missions flown before a campaign, which its sampler learns from."""
+    """Missions run before a campaign, which its sampler learns from."""
 
     space: SearchSpace
     rocks: tuple[str, ...]
@@ -46,11 +46,11 @@ class EarlierMissions:
     def _model(self) -> RockMeanGP:
         from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415  a campaign is looked at without torch
 
-        worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
-        return RockMeanGP(self.space, self.observations, worlds)
+        instances = instances_over(self.rocks, conditions_of(o.instance for o in self.observations))
+        return RockMeanGP(self.space, self.observations, instances)
 
     def best(self, count: int) -> list[Values]:
-        """Return the configurations flown with the best posterior means that are apart from each other; at most ``count``."""
+        """Return the configurations run with the best posterior means that are apart from each other; at most ``count``."""
         gp = self._model
         seen = distinct_configurations(self.space, gp.observations)
         chosen: list[tuple[Values, Floats]] = []

@@ -17,10 +17,10 @@ from tuner.acquisition.constrained import (
 )
 from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
-from tuner.problem.exact_costs import ExactCost
+from tuner.problem.deterministic_metrics import DeterministicMetric
+from tuner.problem.instances import are_drawn, rocks_of
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
-from tuner.problem.worlds import are_drawn, rocks_of
 from tuner.recommendation.choose import REPLICATES
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
@@ -34,7 +34,7 @@ from tuner.samplers.design import near_default, places_for_earlier, sobol_point,
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import KnownOutcome
+from tuner.surrogate.posterior import DeterministicOutcome
 from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
@@ -53,8 +53,8 @@ class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
     The space's own beginnings come right after the default. The design is a Sobol sequence; unless parameters are many every
-    second point stays near a trusted default. Where missions were flown before the campaign, the best of them take places of
-    it. Near the end of the budget the favourite is flown on blocks it has not seen, where that is worth more
+    second point stays near a trusted default. Where missions were run before the campaign, the best of them take places of
+    it. Near the end of the budget the favourite is run on blocks it has not seen, where that is worth more
     (``tuner.samplers.verification``).
     """
 
@@ -75,7 +75,7 @@ class GPSampler:
 
         With more in flight than `MAX_JOINT` all are drawn.
         """
-        s, proposals, flying = self.settings, list[Proposal](), list(pending)
+        s, proposals, running = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
         both = (
             s.at_least is not None and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
@@ -85,7 +85,7 @@ class GPSampler:
         constraint: Constraint | None = None
         modelled, drawn = 0, list[Values]()
         while len(proposals) < count:
-            number = missions_asked(history, flying)
+            number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number, exact.second)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
@@ -94,27 +94,27 @@ class GPSampler:
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and s.at_least is not None:
-                    models = two_models(s.space, history, s.worlds, seed, self.model, exact)
+                    models = two_models(s.space, history, s.instances, seed, self.model, exact)
                     constraint = Constraint(models[1], s.at_least, s.is_share)
                 elif not models:
-                    models = (RockMeanGP(s.space, history, s.worlds, seed, self.model),)
+                    models = (RockMeanGP(s.space, history, s.instances, seed, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 figures: dict[str, Any] = {"drawn": True}
-                if modelled >= most or len(flying) > MAX_JOINT:
+                if modelled >= most or len(running) > MAX_JOINT:
                     drawn = drawn or draw(models, constraint, count - len(proposals), seed)
                     values = drawn.pop()
                 elif constraint is None:
-                    values, figures = propose(surrogate_of(models), [p.values for p in flying], seed)
+                    values, figures = propose(surrogate_of(models), [p.values for p in running], seed)
                 else:
-                    configurations = [p.values for p in flying]
+                    configurations = [p.values for p in running]
                     values, figures = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
                 gain = figures.get("expected_gain", math.inf)
-                repeat = self._verified(models, constraint, history, flying, gain)
+                repeat = self._verified(models, constraint, history, running, gain)
                 proposal = repeat or Proposal(values, {"sampler": self.name, "phase": "model"})
                 proposal = dataclasses.replace(proposal, why={**figures, **proposal.why})
             proposals.append(proposal)
-            flying.append(in_flight(s, history, flying, proposal))
+            running.append(in_flight(s, history, running, proposal))
         return proposals
 
     def _verified(
@@ -122,25 +122,28 @@ class GPSampler:
         models: tuple[Outcome, ...],
         constraint: Constraint | None,
         history: Sequence[Observation],
-        flying: Sequence[Observation],
+        running: Sequence[Observation],
         gain: float,
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
         s = self.settings
-        number = missions_asked(history, flying) - sum(o.repeat for o in history)
+        number = missions_asked(history, running) - sum(o.repeat for o in history)
         if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
-        rocks = rocks_of(s.worlds)
+        rocks = rocks_of(s.instances)
         # A family has as many replicates as the budget has missions.
         last = number >= s.budget - len(rocks) * min(
             s.replicates, REPLICATES if are_drawn(rocks) else s.replicates
         )
-        model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None
+        model, exact = (
+            surrogate_of(models),
+            models[0] if isinstance(models[0], DeterministicOutcome) else None,
+        )
         return verification(
-            model, history, flying, s.replicates, gain, last=last, constraint=constraint, exact=exact
+            model, history, running, s.replicates, gain, last=last, constraint=constraint, exact=exact
         )
 
-    def _design(self, number: int, limited: ExactCost | None) -> Proposal:
+    def _design(self, number: int, limited: DeterministicMetric | None) -> Proposal:
         """Return a mission of the design; unless it is the default, none that is known to break a limit of ``limited``."""
         if number < self.settings.defaults:
             return initial_proposal(self.settings, number, self.name)

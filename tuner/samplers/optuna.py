@@ -18,13 +18,13 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.problem.standardise import RockStandardiser, believed
+from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
 
 
 @dataclass(frozen=True)
 class OptunaSampler:
-    """An Optuna sampler fed with the whole history, outcomes standardised per world."""
+    """An Optuna sampler fed with the whole history, outcomes standardised per instance."""
 
     settings: SamplerSettings
     name: str  # tpe or optuna-gp
@@ -56,16 +56,16 @@ class OptunaSampler:
 
     def _replay(self, history: Sequence[Observation], pending: Sequence[Observation]) -> list[FrozenTrial]:
         feasible = [o for o in history if o.outcome is not None]
-        worlds = [o.world for o in feasible]
-        outcomes = believed(worlds, [o.outcome or 0.0 for o in feasible])
-        standard = RockStandardiser.fit(worlds, outcomes).standardise(worlds, outcomes)
+        instances = [o.instance for o in feasible]
+        outcomes = winsorised(instances, [o.outcome or 0.0 for o in feasible])
+        standard = RockStandardiser.fit(instances, outcomes).standardise(instances, outcomes)
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
-        known, flying = distributions(self.settings.space), {p.number for p in pending}
+        known, running = distributions(self.settings.space), {p.number for p in pending}
 
         def replayed(mission: Observation) -> FrozenTrial:
             value = value_of.get(mission.number)
             state = TrialState.FAIL if value is None else TrialState.COMPLETE
-            if mission.number in flying:
+            if mission.number in running:
                 state = TrialState.RUNNING
             return create_trial(state=state, value=value, params=dict(mission.values), distributions=known)
 

@@ -1,8 +1,8 @@
-"""Flying the favourite once more before anybody recommends it.
+"""Running the favourite once more before anybody recommends it.
 
-The search flies a new configuration with every mission, and one that flew once may not be recommended
+The search runs a new configuration with every mission, and one that ran once may not be recommended
 (``tuner.recommendation.choose``). Near the end of a budget, when exploring promises less than a mission's noise, the
-favourite is therefore flown on the (world, replicate) blocks it has not seen; the last missions, as many as rocks
+favourite is therefore run on the (instance, replicate) blocks it has not seen; the last missions, as many as rocks
 have replicates, are the favourite's whatever exploring promises.
 """
 
@@ -13,22 +13,22 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import torch
 
-from tuner.acquisition.believed_saving import LogBelievedSaving
 from tuner.acquisition.constrained import Constraint
+from tuner.acquisition.expected_saving import LogExpectedSaving
+from tuner.problem.instances import Instance
 from tuner.problem.observations import (
     Block,
     Observation,
     Proposal,
-    blocks_flown,
+    blocks_evaluated,
     configuration_key,
     distinct_configurations,
     next_block,
 )
 from tuner.problem.search_space import Values
-from tuner.problem.worlds import World
 from tuner.recommendation.choose import JOINT, TOP, enough
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import KnownOutcome
+from tuner.surrogate.posterior import DeterministicOutcome
 
 
 def verification(
@@ -40,16 +40,16 @@ def verification(
     *,
     last: bool = False,
     constraint: Constraint | None = None,
-    exact: KnownOutcome | None = None,
+    exact: DeterministicOutcome | None = None,
 ) -> Proposal | None:
-    """Return the favourite on a block it has not flown, if that is worth more than exploring.
+    """Return the favourite on a block it has not run, if that is worth more than exploring.
 
     Parameters
     ----------
     model
         The surrogate of the successful missions in ``history``.
     replicates
-        Per world, numbered from 0.
+        Per instance, numbered from 0.
     expected_gain
         What the best mission of the search promises, objective's unit.
     last
@@ -57,13 +57,13 @@ def verification(
     constraint
         A limit that the favourite has to keep.
     exact
-        The objective, where the configuration decides it: flown is then what that mission may save most by, where that is
+        The objective, where the configuration decides it: run is then what that mission may save most by, where that is
         more than exploring promises.
 
     Returns
     -------
-    None where the favourite (best posterior mean) has flown every block, or where exploring promises more than the noise
-    of a mission. The world is one of those it has flown least.
+    None where the favourite (best posterior mean) has run every block, or where exploring promises more than the noise
+    of a mission. The instance is one of those it has run least.
     """
     if exact is not None and constraint is not None:
         chosen = _worth_confirming(model, history, pending, replicates, constraint, exact)
@@ -82,13 +82,13 @@ def verification(
             configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
         values = configurations[int(model.posterior(configurations).mean.argmax())]
     missions: list[Observation] = [*history, *pending]
-    own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
-    block = _unseen_block(model.worlds, replicates, own, missions, values)
+    own = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
+    block = _unseen_block(model.instances, replicates, own, missions, values)
     why = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
     if block is None:
         return None
-    world, replicate = block
-    return Proposal(values, why, world.rock, replicate, condition=world.condition)
+    instance, replicate = block
+    return Proposal(values, why, instance.rock, replicate, condition=instance.condition)
 
 
 def _worth_confirming(
@@ -97,30 +97,32 @@ def _worth_confirming(
     pending: Sequence[Observation],
     replicates: int,
     constraint: Constraint,
-    exact: KnownOutcome,
+    exact: DeterministicOutcome,
 ) -> tuple[Values, float] | None:
-    """Return the configuration flown that one mission more may save most by, and how much it is expected to save.
+    """Return the configuration run that one mission more may save most by, and how much it is expected to save.
 
     Against the cheapest that may be recommended already and is believed to keep the limit: that one where nothing is cheaper.
     """
     configurations = distinct_configurations(model.space, model.observations)
     costs, keeps = exact.posterior(configurations).mean, constraint.keeps(configurations)
-    succeeded = blocks_flown(model.space, model.observations)
-    flown = blocks_flown(model.space, [*history, *pending])
+    succeeded = blocks_evaluated(model.space, model.observations)
+    evaluated = blocks_evaluated(model.space, [*history, *pending])
     keys = [configuration_key(model.space, values) for values in configurations]
-    done = [i for i, key in enumerate(keys) if keeps[i] and enough(succeeded[key], model.worlds, replicates)]
+    done = [
+        i for i, key in enumerate(keys) if keeps[i] and enough(succeeded[key], model.instances, replicates)
+    ]
     best = max((costs[i] for i in done), default=costs.min() - 1.0)
     open_ = [
         i
         for i, key in enumerate(keys)
-        if costs[i] > best and len(flown[key]) < replicates * len(model.worlds)
+        if costs[i] > best and len(evaluated[key]) < replicates * len(model.instances)
     ]
     if not open_:
         favourite = max(done, key=lambda i: costs[i], default=None)
         return None if favourite is None else (configurations[favourite], 0.0)
     x = model.inputs(np.array([model.space.to_unit(configurations[i]) for i in open_]))
-    flying = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
-    value = LogBelievedSaving(model, exact, constraint.at_least, constraint.quantile, float(best), flying)
+    running = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
+    value = LogExpectedSaving(model, exact, constraint.at_least, constraint.quantile, float(best), running)
     with torch.no_grad():
         scores = value(x.unsqueeze(1))
     chosen = int(scores.argmax())
@@ -128,16 +130,16 @@ def _worth_confirming(
 
 
 def _unseen_block(
-    worlds: Sequence[World],
+    instances: Sequence[Instance],
     replicates: int,
     own: Collection[Block],
     missions: Sequence[Observation],
     values: Values,
 ) -> Block | None:
-    """Return the next block of a configuration that has flown ``own``, in a world it has flown least; None if there is none."""
-    counts = {world: sum((world, k) in own for k in range(replicates)) for world in worlds}
+    """Return the next block of a configuration that has run ``own``, in an instance it has run least; None if there is none."""
+    counts = {instance: sum((instance, k) in own for k in range(replicates)) for instance in instances}
     least = min(counts.values())
     if least >= replicates:
         return None
-    fewest = [world for world, count in counts.items() if count == least]
+    fewest = [instance for instance, count in counts.items() if count == least]
     return next_block(fewest, replicates, missions, Proposal(values, {}))

@@ -1,6 +1,6 @@
 """How noisy is a mission, and do configurations differ by more than that?
 
-Points of a search space fly every rock with every replicate. Replicate k on a rock is the same draw of arrival errors and
+Points of a search space run every rock with every replicate. Replicate k on a rock is the same draw of arrival errors and
 sensor noise for all configurations, a block nested in the rock:
 
     y[c, r, k] = mu + C[c] + R[r] + (CR)[c, r] + B[r, k] + e[c, r, k]
@@ -55,7 +55,7 @@ def noise_plan(
     overrides: Mapping[str, Any] | None = None,
     fidelity: str = DEFAULT_FIDELITY,
 ) -> EvaluationPlan:
-    """Return what the study flies: the default and Sobol points of the space, on every rock with every replicate.
+    """Return what the study runs: the default and Sobol points of the space, on every rock with every replicate.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def noise_tables(found: Sequence[Noise], width: int) -> Iterator[Table]:
     """For the terminal, a metric a row.
 
     Signal to noise: the variance between configurations of their true mean over these rocks over the variance of one
-    configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; draws that
+    configuration's mean, run once on each. Paired: on common replicates, as campaigns and evaluations compare; draws that
     all configurations share cancel.
     """
     rows = []

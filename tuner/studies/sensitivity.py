@@ -104,9 +104,9 @@ def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: 
     d = space.dimension
     if len(missions) < 2 * (d + 1):
         raise UserError(
-            f"{len(missions)} missions for {d} parameters; fly at least {2 * (d + 1)} before asking what matters"
+            f"{len(missions)} missions for {d} parameters; run at least {2 * (d + 1)} before asking what matters"
         )
-    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.world for o in missions)), SEED)
+    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.instance for o in missions)), SEED)
     with numerics(), torch.no_grad():
         points = _points(space, MEAN_POINTS)
         mean = posterior_means(gp.model, gp.inputs(points)).numpy()

@@ -1,14 +1,14 @@
 """The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') + a^2 m(x, x') [same world] + b^2 [same world] + c^2 [same block] + t^2 l(x, x')
+    k = s^2 m(x, x') + a^2 m(x, x') [same instance] + b^2 [same instance] + c^2 [same block] + t^2 l(x, x')
 
 m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
-are the variances of what all missions in a world, that is, on a rock under a condition, or on one (world, replicate) block,
-share. a^2 is that of a world's own departure from the common landscape: an intrinsic coregionalisation model whose worlds are
+are the variances of what all missions in an instance, that is, on a rock under a condition, or on one (instance, replicate) block,
+share. a^2 is that of an instance's own departure from the common landscape: an intrinsic coregionalisation model whose instances are
 exchangeable. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
 
-Inputs are (..., d + 2): the unit cube, then the world's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
-the mean over worlds, or blocks, that nobody has flown: it shares nothing, not even with itself.
+Inputs are (..., d + 2): the unit cube, then the instance's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
+the mean over instances, or blocks, that nobody has run: it shares nothing, not even with itself.
 """
 
 from __future__ import annotations
@@ -94,17 +94,17 @@ def mission_kernel(
     ordered, categorical
         Columns of the ordered parameters and of the choices.
     world_column
-        The world's column; the block's is the next one.
+        The instance's column; the block's is the next one.
     settings
         Which parts there are.
     tau
         Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
     """
     f = _landscape(ordered, categorical, tau)
-    world = SharedLevel(active_dims=[world_column])
-    kernel = _scaled(f, *VARIANCE) + _scaled(world, *WORLD_VARIANCE)
+    instance = SharedLevel(active_dims=[world_column])
+    kernel = _scaled(f, *VARIANCE) + _scaled(instance, *WORLD_VARIANCE)
     if settings.own_landscapes:
-        kernel = kernel + _scaled(f * world, *OWN_VARIANCE)
+        kernel = kernel + _scaled(f * instance, *OWN_VARIANCE)
     if settings.blocks:
         kernel = kernel + _scaled(SharedLevel(active_dims=[world_column + 1]), *BLOCK_VARIANCE)
     if settings.trend and ordered:

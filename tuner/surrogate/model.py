@@ -2,15 +2,15 @@
 
 Outcomes are standardised per rock (``tuner.problem.standardise.RockStandardiser``). The model is then
 
-    z(x, world, replicate) = f(x) + b(world) + c(world, replicate) + noise
+    z(x, instance, replicate) = f(x) + b(instance) + c(instance, replicate) + noise
 
-with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per world, that is, per rock under a condition:
-with a handful of missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
-configurations; the offsets, inferred together with f, can. Missions on one (world, replicate) block also share
+with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per instance, that is, per rock under a condition:
+with a handful of missions on each rock the standardisation cannot know whether a rock is hard or was run with poor
+configurations; the offsets, inferred together with f, can. Missions on one (instance, replicate) block also share
 the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
-the offset c, nested in the world's, makes them blocks of an experiment, so that configurations are compared within
-them and the offset cancels. The mean over worlds has c = 0: it is the mean over replicates nobody has flown. What
-worlds do not share beyond offsets and a scale ends up in the noise, which is right for a mean over them.
+the offset c, nested in the instance's, makes them blocks of an experiment, so that configurations are compared within
+them and the offset cancels. The mean over instances has c = 0: it is the mean over replicates nobody has run. What
+instances do not share beyond offsets and a scale ends up in the noise, which is right for a mean over them.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
@@ -34,10 +34,10 @@ from botorch.cross_validation import efficient_loo_cv
 from botorch.models import SingleTaskGP
 
 from nbv.types import Floats
+from tuner.problem.instances import Instance, InstanceLike, instances_of
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
-from tuner.problem.standardise import RockStandardiser, believed
-from tuner.problem.worlds import Place, World, worlds_of
+from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
 from tuner.surrogate.kernel import (
     NO_OFFSET,
@@ -57,7 +57,7 @@ def moments(posterior: Any) -> tuple[Floats, Floats]:
 
 
 class RockMeanGP:
-    """The Gaussian process described above; predicts the mean over the training worlds.
+    """The Gaussian process described above; predicts the mean over the training instances.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class RockMeanGP:
     observations
         Finished missions; failed ones tell the search alone, by `feasibility`. At least one must be feasible.
     places
-        The training worlds over which the mean is taken; a rock alone is that rock under ``ideal``.
+        The training instances over which the mean is taken; a rock alone is that rock under ``ideal``.
     seed
         Seed of the fit.
     settings
@@ -77,7 +77,7 @@ class RockMeanGP:
         self,
         space: SearchSpace,
         observations: Sequence[Observation],
-        places: Sequence[Place],
+        places: Sequence[InstanceLike],
         seed: int = 0,
         settings: SurrogateSettings | None = None,
     ) -> None:
@@ -86,24 +86,28 @@ class RockMeanGP:
         if not feasible:
             raise ValueError("no feasible observation to learn from")
         self.space = space
-        self.worlds = worlds_of(places)
+        self.instances = instances_of(places)
         self.observations = tuple(feasible)
-        self.believed = outcomes = believed([o.world for o in feasible], [o.outcome or 0.0 for o in feasible])
+        self.winsorised = outcomes = winsorised(
+            [o.instance for o in feasible], [o.outcome or 0.0 for o in feasible]
+        )
         rocks = [o.rock for o in feasible]
-        flown = [(o.world, o.replicate) for o in feasible]
-        self._models_blocks = self.settings.blocks and blocks_identifiable(flown)
+        evaluated = [(o.instance, o.replicate) for o in feasible]
+        self._models_blocks = self.settings.blocks and blocks_identifiable(evaluated)
         self.standardiser = RockStandardiser.fit(
-            rocks, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
+            rocks, outcomes, shrink_centres=False, blocks=evaluated if self._models_blocks else None
         )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         self._seed = seed
         # (n,), to a hundredth of the least noise: what a number's last digits round to proposes nothing
         self.targets = np.round(self.standardiser.standardise(rocks, outcomes), 4)
-        self._world_index = _levels([*self.worlds, *(o.world for o in feasible)])
-        self._block_index = _levels(flown)
+        self._world_index = _levels([*self.instances, *(o.instance for o in feasible)])
+        self._block_index = _levels(evaluated)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
-        columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
+        columns = np.array(
+            [self.levels(instance, self._block_index[instance, k]) for instance, k in evaluated]
+        )
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
         # Indices of the missions that hyperparameters are fitted to.
         self.fitted_to = fitted_subset(len(feasible))
@@ -133,41 +137,44 @@ class RockMeanGP:
         ]
         return fitted(kernels, x, y)
 
-    def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
-        """Return the input columns behind the unit cube's: world and block.
+    def levels(self, place: InstanceLike | None, block: float = NO_OFFSET) -> list[float]:
+        """Return the input columns behind the unit cube's: instance and block.
 
-        ``place`` is a known world, or None for none: there the offsets are 0, so configurations are compared by their
+        ``place`` is a known instance, or None for none: there the offsets are 0, so configurations are compared by their
         landscape alone.
         """
         if place is None:
             return [NO_OFFSET, block]
-        (world,) = worlds_of([place])
-        return [self._world_index[world], block]
+        (instance,) = instances_of([place])
+        return [self._world_index[instance], block]
 
-    def inputs(self, unit: Floats, place: Place | None = None, block: float = NO_OFFSET) -> torch.Tensor:
+    def inputs(
+        self, unit: Floats, place: InstanceLike | None = None, block: float = NO_OFFSET
+    ) -> torch.Tensor:
         """Return (m, d + 2) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
         return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
-        """Return the joint posterior of the mean over the training worlds at the configurations."""
+        """Return the joint posterior of the mean over the training instances at the configurations."""
         x = self.inputs(np.array([self.space.to_unit(v) for v in values]))
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
             mean, covariance = self.mean_over_worlds(x)
         return Posterior(mean.numpy(), covariance.numpy())
 
     def mean_over_worlds(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (..., q) means and (..., q, q) covariance of the mean over the training worlds; differentiable.
+        """Return (..., q) means and (..., q, q) covariance of the mean over the training instances; differentiable.
 
-        ``x``: (..., q, d + 2) inputs, whose world and block are replaced.
+        ``x``: (..., q, d + 2) inputs, whose instance and block are replaced.
         """
-        q, count, d = x.shape[-2], len(self.worlds), self.space.dimension
+        q, count, d = x.shape[-2], len(self.instances), self.space.dimension
         levels = [
-            x.new_tensor(level).expand(*x.shape[:-1], len(level)) for level in map(self.levels, self.worlds)
+            x.new_tensor(level).expand(*x.shape[:-1], len(level))
+            for level in map(self.levels, self.instances)
         ]
         everywhere = torch.cat([torch.cat([x[..., :d], level], dim=-1) for level in levels], dim=-2)
         belief = self.model.posterior(everywhere).distribution
-        scales = x.new_tensor([self.standardiser.scale(world.rock) for world in self.worlds]) / count
-        centre = sum(self.standardiser.centre(world.rock) for world in self.worlds) / count
+        scales = x.new_tensor([self.standardiser.scale(instance.rock) for instance in self.instances]) / count
+        centre = sum(self.standardiser.centre(instance.rock) for instance in self.instances) / count
         joint = belief.covariance_matrix.unflatten(-1, (count, q)).unflatten(-3, (count, q))
         return (
             centre + torch.einsum("r,...rq->...q", scales, belief.mean.unflatten(-1, (count, q))),
@@ -182,7 +189,7 @@ class RockMeanGP:
         return order
 
     def promising(self, count: int) -> Floats:
-        """Return (m, d) unit positions flown, each once: all, or the ``count`` with the best posterior means."""
+        """Return (m, d) unit positions run, each once: all, or the ``count`` with the best posterior means."""
         seen = np.unique(self.unit, axis=0)
         if len(seen) <= count:
             return seen
@@ -190,14 +197,14 @@ class RockMeanGP:
         chosen: Floats = seen[np.sort(np.argsort(-means)[:count])]
         return chosen
 
-    def predict_mission(self, values: Mapping[str, Any], place: Place) -> tuple[float, float]:
-        """Return ``(mean, sd)`` of the outcome of one new mission in a known world, on a block nobody has flown, its noise included."""
-        (world,) = worlds_of([place])
-        x = self.inputs(self.space.to_unit(values)[None], world, float(len(self._block_index)))
+    def predict_mission(self, values: Mapping[str, Any], place: InstanceLike) -> tuple[float, float]:
+        """Return ``(mean, sd)`` of the outcome of one new mission in a known instance, on a block nobody has run, its noise included."""
+        (instance,) = instances_of([place])
+        x = self.inputs(self.space.to_unit(values)[None], instance, float(len(self._block_index)))
         with torch.no_grad():
             mean, covariance = moments(self.model.posterior(x, observation_noise=True))
-        scale = self.standardiser.scale(world.rock)
-        return self.standardiser.centre(world.rock) + scale * float(mean[0]), scale * math.sqrt(
+        scale = self.standardiser.scale(instance.rock)
+        return self.standardiser.centre(instance.rock) + scale * float(mean[0]), scale * math.sqrt(
             covariance[0, 0]
         )
 
@@ -208,20 +215,20 @@ class RockMeanGP:
 
     @property
     def block_sd(self) -> float | None:
-        """Standard deviation of the (world, replicate) offsets, objective's unit; None where not modelled."""
+        """Standard deviation of the (instance, replicate) offsets, objective's unit; None where not modelled."""
         if not self._models_blocks:
             return None
         return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
     def one_mission_sd(self) -> float:
-        """Standard deviation of one mission on a block that nobody has flown, objective's unit."""
+        """Standard deviation of one mission on a block that nobody has run, objective's unit."""
         return math.hypot(self.noise_sd, self.block_sd or 0.0)
 
     @property
     def mean_scale(self) -> float:
-        """Objective's unit per unit of the common landscape, mean over the training worlds."""
-        return float(np.mean([self.standardiser.scale(world.rock) for world in self.worlds]))
+        """Objective's unit per unit of the common landscape, mean over the training instances."""
+        return float(np.mean([self.standardiser.scale(instance.rock) for instance in self.instances]))
 
     def leave_one_out(self) -> dict[str, float]:
         """Return how well each mission of ``fitted_to`` is predicted from all others there, hyperparameters kept.
@@ -250,11 +257,11 @@ def _levels(names: Iterable[Any]) -> dict[Any, float]:
     return {name: float(i) for i, name in enumerate(dict.fromkeys(names))}
 
 
-def blocks_identifiable(blocks: Sequence[tuple[World, int]]) -> bool:
-    """Return whether missions on these (world, replicate) blocks can tell block offsets from the world's offset and noise.
+def blocks_identifiable(blocks: Sequence[tuple[Instance, int]]) -> bool:
+    """Return whether missions on these (instance, replicate) blocks can tell block offsets from the instance's offset and noise.
 
-    Some world must have been flown with two replicates, and some block twice in a world that has another one.
+    Some instance must have been run with two replicates, and some block twice in an instance that has another one.
     """
     missions = collections.Counter(blocks)
-    per_world = collections.Counter(world for world, _ in missions)
-    return any(count > 1 and per_world[world] > 1 for (world, _), count in missions.items())
+    per_world = collections.Counter(instance for instance, _ in missions)
+    return any(count > 1 and per_world[instance] > 1 for (instance, _), count in missions.items())

@@ -1,7 +1,7 @@
 """What is believed of some configurations, jointly, and how that is stated: by Student's t, not by the normal distribution.
 
 A search goes where the model hopes for something that it has not seen, and its standard deviations are estimates themselves.
-What the configuration decides needs no surrogate: `KnownOutcome` stands where one is expected.
+What the configuration decides needs no surrogate: `DeterministicOutcome` stands where one is expected.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import torch
 from scipy import special
 
 from nbv.types import Bools, Floats
-from tuner.problem.exact_costs import ExactCost
+from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.search_space import SearchSpace
 
 FREEDOM = 5.0  # degrees of freedom of what is stated
@@ -60,10 +60,10 @@ class Posterior:
         return float(self.mean[index] - self.mean[reference]), 0.0 if known else math.sqrt(variance)
 
 
-class KnownOutcome:
+class DeterministicOutcome:
     """An exact cost, oriented so that larger is better; the same on every rock."""
 
-    def __init__(self, space: SearchSpace, cost: ExactCost) -> None:
+    def __init__(self, space: SearchSpace, cost: DeterministicMetric) -> None:
         self.space = space
         self.cost = cost
         self._columns = [space.paths.index(path) for path in cost.paths]

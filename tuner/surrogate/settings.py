@@ -15,7 +15,7 @@ MANY_PARAMETERS = 13
 class SurrogateSettings:
     """What the Gaussian process has beside the common landscape and the offsets of rocks and conditions."""
 
-    # An offset per (world, replicate), as soon as the data can tell it from rock and noise.
+    # An offset per (instance, replicate), as soon as the data can tell it from rock and noise.
     blocks: bool = True
     own_landscapes: bool = False  # each rock departs from the common landscape, not only by an offset
     sparse: bool = False  # SAAS prior of the length scales: most parameters are expected to be without effect

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nbv
-from nbv.cache import Store, address, code_digest, remember, remember_json
+from nbv.cache import Store, cache_key, cached, cached_json, code_digest
 from nbv.cache.addressing import imported_modules
 
 
@@ -171,12 +171,12 @@ def test_every_import_of_the_code_is_in_its_digest(maker):
 
 
 def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):
-    first = address("nbv.geometry.sampling", 1)
-    assert address("nbv.geometry.sampling", 1) == first
-    others = [address("nbv.geometry.sampling", 2), address("nbv.geometry.neighbours", 1)]
+    first = cache_key("nbv.geometry.sampling", 1)
+    assert cache_key("nbv.geometry.sampling", 1) == first
+    others = [cache_key("nbv.geometry.sampling", 2), cache_key("nbv.geometry.neighbours", 1)]
     code_digest.cache_clear()
     monkeypatch.setattr("nbv.cache.addressing.versions", lambda: {"numpy": "0"})
-    others.append(address("nbv.geometry.sampling", 1))
+    others.append(cache_key("nbv.geometry.sampling", 1))
     code_digest.cache_clear()
     assert len({first, *others}) == 4
 
@@ -189,12 +189,12 @@ def test_what_was_made_is_read_back_and_a_stale_entry_is_not(tmp_path):
         return {"i": np.arange(3)}
 
     for inputs in ([1], [1], [2]):
-        entry = remember(store, "things", make, code="nbv.geometry", inputs=inputs)
+        entry = cached(store, "things", make, code="nbv.geometry", inputs=inputs)
         assert entry["i"].tolist() == [0, 1, 2]
     assert len(made) == 2
-    remember(store, "things", make, code="nbv.scene", inputs=[1])
+    cached(store, "things", make, code="nbv.scene", inputs=[1])
     assert len(made) == 3
     value = {"a": [1.5, None, "x"]}
     for _ in range(2):
-        assert remember_json(store, "values", lambda: value, code="nbv.geometry", inputs=[]) == value
+        assert cached_json(store, "values", lambda: value, code="nbv.geometry", inputs=[]) == value
     assert [(kind.kind, kind.entries) for kind in store.info()] == [("things", 3), ("values", 1)]

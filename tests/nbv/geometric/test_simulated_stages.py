@@ -15,8 +15,8 @@ from nbv.geometry.frames import look_at
 from nbv.geometry.stereo_chance import (
     pairwise_angles_deg,
     reconstruction_probability,
+    source_view_mask,
     stereo_partners,
-    witness_mask,
 )
 
 DENSE = DenseConfig(agreeing_views=3)
@@ -69,7 +69,7 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
     views = PosedViews({}, poses, CameraConfig(), target, config)
     angles = pairwise_angles_deg(directions)
     partner, usable = stereo_partners(angles, config)
-    witnesses = witness_mask(angles, config.consistency_views)
+    witnesses = source_view_mask(angles, config.consistency_views)
     for i in range(n):
         expected = views.neighbours(f"{i:02d}")
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected

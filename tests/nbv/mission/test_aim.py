@@ -4,7 +4,7 @@ import numpy as np
 
 from nbv.config import preset
 from nbv.geometric.mission import GeometricFidelity, run_geometric_mission
-from nbv.mission.belief import KNOWN_MARGIN_M, aimed, told
+from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
 from nbv.rocks import load_coarse_rock
 
 CAMPAIGN = preset("campaign")
@@ -13,15 +13,15 @@ TALL = "boulder-20001"  # 2.6 m
 
 def test_the_middle_of_a_drawn_rock_is_aimed_at_and_its_ends_are_kept() -> None:
     rock = load_coarse_rock(TALL)
-    config = aimed(CAMPAIGN, rock)
+    config = with_true_target(CAMPAIGN, rock)
     top_m = rock.vertices_m[:, 2].max()
     np.testing.assert_allclose(config.target_m, [0.0, 0.0, top_m / 2], atol=1e-3)
     for half_m in (config.dense.crop_half_width_m, config.evaluation.crop_half_extent_m):
         assert config.target_m[2] + half_m >= top_m
         assert half_m >= np.abs(rock.vertices_m[:, :2]).max() + KNOWN_MARGIN_M - 1e-3
-    assert aimed(CAMPAIGN, load_coarse_rock("slab")) is CAMPAIGN
+    assert with_true_target(CAMPAIGN, load_coarse_rock("slab")) is CAMPAIGN
     chosen = CAMPAIGN.with_values({"target_m": [0.0, 0.0, 1.0]})
-    assert aimed(chosen, rock) is chosen
+    assert with_true_target(chosen, rock) is chosen
 
 
 def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None:
@@ -31,15 +31,15 @@ def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None
 
 def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
     rock = load_coarse_rock(TALL)
-    truth_m = aimed(CAMPAIGN, rock).target_m[2]
-    beliefs = [told(CAMPAIGN, rock, replicate) for replicate in range(200)]
+    truth_m = with_true_target(CAMPAIGN, rock).target_m[2]
+    beliefs = [with_size_error(CAMPAIGN, rock, replicate) for replicate in range(200)]
     ratio = np.array([belief.target_m[2] for belief in beliefs]) / truth_m
     assert 0.79 < ratio.min() < 0.83 and 1.17 < ratio.max() < 1.21 and abs(ratio.mean() - 1.0) < 0.03
     # The true half extents lie within the crop, whichever way the error went; and the crop says no more than the belief.
     assert all(b.dense.crop_half_width_m > max(truth_m, np.abs(rock.vertices_m).max() / 2) for b in beliefs)
-    assert told(CAMPAIGN, rock, 3) == told(CAMPAIGN, load_coarse_rock(TALL), 3)
+    assert with_size_error(CAMPAIGN, rock, 3) == with_size_error(CAMPAIGN, load_coarse_rock(TALL), 3)
     known = CAMPAIGN.with_values({"target.size_error_percent": 0.0})
-    assert told(known, rock, 3).target_m[2] == truth_m
+    assert with_size_error(known, rock, 3).target_m[2] == truth_m
     planned_by = []
 
     class Seen(GeometricFidelity):
@@ -48,6 +48,6 @@ def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
             planned_by.append(self.believed)
 
     for replicate in (0, 1):
-        Seen.fly(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
+        Seen.run(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
         assert planned_by[-1].target_m == beliefs[replicate].target_m
         assert planned_by[-1].dense == beliefs[replicate].dense

@@ -45,7 +45,7 @@ class CountingReconstructor:
             self._take(capture)
         return UpdateReport(self._model(), True)
 
-    def glimpse(self, captures):
+    def partial_model(self, captures):
         self.glimpsed = [capture.name for capture in captures]
         self.centers = [capture.camera_center_m for capture in captures]
         model, self.centers = self._model(), []
@@ -90,7 +90,7 @@ def made(config, reconstructor=None, flight=None):
 def fly(reconstructor=None, **values):
     config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
     mission = made(config, reconstructor)
-    mission.fly()
+    mission.run()
     return Flown(mission.captures, mission.recorder.trace, mission.recorder.notes)
 
 

@@ -17,10 +17,10 @@ from nbv.gates import GroundTruthOracle
 from nbv.mission import fidelity
 from nbv.mission.loop import AdaptiveMission
 from nbv.photogrammetric import run_photogrammetric_mission
-from nbv.photogrammetric.studio import Studio
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import Rock
 
-TRUTH = (Rock, TelemetryErrors, GroundTruthOracle, Studio)
+TRUTH = (Rock, TelemetryErrors, GroundTruthOracle, SimulatedCamera)
 # Black photographs do not register: the mission ends with its seeds, after everything has been handed out.
 SMALL = {"camera.width_px": 64, "camera.height_px": 48, "camera.focal_px": 46.0, "stop.adaptive_budget": 1}
 
@@ -63,13 +63,13 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
             super().__init__(*arguments)
             missions.append(self)
 
-    true_pose, made = TelemetryErrors.true_pose, Studio.__init__
+    true_pose, made = TelemetryErrors.true_pose, SimulatedCamera.__init__
 
     def noting(self: TelemetryErrors, *arguments: Any) -> Any:
         true_poses.append(true_pose(self, *arguments))
         return true_poses[-1]
 
-    def making(self: Studio, make_renderer: Any, rock: Rock, *rest: Any) -> None:
+    def making(self: SimulatedCamera, make_renderer: Any, rock: Rock, *rest: Any) -> None:
         rocks.append(rock)
         made(self, make_renderer, rock, *rest)
 
@@ -77,8 +77,8 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fidelity, "AdaptiveMission", Kept)
         patch.setattr(TelemetryErrors, "true_pose", noting)
-        patch.setattr(Studio, "__init__", making)
-        patch.setattr(Studio, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
+        patch.setattr(SimulatedCamera, "__init__", making)
+        patch.setattr(SimulatedCamera, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
         result = run_photogrammetric_mission(config, "boulder", 0)
     assert result.reason == "seed_model_failed"
     yield missions[0], true_poses, rocks[0].vertices_m
@@ -101,7 +101,7 @@ def test_no_true_pose_and_no_surface_can_be_reached(flown) -> None:  # type: ign
 def test_the_walk_would_have_found_them(flown) -> None:  # type: ignore[no-untyped-def]
     mission, _, vertices_m = flown
     things = list(reachable(mission.camera))
-    for kind in (Rock, TelemetryErrors, Studio):
+    for kind in (Rock, TelemetryErrors, SimulatedCamera):
         assert any(isinstance(thing, kind) for thing in things)
     assert any(thing is vertices_m for thing in things)
     assert any(isinstance(thing, Rock) for thing in reachable(lambda: mission.camera))

@@ -16,7 +16,7 @@ from nbv.geometry.sampling import sample_surface
 from nbv.mission.fidelity import MissionContext
 from nbv.photogrammetric import mission as photogrammetric
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
-from nbv.photogrammetric.studio import Studio
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
@@ -184,9 +184,9 @@ def test_a_glimpse_leaves_nothing_behind(monkeypatch):
     """The model of the first six photographs, and afterwards the seed model that there would have been."""
     monkeypatch.setattr("nbv.photogrammetric.reconstructor.Correspondences", lambda *_: Counting(SEEDS))
     seen = reconstructor()
-    model = seen.glimpse(SEEDS[:6])
+    model = seen.partial_model(SEEDS[:6])
     assert model is not None and model.camera_names == tuple(capture.name for capture in SEEDS[:6])
-    assert seen.glimpse(SEEDS[:2]) is None
+    assert seen.partial_model(SEEDS[:2]) is None
     assert bits([seen.bootstrap(SEEDS)]) == bits([reconstructor().bootstrap(SEEDS)])
 
 
@@ -227,7 +227,7 @@ def test_another_camera_or_light_takes_another_photograph(tmp_path, change):
     ideal = MissionConfig().with_values({"camera.height_px": SHAPE[0], "camera.width_px": SHAPE[1]})
     renderer, images = CountingRenderer(), []
     for config in (ideal, ideal, ideal.with_values(change), ideal.with_values(change)):
-        camera = Studio(renderer.made_for, rock, 0, config, Store(tmp_path))
+        camera = SimulatedCamera(renderer.made_for, rock, 0, config, Store(tmp_path))
         images.append(camera.take_photograph(VIEW, np.array(VIEW.position_m), 0.0).image)
     assert len(renderer.drawn) == 2
     assert all(image.shape == SHAPE for image in images)

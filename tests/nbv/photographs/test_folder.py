@@ -12,7 +12,7 @@ from rendered_photographs import FOCAL_35_MM, save
 
 from nbv.errors import UserError
 from nbv.photographs.folder import read_folder, read_pixels
-from nbv.photographs.source import Source
+from nbv.photographs.import_source import ImportSource
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -92,7 +92,7 @@ def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
     for index in range(9):
         save(picture(index), tmp_path / f"{index}.jpg", index, orientation=6 if index < 4 else 1)
     found, _ = read_folder(tmp_path, silent)
-    source = Source(tuple(found), 64, silent).turned()
+    source = ImportSource(tuple(found), 64, silent).turned()
     assert not source.upright
     assert source.up(found[0].name) == (-1.0, 0.0)
     upright = read_pixels(found[0].path, 64, found[0].turns(upright=True))

@@ -155,8 +155,8 @@ def test_poses_alone_are_enough(
 
     from nbv.geometry.frames import invert_rigid, look_at
     from nbv.photographs.folder import read_folder
+    from nbv.photographs.import_source import ImportSource
     from nbv.photographs.mapping import solve
-    from nbv.photographs.source import Source
 
     frames = [
         {
@@ -171,7 +171,7 @@ def test_poses_alone_are_enough(
     path = tmp_path / "transforms.json"
     path.write_text(json.dumps({**size, "frames": frames}))
     photographs, _ = read_folder(ball_folder, silent)
-    source = Source(tuple(photographs), MAX_SIZE_PX, silent, ball_store)
+    source = ImportSource(tuple(photographs), MAX_SIZE_PX, silent, ball_store)
     model, _, notes = solve(source, path)
     assert len(model.xyz) > 500 and "triangulated" in notes[1]
     on_ball = np.abs(np.linalg.norm(model.xyz - TARGET_M, axis=1) - BALL_RADIUS_M) < 0.02

@@ -13,8 +13,8 @@ import pytest
 from nbv.errors import UserError
 from nbv.geometry.frames import invert_rigid, look_at
 from nbv.photographs.folder import SourcePhotograph
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
-from nbv.photographs.source import Source
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 500.0
 POSES = [look_at(np.array([3 * np.cos(a), 3 * np.sin(a), 1.0]), np.zeros(3)) for a in np.linspace(0, 5, 8)]
@@ -22,12 +22,12 @@ POINTS = np.array([[0.1, 0.2, 0.3], [-0.4, 0.1, 0.2], [0.3, -0.3, 0.0]])
 K1, K2, P1, P2 = -0.05, 0.02, 0.001, -0.002
 
 
-def photographs(max_size: int = WIDTH) -> Source:
+def photographs(max_size: int = WIDTH) -> ImportSource:
     found = [
         SourcePhotograph(Path(f"IMG_{i}.JPG"), f"IMG_{i}", str(i), (WIDTH, HEIGHT), 1, "", None, None, None)
         for i in range(len(POSES))
     ]
-    return Source(tuple(found), max_size, lambda *_: None)
+    return ImportSource(tuple(found), max_size, lambda *_: None)
 
 
 def seen(pose: np.ndarray, middle: tuple[float, float], lens: tuple[float, ...]) -> np.ndarray:

@@ -27,7 +27,7 @@ def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
     made = predict(NO_POINTS, orbit(1), CONFIG)
     assert made.chance.max() == 0.0 and made.completeness < 0.3
     assert (
-        np.ptp(made.mends(orbit(8))) < 0.3 * made.mends(orbit(8)).max()
+        np.ptp(made.expected_gain(orbit(8))) < 0.3 * made.expected_gain(orbit(8)).max()
     )  # a ball looks alike from everywhere
 
 
@@ -41,8 +41,12 @@ def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
     level = np.abs(made.normals[:, 2]) < 0.3
     assert made.chance[level & (made.normals[:, 1] > 0.5)].mean() > 0.9
     assert made.chance[level & (made.normals[:, 1] < -0.5)].mean() < 0.2
-    mends = made.mends(orbit(24))
-    assert orbit(24)[np.argmax(mends), 1] < 0 and mends.min() >= 0.0 and mends.max() <= 1.0
+    expected_gain = made.expected_gain(orbit(24))
+    assert (
+        orbit(24)[np.argmax(expected_gain), 1] < 0
+        and expected_gain.min() >= 0.0
+        and expected_gain.max() <= 1.0
+    )
     again = predict(NO_POINTS, np.concatenate([orbit(12, turn_deg=180.0), orbit(12)]), CONFIG)
     assert again.f_score_percent > made.f_score_percent + 3
 

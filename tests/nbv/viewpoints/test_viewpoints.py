@@ -75,7 +75,7 @@ def test_seeds_on_one_turn_take_their_elevations_in_turn() -> None:
         ({"seed.upper_share": 0.4, "seed.rings": 2}, "upper_share is 0.4; it must be 0 where rings is not 1"),
         ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),
         ({"seed.ring_radii_m": [3.0]}, "empty or as long as ring_elevations_deg"),
-        ({"seed.reaim_after": 2}, "at least 3: fewer photographs make no model"),
+        ({"seed.retarget_after": 2}, "at least 3: fewer photographs make no model"),
     ],
 )
 def test_seeds_that_cannot_become_a_mission_are_refused(values: dict, says: str) -> None:

@@ -24,7 +24,7 @@ from tuner.campaign import session
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.cli import app
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
@@ -46,7 +46,7 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
     events: list[CampaignEvent] = []
     campaign = begin_campaign(tmp_path / "run", settings(budget=8, replicates=2))
     with workers(2) as executor:
-        summary = fly_campaign(campaign, executor, events.append)
+        summary = run_campaign(campaign, executor, events.append)
     assert summary.stopped == "budget"
     assert summary.status.complete == 8 and summary.status.failed == 0
     assert summary.status.per_rock == {"a": 4, "b": 4}
@@ -77,11 +77,11 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
             os.kill(os.getpid(), signal.SIGINT)
 
     campaign = begin_campaign(tmp_path / "parts", settings(**changes))
-    summary = fly_campaign(campaign, InProcessExecutor(), interrupt)
+    summary = run_campaign(campaign, InProcessExecutor(), interrupt)
     assert summary.stopped == "interrupted" and summary.status.finished == 5
     assert signal.getsignal(signal.SIGINT) is handler
     resumed = Campaign.open(tmp_path / "parts", settings(**changes), fidelity=FIDELITY)
-    assert fly_campaign(resumed, InProcessExecutor()).stopped == "budget"
+    assert run_campaign(resumed, InProcessExecutor()).stopped == "budget"
     assert [t.number for t in resumed.trials()] == list(range(7))
     for a, b in zip(whole.trials(), resumed.trials()):
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
@@ -93,7 +93,7 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
     alone = run(tmp_path / "alone", **changes)
     side_by_side = begin_campaign(tmp_path / "four", settings(**changes))
     with workers(4) as executor:
-        assert fly_campaign(side_by_side, executor).stopped == "budget"
+        assert run_campaign(side_by_side, executor).stopped == "budget"
     one, four = (
         [(t.number, t.rock, t.replicate, t.values, t.raw) for t in campaign.trials()]
         for campaign in (alone, side_by_side)
@@ -117,13 +117,13 @@ DRIVER = """
 import sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission")
     with LocalProcessExecutor(2, 60.0, preload=("fake_missions:fake_mission",)) as executor:
-        fly_campaign(campaign, executor)
+        run_campaign(campaign, executor)
 """
 
 
@@ -156,23 +156,23 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     finished_before = [n for n, t in before.items() if t.state != "running"]
     assert 1 <= len(finished_before) < 12
     with workers(2) as executor:
-        summary = fly_campaign(resumed, executor)
+        summary = run_campaign(resumed, executor)
     assert summary.stopped == "budget" and summary.status.complete == 12
     after = Campaign.open(directory, read_only=True).trials()
     assert [t.number for t in after] == list(range(12))
     assert summary.status.per_rock == {"slow-a": 6, "slow-b": 6}
     for number, t in before.items():
         assert (after[number].values, after[number].rock) == (t.values, t.rock)
-    for number in finished_before:  # what was told stays as it was and is not flown again
+    for number in finished_before:  # what was told stays as it was and is not run again
         assert after[number] == before[number]
-        assert (directory / after[number].directory / "flown.txt").read_text() == "flown\n"
+        assert (directory / after[number].directory / "run.txt").read_text() == "run\n"
 
 
 def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
     rocks = ("a", "abort", "raise", "fail", "hang")
     campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))
     with workers(timeout_s=2.0) as executor:
-        summary = fly_campaign(campaign, executor)
+        summary = run_campaign(campaign, executor)
     assert summary.stopped == "budget"
     assert summary.status.complete == 2 and summary.status.failed == 8
     reasons = {t.rock: t.reason for t in campaign.trials()}
@@ -214,10 +214,10 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     with monkeypatch.context() as patch:  # killed before the refusal is in the ledger
         patch.setattr("tuner.campaign.session._Session._refuse", die)
         with pytest.raises(KeyboardInterrupt):
-            fly_campaign(campaign, InProcessExecutor())
+            run_campaign(campaign, InProcessExecutor())
     events: list[CampaignEvent] = []
     resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
-    assert fly_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
+    assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
     assert all("theta_low_deg" in t.message and "\n" not in t.message for t in refused)
@@ -241,10 +241,10 @@ def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) ->
         ]
     ):
         campaign = begin_campaign(tmp_path / str(k), settings(rocks=rocks, space=space, budget=8))
-        summary = fly_campaign(campaign, InProcessExecutor())
+        summary = run_campaign(campaign, InProcessExecutor())
         assert expected in summary.message
         assert summary.status.finished == (8 if expected.startswith("the budget") else 6)
-        again = fly_campaign(Campaign.open(tmp_path / str(k), fidelity=FIDELITY), InProcessExecutor())
+        again = run_campaign(Campaign.open(tmp_path / str(k), fidelity=FIDELITY), InProcessExecutor())
         assert again.message == summary.message
 
 
@@ -253,19 +253,19 @@ def test_what_the_machine_ended_is_neither_counted_nor_learned(
 ) -> None:
     monkeypatch.setattr("tuner.missions.job.MAX_ATTEMPTS", 1)
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "once-full"), budget=4))
-    summary = fly_campaign(campaign, InProcessExecutor())
+    summary = run_campaign(campaign, InProcessExecutor())
     assert summary.stopped == "failing" and "2 missions were ended by the machine" in summary.message
     assert "disk_full" in summary.message
     assert [(t.rock, t.state) for t in campaign.trials()] == [("a", "complete"), ("once-full", "running")] * 2
     assert {o.rock for o in campaign.history()} == {"a"}
-    summary = fly_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor())
+    summary = run_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor())
     assert summary.stopped == "budget" and summary.status.complete == 4  # the machine has been mended
 
 
 def test_a_mission_s_user_error_is_shown_and_costs_no_budget(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("user",)))
     with pytest.raises(UserError, match="unknown rock 'user'"):
-        fly_campaign(campaign, InProcessExecutor())
+        run_campaign(campaign, InProcessExecutor())
     assert [t.state for t in campaign.trials()] == ["running"]
 
 
@@ -327,7 +327,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
                 Campaign.open(tmp_path / "run", fidelity=FIDELITY)
             assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
 
-    assert fly_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
+    assert run_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     ).recommended_config() == campaign.settings.config(other)
     for stale in (
         {**saved, "values": other, "observations": 5},
-        {**saved, "values": {**other, "gate.d95_m": 1e9}},  # never flown
+        {**saved, "values": {**other, "gate.d95_m": 1e9}},  # never run
         {**saved, "values": other, "sparsest": None},  # of an earlier version
         None,
     ):
@@ -380,13 +380,13 @@ def test_nothing_is_said_before_the_default_has_its_replicates_on_every_rock(
         if event.kind == "finished":
             os.kill(os.getpid(), signal.SIGINT)
 
-    assert fly_campaign(campaign, InProcessExecutor(), interrupt).status.finished == 1
+    assert run_campaign(campaign, InProcessExecutor(), interrupt).status.finished == 1
     assert campaign.recommendation(save=False) is None
     app(["campaign", "status", str(campaign.directory)], standalone_mode=False)
     said = capsys.readouterr().out
     assert "no recommendation yet: 1 of the first 4 missions have ended" in said and "interval" not in said
     assert "Nothing yet: 1 of the first 4 missions" in write_campaign_report(campaign).read_text()
-    fly_campaign(campaign, InProcessExecutor())
+    run_campaign(campaign, InProcessExecutor())
     first = campaign.trials()[:4]
     assert {(t.rock, t.replicate) for t in first} == {(rock, k) for rock in "ab" for k in (0, 1)}
     assert all(t.values == campaign.settings.default_values() for t in first)
@@ -401,7 +401,7 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
         extend_campaign(first, 6)
     longer = extend_campaign(first, 10)
     assert longer.settings.initial_size() == first.settings.initial_size()
-    summary = fly_campaign(longer, InProcessExecutor())
+    summary = run_campaign(longer, InProcessExecutor())
     assert (summary.status.budget, summary.status.complete) == (10, 10)
     after = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in longer.trials()]
     assert after[:6] == before and len(after) == 10
@@ -428,7 +428,7 @@ class Wide(InProcessExecutor):
 def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path, fake_campaigns.settings(budget=30, initial=10, replicates=3))
     executor = Wide()
-    assert fly_campaign(campaign, executor).stopped == "budget"
+    assert run_campaign(campaign, executor).stopped == "budget"
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 4
     assert {"model", "verification"} & {t.why["phase"] for t in trials}

@@ -12,7 +12,7 @@ from nbv.checksums import with_checksum
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.jobs import tune
 from tuner.missions.external.mission_file import external_config, load_mission_file
@@ -27,7 +27,7 @@ def fly(request):
 """
 FILE = {
     "name": "toy",
-    "function": "toy_mission:fly",
+    "function": "toy_mission:run",
     "parameters": {
         "gain": {"kind": "float", "low": 0, "high": 4, "default": 0},
         "mode": {"kind": "categorical", "choices": ["bad", "good"], "default": "bad"},
@@ -51,7 +51,7 @@ def toy(tmp_path):
 
 
 def begun(toy, missions=0):
-    """A campaign of four missions in ``runs/toy``, of which some have flown."""
+    """A campaign of four missions in ``runs/toy``, of which some have run."""
     asked = settings_from_dict(
         {"name": "toy", "mission": str(toy / "toy.yaml"), "budget": 4, "sampler": "sobol"}, "test"
     )
@@ -63,7 +63,7 @@ def begun(toy, missions=0):
 
     if missions:
         with contextlib.suppress(KeyboardInterrupt):
-            fly_campaign(campaign, InProcessExecutor(), stop)
+            run_campaign(campaign, InProcessExecutor(), stop)
     return campaign
 
 
@@ -71,7 +71,7 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
     """``gain`` is a parameter that the mission leaves out of its costs."""
     asked = {"mission": str(toy / "toy.yaml"), "budget": 5, "initial": 4, "objective": "loss@costs.gain<=2"}
     campaign = begin_campaign(toy / "runs/two", settings_from_dict({"name": "two", **asked}, "test"))
-    assert fly_campaign(campaign, InProcessExecutor()).status.finished == 5
+    assert run_campaign(campaign, InProcessExecutor()).status.finished == 5
     trials = [t for t in campaign.trials() if t.state == "complete"]
     assert trials and all(t.second == t.values["gain"] for t in trials)
     found = campaign.recommendation()
@@ -123,7 +123,7 @@ def test_nor_does_it_copied_or_behind_a_link(gatetune, toy, monkeypatch, how):
     """Neither under another home, nor with another mission and the identity of a campaign that was begun here."""
     begun(toy, 2)
     (toy / "evil.py").write_text("open('ran', 'w')\n" + FLY)
-    (toy / "evil.yaml").write_text(yaml.safe_dump({**FILE, "function": "evil:fly"}))
+    (toy / "evil.yaml").write_text(yaml.safe_dump({**FILE, "function": "evil:run"}))
     evil = load_mission_file(toy / "evil.yaml")
     there = here = toy / "elsewhere"
     shutil.copytree(toy / "runs/toy", there)
@@ -155,12 +155,12 @@ def test_a_function_runs_only_where_the_caller_of_tune_names_it(toy, monkeypatch
         "budget": 2,
         "rocks": ["slab"],
         "space": "gate",
-        "fidelity": "evil_runner:fly",
+        "fidelity": "evil_runner:run",
     }
     begin_campaign(toy / "runs/x", settings_from_dict(settings, "test"))
     monkeypatch.chdir(toy)
     for given in ({}, {"budget": 2}):
-        with pytest.raises(UserError, match="if you trust it, name it: --fidelity evil_runner:fly"):
+        with pytest.raises(UserError, match="if you trust it, name it: --fidelity evil_runner:run"):
             tune(toy / "runs/x", **given)
     assert not (toy / "ran").exists()
 
@@ -186,7 +186,7 @@ def test_a_changed_program_is_asked_about(gatetune, toy):
     code, _, err = gatetune("evaluate", "runs/toy")
     assert code == 2 and "the program of" in err and f"name it: --mission {toy}/toy.yaml" in err
     campaign = Campaign.open(toy / "runs/toy")
-    assert fly_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 4
+    assert run_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 4
     Campaign.open(toy / "runs/toy").allow_program(named=False)
 
 

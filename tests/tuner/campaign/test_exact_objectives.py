@@ -42,7 +42,7 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     assert best.mean == count(best.values) and best.default_mean == 32.0
     assert best.improvement == 32.0 - best.mean and best.improvement_sd == best.sd == 0.0
     assert best.improvement_interval_95 == (best.improvement, best.improvement)
-    assert best.values in [t.values for t in fewest.trials()]  # flown
+    assert best.values in [t.values for t in fewest.trials()]  # run
     saved = json.loads((fewest.directory / "recommendation.json").read_text())
     assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.config(
         best.values
@@ -69,8 +69,10 @@ def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
 
 def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=12)
-    flown = [count(t.values) for t in campaign.trials()]
-    assert flown[:4] == [32.0] * 4 and max(flown[4:]) <= 24.0  # the default is what all is compared with
+    evaluated = [count(t.values) for t in campaign.trials()]
+    assert (
+        evaluated[:4] == [32.0] * 4 and max(evaluated[4:]) <= 24.0
+    )  # the default is what all is compared with
     best = campaign.recommendation()
     assert best is not None and not best.exact and best.limit is not None and best.limit.exact
     assert best.limit.kept and best.limit.mean == count(best.values) <= 24.0 and best.limit.sd == 0.0

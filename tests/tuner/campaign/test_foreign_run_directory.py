@@ -29,11 +29,11 @@ from nbv.mission.run_directory import RunDirectory
 from nbv.safe_files import open_to_write, remove_links, require_whole, write_atomic
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.commands.console import output, show_table
-from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.of_campaign import confirmation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import run_evaluation
 from tuner.missions.job import MissionJob
 from tuner.missions.long_runs import exclusive
 from tuner.missions.run_job import _reason
@@ -165,7 +165,7 @@ def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> No
             continue
         campaign = Campaign.open(run, fidelity=FIDELITY)
         assert campaign.trials()[2].path.parent == run / "missions"
-        fly_campaign(campaign, InProcessExecutor())
+        run_campaign(campaign, InProcessExecutor())
         assert not (tmp_path / "outside").exists()
 
 
@@ -187,7 +187,7 @@ def test_a_flipped_bit_at_the_ledgers_end_is_healed_or_refused_before_writing(
         except UserError:
             assert (run / "study.journal").read_bytes() == flipped, bit
             continue
-        fly_campaign(campaign, InProcessExecutor())
+        run_campaign(campaign, InProcessExecutor())
         assert Campaign.open(run, read_only=True).status().finished == 3, bit
         healed += 1
     assert healed > 5
@@ -267,7 +267,7 @@ def test_nothing_steers_the_terminal_or_the_page(gatetune: Any, tmp_path: Path) 
 
 
 def test_a_confirmation_flies_replicates_that_the_campaign_has_not(made: Path) -> None:
-    """A configuration that has flown all of them gets fresh numbers."""
+    """A configuration that has run all of them gets fresh numbers."""
     campaign = Campaign.open(made, read_only=True)
     trials = campaign.trials()
     campaign.ledger.trials = lambda: [dataclasses.replace(trials[0], replicate=6), *trials]  # type: ignore[method-assign]
@@ -297,6 +297,6 @@ def test_refused_configurations_end_no_campaign(tmp_path: Path, monkeypatch: pyt
     campaign = begin_campaign(tmp_path / "run", fake_campaigns.settings(sampler="sobol", budget=16))
     monkeypatch.setattr(fake_campaigns.CampaignSettings, "config", refuse)
     monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
-    summary = fly_campaign(campaign, InProcessExecutor())
+    summary = run_campaign(campaign, InProcessExecutor())
     assert (summary.stopped, summary.message) == ("budget", "the budget is used")
     assert summary.status.complete > 2 and summary.status.failed > 8

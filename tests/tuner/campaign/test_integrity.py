@@ -1,4 +1,4 @@
-"""A ledger, a result or a world that was changed outside is noticed and named; a half-made campaign is gone on with."""
+"""A ledger, a result or an instance that was changed outside is noticed and named; a half-made campaign is gone on with."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from nbv.mission.result import MissionResult
 from tuner.campaign import reproducibility_check
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.storage import PASSWORD_VARIABLE, open_storage
-from tuner.missions.job import MissionJob, landed
+from tuner.missions.job import MissionJob, load_trial
 
 FIDELITY = fake_campaigns.FIDELITY
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory) -> Path:
-    directory = tmp_path_factory.mktemp("flown") / "run"
+def evaluated(tmp_path_factory) -> Path:
+    directory = tmp_path_factory.mktemp("run") / "run"
     fake_campaigns.run(directory, sampler="sobol", budget=5)
     return directory
 
 
 @pytest.fixture
-def copy(flown, tmp_path) -> Path:
-    return Path(shutil.copytree(flown, tmp_path / "run"))
+def copy(evaluated, tmp_path) -> Path:
+    return Path(shutil.copytree(evaluated, tmp_path / "run"))
 
 
 def facts(directory: Path) -> list[tuple]:
@@ -101,13 +101,13 @@ def test_a_changed_result_is_not_believed(copy):
         fields = {"config": config, "rock": trial.rock, "replicate": trial.replicate, **changes}
         return MissionJob(id="0000", directory=directory, **fields)
 
-    assert landed(job()) is not None
-    assert landed(job(rock="b" if trial.rock == "a" else "a")) is None
-    assert landed(job(replicate=7)) is None
+    assert load_trial(job()) is not None
+    assert load_trial(job(rock="b" if trial.rock == "a" else "a")) is None
+    assert load_trial(job(replicate=7)) is None
     tree = json.loads((directory / "mission.json").read_text())
     tree["metrics"]["score"] = 0.99
     (directory / "mission.json").write_text(json.dumps(tree))
-    assert landed(job()) is None
+    assert load_trial(job()) is None
     with pytest.raises(UserError, match=r"mission\.json was changed since it was written"):
         MissionResult.load(directory)
 
@@ -124,20 +124,20 @@ def test_changed_code_is_asked_about(copy, monkeypatch):
     open_last(copy)
     monkeypatch.setattr(reproducibility_check, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
-        fly_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
+        run_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
     campaign = Campaign.open(copy, fidelity=FIDELITY)
-    assert fly_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 5
+    assert run_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 5
 
 
 @pytest.mark.parametrize("put_back", [True, False])
 def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monkeypatch):
-    """A mission in flight that was flown on the changed mesh is flown again."""
+    """A mission in flight that was run on the changed mesh is run again."""
     content = ["1" * 64]
-    fly = fake_missions.fake_mission
+    run_missions = fake_missions.fake_mission
 
     def on_mesh(*arguments, **options):
-        flown = fly(*arguments, **options)
-        return dataclasses.replace(flown, provenance={"rock_sha256": content[0]})
+        evaluated = run_missions(*arguments, **options)
+        return dataclasses.replace(evaluated, provenance={"rock_sha256": content[0]})
 
     monkeypatch.setattr(fake_missions, "fake_mission", on_mesh)
     directory = copy.parent / "meshes"
@@ -145,7 +145,7 @@ def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monk
 
     def finished(on_event=None, **options):
         campaign = Campaign.open(directory, fidelity=FIDELITY)
-        return fly_campaign(campaign, InProcessExecutor(), on_event, **options).status.finished
+        return run_campaign(campaign, InProcessExecutor(), on_event, **options).status.finished
 
     def kill(event):
         if event.kind == "finished" and event.finished == 3:
@@ -181,7 +181,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
         campaign = Campaign.open(directory, fidelity=FIDELITY)
     else:
         campaign = begin_campaign(directory, asked)
-    assert fly_campaign(campaign, InProcessExecutor()).status.complete == 2
+    assert run_campaign(campaign, InProcessExecutor()).status.complete == 2
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from tuner.campaign import storage
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 
 pytest.importorskip("psycopg", reason="pip install 'gatetune[cluster]'")
 PROGRAMS = sorted(Path("/usr/lib/postgresql").glob("*/bin")) or [
@@ -33,12 +33,12 @@ COORDINATOR = """
 import os, signal, sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from in_process import InProcessExecutor
 def end(event):
     if event.kind == "finished" and event.finished == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-fly_campaign(Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission"), InProcessExecutor(), end)
+run_campaign(Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission"), InProcessExecutor(), end)
 """
 
 
@@ -95,15 +95,15 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(tmp_path: Path, server: S
     assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
     second = Campaign.open(elsewhere, fidelity=FIDELITY)
     assert (
-        fly_campaign(other, InProcessExecutor()).stopped == "budget"
+        run_campaign(other, InProcessExecutor()).stopped == "budget"
     )  # a campaign of its own in the same database
-    with mine.ledger.exclusive(), pytest.raises(UserError, match="being flown on"):
-        fly_campaign(second, InProcessExecutor())
-    assert fly_campaign(second, InProcessExecutor()).stopped == "budget"
+    with mine.ledger.exclusive(), pytest.raises(UserError, match="being run on"):
+        run_campaign(second, InProcessExecutor())
+    assert run_campaign(second, InProcessExecutor()).stopped == "budget"
     trials = second.trials()
     assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
-    flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
-    assert len(flown) == 9  # three there, six here
+    evaluated = list(tmp_path.glob("*/night/missions/*/flown.txt"))
+    assert len(evaluated) == 9  # three there, six here
     extend_campaign(Campaign.open(elsewhere, fidelity=FIDELITY), 12)
     assert Campaign.open(elsewhere, fidelity=FIDELITY).status().remaining == 3
 
@@ -121,7 +121,7 @@ def test_a_coordinator_that_was_cut_off_goes_on_unless_it_was_replaced(
 
     with cut_off.ledger.exclusive():
         server.end_connections()
-        assert fly_campaign(fresh, InProcessExecutor(), cut).stopped == "budget"  # cut off, and nobody came
+        assert run_campaign(fresh, InProcessExecutor(), cut).stopped == "budget"  # cut off, and nobody came
         with pytest.raises(UserError, match="another one has taken over"):
             cut_off.ledger.finish(0, None)  # type: ignore[arg-type]
     assert [t.state for t in fresh.trials()] == ["complete"] * 9
@@ -152,7 +152,7 @@ def test_a_cut_connection_ends_no_campaign(
     for name in ("create_new_trial", "set_trial_user_attr", "set_trial_state_values", "get_trial"):
         cut_twice(name)
     monkeypatch.setattr(storage, "_FIRST_PAUSE_S", 0.001)
-    summary = fly_campaign(campaign, InProcessExecutor())
+    summary = run_campaign(campaign, InProcessExecutor())
     assert summary.stopped == "budget" and min(cuts.values()) > 2
     monkeypatch.undo()
     again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)

@@ -55,15 +55,13 @@ def test_interrupt_resume_evaluate(tmp_path):
     resumed = gatetune(tmp_path, "campaign", "resume", "runs/tiny", "--workers", "1")
     assert resumed.returncode == 0, resumed.stdout + resumed.stderr
     assert len(finished(tmp_path)) >= 4  # trials that repeat photographs use no budget
-    assert (
-        tmp_path / "runs/tiny/missions" / before[0] / "mission.json"
-    ).read_text() == kept  # not flown again
+    assert (tmp_path / "runs/tiny/missions" / before[0] / "mission.json").read_text() == kept  # not run again
     assert (tmp_path / "runs/tiny/report.html").stat().st_size > 10_000
     recommendation = json.loads((tmp_path / "runs/tiny/recommendation.json").read_text())
     assert recommendation["observations"] >= 4
     assert set(recommendation["values"]) == {"gate.budget_fraction", "gate.d95_m"}
 
-    # Job 2 refuses the training rock, then flies a held-out one.
+    # Job 2 refuses the training rock, then runs a held-out one.
     refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
     assert refused.returncode == 2
     assert "tuned on" in refused.stderr

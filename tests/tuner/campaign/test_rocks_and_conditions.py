@@ -16,11 +16,11 @@ from nbv.config import load_conditions
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import asked_settings, settings_from_dict
 from tuner.evaluation.of_campaign import held_out
-from tuner.problem.worlds import World, worlds_over
+from tuner.problem.instances import Instance, instances_over
 
 BUDGET = 12
 
@@ -39,7 +39,7 @@ def settings_of(*rocks: str, **more: object):
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """Interrupted after half of its missions, and resumed from the directory."""
     directory = tmp_path_factory.mktemp("drawn") / "run"
     whole = settings_of("any-slab", "any-boulder")
@@ -50,15 +50,15 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
             raise RuntimeError("interrupted")
 
     with pytest.raises(RuntimeError):
-        fly_campaign(begun, InProcessExecutor(), interrupt)
+        run_campaign(begun, InProcessExecutor(), interrupt)
     campaign = Campaign.open(directory)
-    fly_campaign(campaign, InProcessExecutor())
+    run_campaign(campaign, InProcessExecutor())
     return campaign
 
 
 @pytest.mark.slow
-def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(flown: Campaign) -> None:
-    default, trials = flown.settings.default_values(), flown.trials()
+def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(evaluated: Campaign) -> None:
+    default, trials = evaluated.settings.default_values(), evaluated.trials()
     assert len(trials) == BUDGET
     by_rock = collections.defaultdict(list)
     for t in trials:
@@ -71,10 +71,10 @@ def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(flown: Campa
 
 
 @pytest.mark.slow
-def test_the_rock_met_is_a_training_rock_that_the_seed_decides(flown: Campaign) -> None:
+def test_the_rock_met_is_a_training_rock_that_the_seed_decides(evaluated: Campaign) -> None:
     met = []
-    for t in flown.trials():
-        result = json.loads((flown.directory / t.directory / "mission.json").read_text())
+    for t in evaluated.trials():
+        result = json.loads((evaluated.directory / t.directory / "mission.json").read_text())
         family, seed = result["rock"].split("-")
         assert t.rock == f"any-{family}" and int(seed) < 10_000
         met.append((t.rock, t.replicate, result["rock"]))
@@ -82,13 +82,13 @@ def test_the_rock_met_is_a_training_rock_that_the_seed_decides(flown: Campaign) 
     assert all(first[place, k] == name for place, k, name in met)
     assert len(set(first.values())) == len(first)
     other = settings_of("any-slab", seed=1)
-    assert other.rock_flown("any-slab", 0) != flown.settings.rock_flown("any-slab", 0)
+    assert other.rock_evaluated("any-slab", 0) != evaluated.settings.rock_evaluated("any-slab", 0)
 
 
 @pytest.mark.slow
-def test_families_are_evaluated_on_their_own_held_out_rocks(flown: Campaign) -> None:
-    plan = held_out(flown, replicates=2, fidelity="geometric").plan
-    families = sorted({place.removeprefix("any-") for place in flown.settings.rocks})
+def test_families_are_evaluated_on_their_own_held_out_rocks(evaluated: Campaign) -> None:
+    plan = held_out(evaluated, replicates=2, fidelity="geometric").plan
+    families = sorted({place.removeprefix("any-") for place in evaluated.settings.rocks})
     assert sorted(plan.rocks) == sorted(f"{f}-{seed}" for f in families for seed in (20_000, 20_001))
     assert plan.replicates == 1
 
@@ -114,29 +114,29 @@ def settings(**changes: object) -> CampaignSettings:
 
 
 def test_worlds_take_turns_in_rock_and_condition() -> None:
-    worlds = worlds_over(["a", "b", "c"], ["ideal", "field"])
-    assert [w.label for w in worlds] == ["a", "b, field", "c", "a, field", "b", "c, field"]
-    assert worlds_over(["a", "b"], ["ideal"]) == (World("a"), World("b"))
+    instances = instances_over(["a", "b", "c"], ["ideal", "field"])
+    assert [w.label for w in instances] == ["a", "b, field", "c", "a, field", "b", "c, field"]
+    assert instances_over(["a", "b"], ["ideal"]) == (Instance("a"), Instance("b"))
 
 
 def test_a_campaign_flies_every_rock_under_every_condition(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(replicates=2, budget=10, sampler="sobol"))
-    fly_campaign(campaign, InProcessExecutor())
+    run_campaign(campaign, InProcessExecutor())
     trials = campaign.trials()
-    flown = collections.Counter(t.world for t in trials[:8])
-    assert flown == dict.fromkeys(worlds_over(["a", "b"], ["ideal", "field"]), 2)
+    evaluated = collections.Counter(t.instance for t in trials[:8])
+    assert evaluated == dict.fromkeys(instances_over(["a", "b"], ["ideal", "field"]), 2)
     for trial in trials:
         config = campaign.settings.config(trial.values, trial.condition)
         assert (config.condition, config.digest()) == (trial.condition, trial.config_digest)
         assert ("_field_r" in trial.directory) == (trial.condition == "field")
     assert campaign.status().per_condition == {"ideal": 5, "field": 5}
     best = campaign.recommendation()
-    assert best is not None and {row.world for row in best.per_rock} == set(flown)
+    assert best is not None and {row.instance for row in best.per_rock} == set(evaluated)
     assert campaign.recommended_config().condition == "ideal"
 
 
 def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
-    """The file holds the worlds themselves: a condition that changes later changes no campaign that has begun."""
+    """The file holds the instances themselves: a condition that changes later changes no campaign that has begun."""
     own = tmp_path / "own.yaml"
     own.write_text("scene: {ambient: 0.1}\ntelemetry: rtk\n")
     asked = settings(conditions=load_conditions(["ideal", str(own)]))
@@ -152,7 +152,7 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
     [
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
-        ({"conditions": ()}, "there is no condition to fly in"),
+        ({"conditions": ()}, "there is no condition to run in"),
         ({"conditions": (*TWO, TWO[1])}, "condition 'field' is named twice"),
         (
             {"overrides": {"telemetry.drift_m": 0.1}},

@@ -35,14 +35,14 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
-    """Fails when missions have changed: then fly the campaign again (research/ship_missions.py)."""
+    """Fails when missions have changed: then run the campaign again (research/ship_missions.py)."""
     space = load_search_space(name)
     earlier, config = shipped_missions(space, Objective()), CampaignSettings(space=space, rocks=("x",)).config
     on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]
     best = max(on_one_rock, key=lambda o: o.raw or 0.0)
     for each in (on_one_rock[0], best):
-        flown = run_geometric_mission(config(each.values), each.rock, each.replicate)
-        assert Objective().measure(flown.metrics) == pytest.approx(each.raw, abs=0.05)
+        evaluated = run_geometric_mission(config(each.values), each.rock, each.replicate)
+        assert Objective().measure(evaluated.metrics) == pytest.approx(each.raw, abs=0.05)
 
 
 def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
 def test_a_campaign_in_their_space_learns_from_them_unless_told(
     gatetune: Gatetune, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], expected: list[str]
 ) -> None:
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
+    monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     code, _, err = gatetune(
         "campaign", "run", "--space", "full", "--rock", "waist", "--name", "x", *arguments
     )

@@ -59,9 +59,9 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
 
 @pytest.mark.slow
 def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: Path) -> None:
-    flown = earlier.history()
+    evaluated = earlier.history()
     assert [(o.values, o.outcome) for o in learned(earlier, synthetic.SPACE)] == [
-        (o.values, o.outcome) for o in flown
+        (o.values, o.outcome) for o in evaluated
     ]
     # From one parameter to two: the second has the value at which it was held.
     small = run(tmp_path / "small", space=ONE_PARAMETER, sampler="sobol")
@@ -74,7 +74,7 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
     narrow = dataclasses.replace(
         synthetic.SPACE, name="narrow", parameters=(dataclasses.replace(FRACTION, high=0.4), D95)
     )
-    inside = sum(o.values["gate.budget_fraction"] <= 0.4 for o in flown)
+    inside = sum(o.values["gate.budget_fraction"] <= 0.4 for o in evaluated)
     assert 0 < inside < 20
     with pytest.raises(UserError, match=f"{inside} of its 24 missions"):
         learned(earlier, narrow)

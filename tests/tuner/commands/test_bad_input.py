@@ -19,7 +19,7 @@ WAYS = {
     "children": "setsid sleep 86399 &",
     "stubborn": "trap '' TERM; sleep 86399; sleep 86399",
 }
-LOST = {  # the machine's: said in a line, kept, flown again by a resume
+LOST = {  # the machine's: said in a line, kept, run again by a resume
     "nothing": "no result.json; it ended with status 0; see",
     "half": "result.json is not valid JSON",
     "password": "no result.json; it ended with status 1: 'fly.sh: ",

@@ -80,7 +80,7 @@ def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
 
 
 def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
+    monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     (tmp_path / "mine.yaml").write_text(
         "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
         "second: costs.flight_time_s\nlimit: 300\n"
@@ -146,7 +146,7 @@ def test_what_nobody_foresaw_is_one_line_and_a_log(gatetune, monkeypatch, gatetu
 
 
 def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
+    monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     assert gatetune(*RUN, "--name", "[bold]x[]")[0] == 0
     code, out, err = gatetune("campaign", "status", "runs/[bold]x[]")
     assert code == 0 and "[bold]x[]: 0 of 64 missions" in out, err
@@ -154,16 +154,16 @@ def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
 
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
-    (tmp_path / "mine.yaml").write_text("fidelity: foreign:fly\nrocks: [boulder]\n")
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
+    (tmp_path / "mine.yaml").write_text("fidelity: foreign:run\nrocks: [boulder]\n")
+    monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     code, _, err = gatetune("campaign", "run", "mine.yaml")
-    assert code == 2 and "--fidelity foreign:fly" in err
-    code, _, err = gatetune("campaign", "run", "mine.yaml", "--fidelity", "foreign:fly")
+    assert code == 2 and "--fidelity foreign:run" in err
+    code, _, err = gatetune("campaign", "run", "mine.yaml", "--fidelity", "foreign:run")
     assert code == 0, err
     for arguments in (["resume", "runs/campaign"], ["resume", "runs/campaign", "--missions", "99"]):
         code, _, err = gatetune("campaign", *arguments)
-        assert code == 2 and "--fidelity foreign:fly" in err
-        assert gatetune("campaign", *arguments, "--fidelity", "foreign:fly")[0] == 0
+        assert code == 2 and "--fidelity foreign:run" in err
+        assert gatetune("campaign", *arguments, "--fidelity", "foreign:run")[0] == 0
     assert gatetune("campaign", "status", "runs/campaign")[0] == 0  # looking runs nothing
 
 
@@ -185,13 +185,13 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cuda", "asked", "flown"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
+    ("cuda", "asked", "run"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
 )
-def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, flown):
+def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, evaluated):
     monkeypatch.setattr("nbv.dense.reconstruct.patchmatch_runs", lambda: cuda)
     code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert code == 0, err
-    assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)
+    assert re.search(rf"backend: {evaluated} ", out) and ("has CUDA" in out) == (cuda and not asked)
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
@@ -209,7 +209,7 @@ def test_memory_that_ran_out_is_one_line(error, monkeypatch, capsys):
 def test_this_machine_can_fly(gatetune):
     code, out, err = gatetune("doctor")
     assert code == 0, out + err
-    assert out.splitlines()[-1] == "missions can be flown here"
+    assert out.splitlines()[-1] == "missions can be run here"
     assert "BAD" not in out and "store holds" in out
 
 

@@ -11,13 +11,13 @@ from in_process import InProcessExecutor
 
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.report.campaign_page import write_campaign_report
 
 FILE = {
     "name": "own",
-    "function": "own_mission:fly",
+    "function": "own_mission:run",
     "parameters": {"mode": {"kind": "categorical", "choices": ["slow", "quick"], "default": "slow"}},
     "instances": ["a", "b"],
     "held_out": ["c"],
@@ -27,7 +27,7 @@ FILE = {
 }
 
 
-def flown(tmp_path, returned: str, file=None, **asked) -> Path:
+def evaluated(tmp_path, returned: str, file=None, **asked) -> Path:
     """The directory of a finished campaign over a mission file whose missions return ``returned`` of the mode ``m``."""
     code = f"def fly(request):\n    m = request['configuration']['mode']\n    return {returned}\n"
     (tmp_path / "own_mission.py").write_text(code)
@@ -36,7 +36,7 @@ def flown(tmp_path, returned: str, file=None, **asked) -> Path:
     )
     settings = {"name": "own", "mission": str(tmp_path / "own.yaml"), "budget": 6, "sampler": "random"}
     campaign = begin_campaign(tmp_path / "runs/own", settings_from_dict({**settings, **asked}, "test"))
-    assert fly_campaign(campaign, InProcessExecutor()).status.finished == 6
+    assert run_campaign(campaign, InProcessExecutor()).status.finished == 6
     return campaign.directory
 
 
@@ -70,7 +70,7 @@ def page_of(directory: Path) -> str:
 @pytest.mark.parametrize("command", ["evaluate", "confirm"])
 def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     """7 in place of 20 is an improvement of 13."""
-    directory = flown(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}")
+    directory = evaluated(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}")
     best = Campaign.open(directory, read_only=True).recommendation(save=False)
     assert best.values == {"mode": "quick"} and best.improvement > 5
     out, tree, page = said(gatetune, directory, command, "runs/own")
@@ -86,24 +86,22 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
 
 def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'costs': {'fuel': 5.0}}"
-    directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
+    directory = evaluated(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
     code, out, err = gatetune("campaign", "status", "runs/own")
-    assert code == 0 and "Nothing flown is likely to keep Loss at most 1; the likeliest is" in out, err
+    assert code == 0 and "Nothing run is likely to keep Loss at most 1; the likeliest is" in out, err
     page = page_of(directory)
-    assert "Fly more, or ask for less: nothing flown is likely to keep Loss at most 1." in page
+    assert "Run more, or ask for less: nothing run is likely to keep Loss at most 1." in page
     code, out, err = gatetune(*next_command(directory), "--workers", 1)
     assert code == 0 and "all 2 configurations have run with every replicate" in out, out + err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
     note = tree["notes"][-1]
-    assert note.startswith(
-        "Nothing that the campaign flew is known to keep its limit: Tuned is the likeliest"
-    )
+    assert note.startswith("Nothing that the campaign ran is known to keep its limit: Tuned is the likeliest")
     assert note in out and note in page
     assert "kept on 0 of 1 instance" in out and "kept on 0 of 1 instance" in page
 
 
 def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):
-    directory = flown(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}", {"held_out": []})
+    directory = evaluated(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}", {"held_out": []})
     words = next_command(directory)
     assert words[0] == "confirm"
     assert "improvement +13.0" in said(gatetune, directory, *words)[0]

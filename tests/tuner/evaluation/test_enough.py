@@ -1,4 +1,4 @@
-"""How few photographs would have done: what is flown, what is read from it, and the command."""
+"""How few photographs would have done: what is run, what is read from it, and the command."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.cli import app
 from tuner.evaluation.enough import ALL, enough_plans, read_enough, seconds
-from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationRun
 from tuner.missions.job import Trial
 from tuner.report.photographs import draw_enough
 
@@ -53,7 +53,7 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
 def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp_path: Path) -> None:
     names = [p.name for p in ball.registered]
     everything, few = enough_plans(ball, (16, 20, 24), replicates=3)
-    flown = {
+    evaluated = {
         "ring-16": [(70.0, 16), (60.0, 15), (65.0, 16)],
         "ring-20": [(80.0, 20), (70.0, 20), (75.0, 20)],
         "ring-24": [(88.0, 24), (87.8, 23), (88.1, 24)],
@@ -64,7 +64,7 @@ def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp
             (98.5, 20),
         ],  # two missions of three would have done, the plan would not
     }
-    found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, flown, names), 95.0)
+    found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, evaluated, names), 95.0)
     assert found.asked_quality == pytest.approx(85.5)
     assert found.smallest is not None
     assert (found.smallest.way, found.smallest.replicate) == ("ring", 0)  # the median, not the best
@@ -79,10 +79,10 @@ def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp
     assert np.isclose(found.ceiling, 99.0)
     picture = draw_enough(found, ball, 95.0, tmp_path / "enough.png")
     assert picture.stat().st_size > 20_000
-    nothing = read_enough(run(everything, {ALL: [(99.0, 36)]}, names), run(few, flown, names), 100.0)
+    nothing = read_enough(run(everything, {ALL: [(99.0, 36)]}, names), run(few, evaluated, names), 100.0)
     assert nothing.smallest is None
     with pytest.raises(UserError, match="all photographs gave no"):
-        read_enough(run(everything, {ALL: [(0.0, 36)]}, names), run(few, flown, names), 95.0)
+        read_enough(run(everything, {ALL: [(0.0, 36)]}, names), run(few, evaluated, names), 95.0)
 
 
 @pytest.mark.slow
@@ -103,5 +103,5 @@ def test_the_command_lists_the_files_that_would_have_done(
     missions = sorted((tmp_path / "out").rglob("mission.json"))
     times = [path.stat().st_mtime_ns for path in missions]
     assert CliRunner().invoke(app, asked).exit_code == 0
-    assert [path.stat().st_mtime_ns for path in missions] == times  # nothing is flown again
+    assert [path.stat().st_mtime_ns for path in missions] == times  # nothing is run again
     assert "must lie above 0" in str(CliRunner().invoke(app, [*asked, "--keep", "0"]).exception)

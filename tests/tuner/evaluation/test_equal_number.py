@@ -1,4 +1,4 @@
-"""Controls fly as many photographs as the tuned configuration."""
+"""Controls run as many photographs as the tuned configuration."""
 
 from pathlib import Path
 
@@ -34,8 +34,8 @@ def test_every_control_has_the_tuned_number_beside_the_default_plan() -> None:
     pool = tuned_configs(tuned, BASE)["random-tuned-pool"]
     assert (photographs(pool), pool.pool) == (number, tuned.pool)
     assert label(f"hyb-h-{number}") == f"Hyb-H, {number}"
-    flown = {"tuned": tuned, "hyb-h": BASE, **found}
-    assert controls_at_equal_number(flown) == (f"hyb-h-{number}", f"random-{number}")
+    evaluated = {"tuned": tuned, "hyb-h": BASE, **found}
+    assert controls_at_equal_number(evaluated) == (f"hyb-h-{number}", f"random-{number}")
 
 
 def test_an_orbit_flies_the_whole_number() -> None:
@@ -79,16 +79,16 @@ def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
     assert list(found) == ["hyb-h", "hyb-h-21", "random-21", "orbit-21"]
     assert all(photographs(c) == 21 and not c.stop.may_end_early for n, c in found.items() if n != "hyb-h")
     low = adaptive.with_values({"pool.max_altitude_m": 1.5})
-    flown = {**tuned_configs(low, BASE, ending_at(low, 21)), **found}
-    assert photographs(flown["random-tuned-pool"]) == 21
-    assert controls_at_equal_number(flown) == ("random-tuned-pool", "hyb-h-21", "random-21", "orbit-21")
+    evaluated = {**tuned_configs(low, BASE, ending_at(low, 21)), **found}
+    assert photographs(evaluated["random-tuned-pool"]) == 21
+    assert controls_at_equal_number(evaluated) == ("random-tuned-pool", "hyb-h-21", "random-21", "orbit-21")
 
 
 def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
-    worlds = (IDEAL_CONDITION, load_condition("field"))
-    assert list(orbits_at_number(BASE, worlds[:1])) == ["orbit-32", "orbit-two-32"]
-    found = orbits_at_number(BASE, worlds)
-    assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]
+    instances = (IDEAL_CONDITION, load_condition("field"))
+    assert list(orbits_at_number(BASE, instances[:1])) == ["orbit-32", "orbit-two-32"]
+    found = orbits_at_number(BASE, instances)
+    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 16, 16]
 
 
 def test_orbits_over_photographs_fly_where_these_were_taken(

@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 from made_evaluations import made_run
 
-from tuner.evaluation.flying import EvaluationRun
-from tuner.evaluation.of_campaign import Asked
+from tuner.evaluation.of_campaign import ComparisonSpec
+from tuner.evaluation.run import EvaluationRun
 from tuner.problem.objective import Objective
 from tuner.report.comparison import comparison_facts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
-FEWEST = Asked(IMAGES, F, 98.0)
+FEWEST = ComparisonSpec(IMAGES, F, 98.0)
 
 
 def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
@@ -28,12 +28,12 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     return replace(made, records=records)
 
 
-def said(tuned: float = 97.0, asked: Asked = FEWEST, **changes: object) -> list[str]:
+def said(tuned: float = 97.0, asked: ComparisonSpec = FEWEST, **changes: object) -> list[str]:
     return [line.text for line in comparison_facts(run(tuned, **changes), "hyb-h", asked).verdicts]
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    lines = said(asked=Asked(IMAGES, F, 102.0))
+    lines = said(asked=ComparisonSpec(IMAGES, F, 102.0))
     assert lines[0] == "Photographs: 26 in place of 32 of Hyb-H."
     assert (
         lines[1].startswith("Tuned is not worse than Hyb-H by more than 1.0 points")
@@ -62,5 +62,7 @@ def test_worse_than_the_best_control_is_said() -> None:
     (line,) = [text for text in said(94.3) if "best control" in text]
     assert line.startswith("Tuned is worse than the best control at equal number (Random views)")
     assert "improvement −0.7 points (95 % interval −" in line
-    (line,) = [text for text in said(97.0, Asked(F)) if "best control" in text]  # without a limit too
+    (line,) = [
+        text for text in said(97.0, ComparisonSpec(F)) if "best control" in text
+    ]  # without a limit too
     assert line.startswith("Tuned is better than the best control")

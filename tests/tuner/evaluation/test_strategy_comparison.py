@@ -26,10 +26,10 @@ from tuner.evaluation.comparison import (
     strategy_difference,
     values_of,
 )
-from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationEvent, place_for, run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.problem.worlds import World
+from tuner.problem.instances import Instance
 
 FIDELITY = "fake_missions:fake_mission"
 BASE = preset("campaign")
@@ -53,7 +53,7 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
     assert {(r.strategy, r.rock, r.replicate) for r in result.records} == {
         (s, r, k) for s in ("tuned", "hyb-h", "copy") for r in "xyz" for k in (0, 1)
     }
-    # One and the same configuration is flown once and counts for both names.
+    # One and the same configuration is run once and counts for both names.
     assert plan().missions == 12 and len(list((tmp_path / "out").glob("missions/*/*/mission.json"))) == 12
     difference = strategy_difference(result.records, "tuned", "hyb-h", F48)
     assert difference is not None and difference.pairs == 6 and difference.wins == 6
@@ -81,7 +81,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
         second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
     assert second.complete and sum(e.trial is None for e in events) == 12 - 5
-    assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
+    assert all(file.read_text() == "run\n" for file in (tmp_path / "out").rglob("run.txt"))
     whole = run_evaluation(plan(), tmp_path / "whole", InProcessExecutor())
     assert [r.metrics for r in second.records] == [r.metrics for r in whole.records]
 
@@ -95,7 +95,7 @@ def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
         difference = table.rows[0].differences["tuned"]
         assert difference is not None and difference.pairs == 1 and difference.interval.low is None
         again = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
-    assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was flown again
+    assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was run again
 
 
 def test_mistakes(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
     two = plan(strategies={"tuned": GOOD, "hyb-h": BASE}, conditions=load_conditions(["ideal", "field"]))
     run = run_evaluation(two, tmp_path / "out", InProcessExecutor())
     assert run.complete and run.plan.missions == len(run.records) == 24
-    assert {r.world for r in run.records} == {World(r, c) for r in "xyz" for c in ("ideal", "field")}
+    assert {r.instance for r in run.records} == {Instance(r, c) for r in "xyz" for c in ("ideal", "field")}
     assert (tmp_path / "out/missions/tuned/00_x_field_r1/mission.json").is_file()
     assert (tmp_path / "out/missions/tuned/00_x_r1/mission.json").is_file()
     both = strategy_difference(run.records, "tuned", "hyb-h", F48)

@@ -1,6 +1,6 @@
 """A few of the faults of `make faults`, a seeded share of `make fuzz` and all that it ever found.
 
-Nothing is lost, flown twice or charged, files are read or refused in one line, and nobody sees a traceback.
+Nothing is lost, run twice or charged, files are read or refused in one line, and nobody sees a traceback.
 """
 
 from __future__ import annotations

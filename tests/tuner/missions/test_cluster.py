@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fake_campaigns import FIDELITY, settings
-from test_executors import fly, job
+from test_executors import job, run_jobs
 
 from nbv.errors import UserError
 from nbv.rocks.catalogue import read_rock, write_rock
@@ -32,7 +32,7 @@ from nbv.rocks.rock import make_rock
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.missions.cluster import worker
 from tuner.missions.cluster.connect import dask_executor
 from tuner.missions.registry import FIDELITIES
@@ -42,7 +42,7 @@ COORDINATOR = """
 import os, signal, sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
+from tuner.campaign.session import run_campaign
 from tuner.missions.cluster.connect import dask_executor
 directory, scheduler, worker = sys.argv[1:]
 def accidents(event):
@@ -50,7 +50,7 @@ def accidents(event):
         os.kill(int(worker), signal.SIGKILL)
     if event.kind == "finished" and event.finished == 6:
         os.kill(os.getpid(), signal.SIGKILL)
-fly_campaign(Campaign.open(Path(directory), fidelity="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
+run_campaign(Campaign.open(Path(directory), fidelity="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
 """
 
 
@@ -123,21 +123,21 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
         dask_executor("dask", cluster.address, 1, 60.0) as executor,
         pytest.raises(UserError, match="scheduler is gone"),
     ):
-        fly_campaign(campaign, executor, end_scheduler)
+        run_campaign(campaign, executor, end_scheduler)
     cluster.close()
     cluster = Cluster(tmp_path, 1)
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
-            assert fly_campaign(campaign, executor).stopped == "budget"
+            assert run_campaign(campaign, executor).stopped == "budget"
     finally:
         cluster.close()
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * MISSIONS
-    # The missions' own record: all flew, and again only what was in the air at one of the three ends.
-    flown = collections.Counter(cluster.flights.read_text().splitlines())
-    assert len(flown) == MISSIONS and sum(flown.values()) <= MISSIONS + 3 * 2
+    # The missions' own record: all ran, and again only what was in the air at one of the three ends.
+    evaluated = collections.Counter(cluster.flights.read_text().splitlines())
+    assert len(evaluated) == MISSIONS and sum(evaluated.values()) <= MISSIONS + 3 * 2
     for trial in trials:
-        assert (directory / trial.directory / "flown.txt").read_text() == "flown\n"
+        assert (directory / trial.directory / "run.txt").read_text() == "run\n"
 
 
 def test_own_rocks_reach_workers_and_other_versions_are_refused(
@@ -152,10 +152,10 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
             gc.disable()
-            assert fly(executor, [job(tmp_path, str(tmp_path / "own.npz"))])["0000"].status == "ok"
+            assert run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"))])["0000"].status == "ok"
             deadline = (
                 time.monotonic() + 5
-            )  # a scheduler flies anew what it believes wanted, should a worker be lost
+            )  # a scheduler runs anew what it believes wanted, should a worker be lost
             while wanted := executor._client.run_on_scheduler(
                 lambda dask_scheduler: [key for key in dask_scheduler.tasks if not key.startswith("rock-")]
             ):
@@ -167,7 +167,7 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
             monkeypatch.setattr(worker, "versions", lambda: {"python": "2.7.18"})
             said = f"python is {sys.version.split()[0]} on the worker and 2.7.18 here"
             with pytest.raises(UserError, match=said):
-                fly(executor, [job(tmp_path, "boulder", 3)])
+                run_jobs(executor, [job(tmp_path, "boulder", 3)])
         with pytest.raises(UserError, match=r"on the scheduler and 2\.7\.18 here"):
             dask_executor("dask", cluster.address, 1, 60.0)
     finally:
@@ -226,7 +226,7 @@ def test_a_result_that_its_worker_loses_is_not_flown_anew(
             lambda message: None if message["op"] == "client-releases-keys" else send(message),
         )
         wait_for(lambda: executor.workers == 2)
-        assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path)])["0000"].status == "ok"
         ((state, (keeps,)),) = look(states)
         assert state == "memory"
         os.kill(executor._client.run(os.getpid, workers=[keeps])[keeps], signal.SIGKILL)

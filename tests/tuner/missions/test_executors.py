@@ -19,11 +19,11 @@ from in_process import InProcessExecutor
 import tuner.missions.executors as executors
 from nbv.config import MissionConfig
 from tuner.missions.executors import Executor, LocalProcessExecutor
-from tuner.missions.fly import JobList
-from tuner.missions.fly import fly as fly_all
-from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial, landed
+from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial, load_trial
 from tuner.missions.long_runs import Stop
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
+from tuner.missions.run_jobs import JobList
+from tuner.missions.run_jobs import run_jobs as fly_all
 
 
 def job(
@@ -47,8 +47,8 @@ def server_of_this_process() -> int:
     raise AssertionError("there is no server")
 
 
-def fly(executor: Executor, jobs: list[MissionJob]) -> dict[str, Trial]:
-    """How each mission ended, flown again as a campaign would."""
+def run_jobs(executor: Executor, jobs: list[MissionJob]) -> dict[str, Trial]:
+    """How each mission ended, run again as a campaign would."""
     ended: dict[str, Trial] = {}
     fly_all(JobList(jobs, on_end=lambda trial: ended.update({trial.job_id: trial})), executor, Stop())
     return ended
@@ -64,16 +64,16 @@ def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor,
 
     thread = threading.Thread(target=meanwhile)
     thread.start()
-    trial = fly(executor, [job(tmp_path, "once-hang")])["0000"]
+    trial = run_jobs(executor, [job(tmp_path, "once-hang")])["0000"]
     thread.join()
     return trial
 
 
 def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
     with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
-        outcomes = fly(executor, [job(tmp_path, "a", 0), job(tmp_path, "b", 1)])
+        outcomes = run_jobs(executor, [job(tmp_path, "a", 0), job(tmp_path, "b", 1)])
         assert {o.status for o in outcomes.values()} == {"ok"} and len(outcomes) == 2
-        here = fly(InProcessExecutor(), [job(tmp_path / "here", "a", 0)])
+        here = run_jobs(InProcessExecutor(), [job(tmp_path / "here", "a", 0)])
         assert here["0000"].metrics == outcomes["0000"].metrics
 
 
@@ -112,7 +112,7 @@ def test_no_mission_outlives_a_killed_coordinator_though_its_server_was_stopped(
 @pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
 def test_what_the_machine_ended_is_flown_again(tmp_path: Path, accident: str) -> None:
     with LocalProcessExecutor(1, 2.0, preload=("fake_missions:fake_mission",)) as executor:
-        assert fly(executor, [job(tmp_path, f"once-{accident}")])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].status == "ok"
 
 
 def test_a_full_disk_for_result_and_log_is_the_machine_s(
@@ -136,7 +136,7 @@ def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:
             super().submit(job)
 
     with Counting(1, preload=("fake_missions:fake_mission",)) as executor:
-        outcome = fly(executor, [job(tmp_path, "kill")])["0000"]
+        outcome = run_jobs(executor, [job(tmp_path, "kill")])["0000"]
     assert outcome.infrastructure_failure and outcome.reason == "worker_killed: signal 9"
     assert executor.submitted == MAX_ATTEMPTS
 
@@ -156,7 +156,7 @@ def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
         capture_output=True,
     )
     assert done.returncode == 0, done.stderr
-    outcome = landed(each)
+    outcome = load_trial(each)
     assert outcome is not None and outcome.status == "ok"
 
 
@@ -168,5 +168,5 @@ def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend("")  # as where Python was started with -c
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
-        assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path)])["0000"].status == "ok"
     assert not (tmp_path / "foreign").exists()

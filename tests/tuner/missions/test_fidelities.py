@@ -26,7 +26,7 @@ def test_a_fidelity_of_ones_own_is_named_by_module_and_function() -> None:
     [
         ("photogrametric", "unknown fidelity 'photogrametric'; choose from photogrammetric, geometric"),
         ("fake_missions:nothing", "cannot be imported"),
-        ("no_such_module:fly", "cannot be imported"),
+        ("no_such_module:run", "cannot be imported"),
         ("fake_missions:NOISE_SD", "is not a function"),
     ],
 )

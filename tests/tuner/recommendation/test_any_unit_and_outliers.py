@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.problem.standardise import believed
+from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import outlier_sentences
@@ -87,7 +87,7 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
     ],
 )  # fmt: skip
 def test_what_is_believed(outcomes: list[float], expected: list[float]) -> None:
-    assert believed(["r"] * len(outcomes), outcomes) == pytest.approx(expected)
+    assert winsorised(["r"] * len(outcomes), outcomes) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The recommendation is the best configuration, not the luckiest mission; and what it gains on a rock not flown."""
+"""The recommendation is the best configuration, not the luckiest mission; and what it gains on a rock not run."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import synthetic
 
+from tuner.problem.instances import Instance, InstanceLike
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
-from tuner.problem.worlds import Place, World
 from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
@@ -28,7 +28,7 @@ def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.R
 
 
 def test_picks_the_best_not_the_luckiest() -> None:
-    """A good configuration, flown often with ordinary luck, against a poor one with one lucky mission."""
+    """A good configuration, run often with ordinary luck, against a poor one with one lucky mission."""
     rng = np.random.default_rng(0)
     good = synthetic.SPACE.from_unit([0.75, 0.3])
     poor = synthetic.SPACE.from_unit([0.1, 0.95])
@@ -77,11 +77,11 @@ def flights(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> 
         (("r0",), 2, [("r0", 0), ("r0", 1)], True),  # and here one rock
         (("r0",), 1, [("r0", 0)], True),
         (ROCKS, 2, [("r0", 0), ("elsewhere", 1)], False),
-        ([World("r0", c) for c in ("ideal", "field")], 1, [("r0", 0)], False),  # one of two conditions
+        ([Instance("r0", c) for c in ("ideal", "field")], 1, [("r0", 0)], False),  # one of two conditions
     ],
 )
 def test_two_rocks_and_two_replicates_or_all_there_are(
-    rocks: list[Place], replicates: int, blocks: list[tuple[str, int]], expected: bool
+    rocks: list[InstanceLike], replicates: int, blocks: list[tuple[str, int]], expected: bool
 ) -> None:
     history = flights(GOOD, 1.0, *blocks)
     may = may_be_recommended(synthetic.SPACE, history, [GOOD, FAIR], rocks, replicates, FAIR)
@@ -119,7 +119,7 @@ def test_what_is_said_of_a_lead_and_of_rocks_nobody_flew_is_known() -> None:
         return found, "\n".join(words)
 
     found, text = said(ROCKS, flights(GOOD, 60.0, ("r2", 1)))
-    assert found.keep_default and "nothing flown is known to be better" not in text
+    assert found.keep_default and "nothing run is known to be better" not in text
     assert (
         "Keep the default (24 photographs on rings" in text and "for now: what looks better has not" in text
     )
@@ -128,7 +128,7 @@ def test_what_is_said_of_a_lead_and_of_rocks_nobody_flew_is_known() -> None:
     )
     found, text = said(("r0",), flights(GOOD, 60.0, ("r0", 0), ("r0", 1)))
     assert found.values == GOOD and found.next_rock is None
-    assert "On the next rock" not in text and "Only one rock was flown" in text
+    assert "On the next rock" not in text and "Only one rock was run" in text
 
 
 def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_inside_the_noise() -> None:

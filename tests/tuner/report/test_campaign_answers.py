@@ -42,7 +42,7 @@ def other(facts: CampaignFacts) -> Trial:
 
 
 def better(campaign: Campaign, fidelity: str = "photogrammetric", **changes: Any) -> CampaignFacts:
-    """A configuration that flew once is recommended, and believed to be better."""
+    """A configuration that ran once is recommended, and believed to be better."""
     values = other(CampaignFacts(campaign)).values
     gain = {"improvement": 3.0, "improvement_sd": 0.5, "improvement_interval_95": (2.0, 4.0)}
     return facts_of(campaign, fidelity, **{"values": values, **gain, **changes})
@@ -54,7 +54,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert pairs(facts, facts.recommendation) == {}  # type: ignore[arg-type]
     said = sure_answer(facts)
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
-    assert said[-2].startswith("Never flown side by side")
+    assert said[-2].startswith("Never run side by side")
     assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
 
 

@@ -23,7 +23,7 @@ from tuner.report import write_campaign_report
 from tuner.report.answer import use_sentence, worth_sentences
 from tuner.report.campaign_page import reproduce_command
 
-flown = functools.partial(
+evaluated = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
 )
 
@@ -36,7 +36,7 @@ def text_of(page: Path) -> str:
 
 @pytest.mark.slow
 def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> None:
-    campaign = flown(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
+    campaign = evaluated(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
     page = write_campaign_report(campaign)
     assert page == tmp_path / "run" / "report.html"
     best = campaign.recommendation(save=False)
@@ -100,7 +100,7 @@ def test_the_command_runs_the_same_campaign(
 
 
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
-    page = write_campaign_report(flown(tmp_path / "run", rocks=("fail",), budget=20))
+    page = write_campaign_report(evaluated(tmp_path / "run", rocks=("fail",), budget=20))
     text = text_of(page)
     assert "Nothing yet: none of the 8 finished missions succeeded." in text
     assert "Stopped after 8 failures in a row" in text and "seed_model_failed" in text
@@ -109,7 +109,7 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_name_that_opens_a_script_empties_nothing(tmp_path: Path) -> None:
-    campaign = flown(tmp_path / "run", rocks=("<!--<script>", "b"))
+    campaign = evaluated(tmp_path / "run", rocks=("<!--<script>", "b"))
     source = write_campaign_report(campaign).read_text()
     data = re.search(r'id="explorer-data">(.*?)</script>', source, re.S)[1]  # type: ignore[index]
     assert "<" not in data

@@ -28,7 +28,7 @@ BUDGET = 2
 
 @pytest.fixture(scope="module")
 def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    run = tmp_path_factory.mktemp("flown") / "first"
+    run = tmp_path_factory.mktemp("run") / "first"
     config = preset("campaign").with_values({"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000})
     result = run_geometric_mission(config, "slab", 0, run)
     for event in json.loads((run / "flight.json").read_text())["events"]:
@@ -112,5 +112,5 @@ def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
     result["provenance"]["rock_sha256"] = "0" * 64
     del result["checksum"]
     (other / "mission.json").write_text(json.dumps(result))
-    with pytest.raises(UserError, match=r"flown on another 'slab' than the one found now.*--rock"):
+    with pytest.raises(UserError, match=r"run on another 'slab' than the one found now.*--rock"):
         write_mission_view([other], tmp_path / "view.html")

@@ -34,16 +34,16 @@ def model_of(count: int) -> RockMeanGP:
 def test_values_are_those_of_botorch() -> None:
     model = model_of(40)
     baseline = model.inputs(model.promising(12))
-    flying = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in positions(6, 1)]))
+    running = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in positions(6, 1)]))
     everywhere = model.inputs(np.random.default_rng(2).random((200, 2))).unsqueeze(1)
     theirs = qLogNoisyExpectedImprovement(
         model.model,
         baseline,
         SobolQMCNormalSampler(torch.Size([DRAWS]), seed=0),
-        X_pending=flying,
+        X_pending=running,
         prune_baseline=False,
     )
-    ours = LogNoisyImprovement(model.model, torch.cat([baseline, flying]), DRAWS, 1)
+    ours = LogNoisyImprovement(model.model, torch.cat([baseline, running]), DRAWS, 1)
     with torch.no_grad():
         expected, found = theirs(everywhere), ours(everywhere)
     likely = expected > expected.max() - 3  # fewer draws than that say nothing of the others
@@ -51,10 +51,10 @@ def test_values_are_those_of_botorch() -> None:
     assert found[likely].numpy() == pytest.approx(expected[likely].numpy(), abs=0.15)
 
 
-@pytest.mark.parametrize(("flying", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
-def test_half_a_batch_is_by_the_acquisition(flying: int, by_acquisition: int) -> None:
+@pytest.mark.parametrize(("running", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
+def test_half_a_batch_is_by_the_acquisition(running: int, by_acquisition: int) -> None:
     history = synthetic.random_design(24, 0.1, 0)
-    pending = [Observation(24 + i, v, "r0", 0) for i, v in enumerate(positions(flying, 4))]
+    pending = [Observation(24 + i, v, "r0", 0) for i, v in enumerate(positions(running, 4))]
     proposals = gp.GPSampler(synthetic.sampler_settings(0, 4)).ask_many(history, pending, 12)
     assert [("log_nei" in p.why) for p in proposals].count(True) == by_acquisition
     assert len({tuple(p.values.values()) for p in proposals}) == 12

@@ -1,4 +1,4 @@
-"""Quality at a cost: what may be asked for, what is flown for it, what is recommended."""
+"""Quality at a cost: what may be asked for, what is run for it, what is recommended."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
         settings(second=None, limit=40.0)
 
 
-def fly(number: int, values: Values, rng: np.random.Generator) -> Observation:
+def run_missions(number: int, values: Values, rng: np.random.Generator) -> Observation:
     """More photographs are better, and the second parameter u is best at 0.3."""
     photographs = 24.0 + values["stop.adaptive_budget"]
     u = SPACE.to_unit(values)[1]
@@ -81,11 +81,11 @@ def fly(number: int, values: Values, rng: np.random.Generator) -> Observation:
 
 def campaign(limit: float, missions: int) -> list[Observation]:
     rng = np.random.default_rng(0)
-    history = [fly(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
+    history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
     for i in range(8, missions):
         models = two_models(SPACE, history, ("r0", "r1"), i)
         values, _ = propose_constrained(models[0], Constraint(models[1], -limit - 0.5), [], i)
-        history.append(fly(i, values, rng))
+        history.append(run_missions(i, values, rng))
     return history
 
 
@@ -125,7 +125,7 @@ def test_best_quality_within_a_number_of_photographs() -> None:
 
 def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
     rng = np.random.default_rng(1)
-    history = [fly(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((24, 2)))]
+    history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((24, 2)))]
     result = advise(history, 87.0, least_cost=True)
     assert result.limit is not None and result.limit.kept and result.limit.mean >= 87.0
     cheaper = [o for o in history if -(o.second or 0.0) < result.mean - 1]

@@ -29,8 +29,8 @@ def test_pending_missions_push_the_next_proposal_away() -> None:
     history = synthetic.random_design(16, 0.02, 0)
     sampler = make_sampler("gp", synthetic.sampler_settings(0, 4))
     first = sampler.ask(history, [])
-    flying = [Observation(16, first.values, "r0", 0)]
-    second = sampler.ask(history, flying)
+    running = [Observation(16, first.values, "r0", 0)]
+    second = sampler.ask(history, running)
     apart = np.linalg.norm(synthetic.SPACE.to_unit(first.values) - synthetic.SPACE.to_unit(second.values))
     assert apart > 0.02
     assert first.why["phase"] == "model" and np.isfinite(first.why["log_nei"])

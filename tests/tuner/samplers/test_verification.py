@@ -1,4 +1,4 @@
-"""Verification missions: the favourite flown again when that is worth more than exploring."""
+"""Verification missions: the favourite run again when that is worth more than exploring."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def seen(number: int, values: Values, rock: str, outcome: float | None, replicat
 
 
 def a_clear_favourite() -> list[Observation]:
-    """GOOD has flown r0 only; FAIR, ten points worse, has flown everywhere."""
+    """GOOD has run r0 only; FAIR, ten points worse, has run everywhere."""
     history = [seen(i, FAIR, rock, 50.0 + 0.1 * i) for i, rock in enumerate(ROCKS)]
     return [*history, seen(3, GOOD, "r0", 60.0)]
 
@@ -34,12 +34,12 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
     proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
-    assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been flown once, 1 never
+    assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been run once, 1 never
     blocks = [("r0", 0)]
-    flying: list[Observation] = []
-    while (proposal := verification(model_of(history), history, flying, 2, expected_gain=0.0)) is not None:
+    running: list[Observation] = []
+    while (proposal := verification(model_of(history), history, running, 2, expected_gain=0.0)) is not None:
         blocks.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
-        flying.append(Observation(4 + len(flying), GOOD, *blocks[-1]))
+        running.append(Observation(4 + len(running), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
     assert sorted(blocks) == [(rock, k) for rock in ROCKS for k in range(2)]
 
@@ -51,10 +51,10 @@ def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case
     s = dataclasses.replace(
         synthetic.sampler_settings(0, 4), places=("any-cleft",), replicates=18, budget=18, earlier=None
     )
-    for flown in (11, 12, 15, 16):
+    for evaluated in (11, 12, 15, 16):
         history = [
             seen(i, o.values, "any-cleft", o.outcome, i)
-            for i, o in enumerate(synthetic.random_design(flown, 0.1, 0))
+            for i, o in enumerate(synthetic.random_design(evaluated, 0.1, 0))
         ]
         gp.GPSampler(s).ask(history, [])
     assert asked == [False, False, True]  # of 11 missions nobody verifies anything

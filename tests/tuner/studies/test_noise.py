@@ -11,8 +11,8 @@ from fake_study import SD
 from in_process import InProcessExecutor
 
 from nbv.types import Floats
-from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import run_evaluation
 from tuner.problem.space_files import load_search_space
 from tuner.studies.noise import analyse, noise_of, noise_plan, write_noise
 
@@ -80,7 +80,7 @@ def test_a_flown_study_finds_the_known_components_and_is_not_flown_twice(tmp_pat
     mirrored = analyse(plan, run.records, "whole.c2c_mean_mm")
     assert mirrored is not None and mirrored.signal_to_noise == pytest.approx(found.signal_to_noise)
     run_evaluation(plan, tmp_path / "s", InProcessExecutor())
-    assert all(path.read_text() == "flown\n" for path in (tmp_path / "s").rglob("flown.txt"))
+    assert all(path.read_text() == "run\n" for path in (tmp_path / "s").rglob("run.txt"))
     report = write_noise([found, mirrored], tmp_path)
     assert json.loads(report.read_text())[0]["between"] == found.between
 

@@ -18,7 +18,7 @@ Where = Literal["dask", "slurm", "pbs"]
 WHERE: tuple[Where, ...] = ("dask", "slurm", "pbs")
 _CONNECT_S = 20.0
 _SETTINGS = {
-    # One death is enough: this program flies the mission again, and counts.
+    # One death is enough: this program runs the mission again, and counts.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-ttl": "60s",
     "distributed.admin.large-graph-warning-threshold": "1GB",

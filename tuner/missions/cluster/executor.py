@@ -1,4 +1,4 @@
-"""The coordinator's side: an executor whose missions fly on the workers of a Dask scheduler."""
+"""The coordinator's side: an executor whose missions run on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nbv.rocks.families import generated_name
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, clear_traces, landed
+from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
 from tuner.missions.registry import EXTERNAL, FIDELITIES
 
 _COUNTED_EVERY_S = 1.0
@@ -40,7 +40,7 @@ class _Attempt:
 class DaskExecutor(Executor):
     """Missions on the workers of a scheduler; ``capacity`` follows the workers as they come and go.
 
-    Where a worker dies its mission is flown elsewhere. What the lost worker may still send is ignored, since only the
+    Where a worker dies its mission is run elsewhere. What the lost worker may still send is ignored, since only the
     scheduler's word counts.
 
     Parameters
@@ -63,7 +63,7 @@ class DaskExecutor(Executor):
 
     @property
     def workers(self) -> int:
-        """Missions that the workers of this moment fly at a time."""
+        """Missions that the workers of this moment run at a time."""
         now = time.monotonic()
         if now - self._counted >= _COUNTED_EVERY_S:
             with contextlib.suppress(OSError, TimeoutError, KeyError):  # cut off for the moment
@@ -92,7 +92,9 @@ class DaskExecutor(Executor):
             "identity": worker.identity(job.fidelity),
         }
         # A key of its own: Dask would take an equal mission for the same one.
-        future = self._client.submit(worker.fly, order, rock, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
+        future = self._client.submit(
+            worker.run_order, order, rock, key=f"{job.id}-{uuid.uuid4().hex}", pure=False
+        )
         self._attempts[job.id] = _Attempt(job, time.monotonic(), future)
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
@@ -136,7 +138,7 @@ class DaskExecutor(Executor):
         if answer is not None:
             reason, message, wall_s = answer["reason"], answer["message"], answer["wall_s"]
             worker.unpack(answer["files"], job.directory)
-            trial = landed(job, wall_s)
+            trial = load_trial(job, wall_s)
         return trial or job.failed(reason, message, wall_s)
 
     def _answers(self, futures: list[Future]) -> list[Answer]:

@@ -1,4 +1,4 @@
-"""What a worker does: it flies one mission, in a process of its own, and sends back the directory that it left.
+"""What a worker does: it runs one mission, in a process of its own, and sends back the directory that it left.
 
 It runs in threads of Dask's workers; nothing but bytes and JSON goes over the network, beside the names of these functions.
 """
@@ -42,12 +42,12 @@ def identity(fidelity: str = "") -> dict[str, str]:
     return found | ({f"the code of {fidelity}": code_of(fidelity)[:12]} if fidelity else {})
 
 
-def difference(theirs: dict[str, str], ours: dict[str, str], whose: str) -> str:
+def difference(theirs: dict[str, str], builtin: dict[str, str], whose: str) -> str:
     """Return the first thing in which they and the coordinator differ, both named; empty where there is none."""
-    for name in {**ours, **theirs}:
-        if theirs.get(name) != ours.get(name):
+    for name in {**builtin, **theirs}:
+        if theirs.get(name) != builtin.get(name):
             return (
-                f"{name} is {theirs.get(name, 'missing')} on the {whose} and {ours.get(name, 'missing')} here; "
+                f"{name} is {theirs.get(name, 'missing')} on the {whose} and {builtin.get(name, 'missing')} here; "
                 "install the same on both"
             )
     return ""
@@ -58,8 +58,8 @@ def received_rock(sha256: str) -> Path:
     return home() / "rocks" / "received" / f"{sha256}.npz"
 
 
-def fly(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
-    """Fly the mission of ``order`` (see `tuner.missions.cluster.executor`) and return how it ended, with its files.
+def run_order(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
+    """Run the mission of ``order`` (see `tuner.missions.cluster.executor`) and return how it ended, with its files.
 
     ``rock`` is the content of one that workers cannot make themselves.
     """
@@ -76,14 +76,14 @@ def fly(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
                     path.parent.mkdir(parents=True, exist_ok=True)
                     write_atomic(path, rock)
                 job = dataclasses.replace(job, rock=str(path))
-            trial = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
+            trial = _run(dataclasses.replace(job, directory=directory), order["timeout_s"])
         ended = {name: getattr(trial, name) for name in ("reason", "message", "wall_s")}
         return {**ended, "files": pack(directory)}
     finally:
         shutil.rmtree(directory, ignore_errors=True)
 
 
-def _flown(job: MissionJob, timeout_s: float) -> Trial:
+def _run(job: MissionJob, timeout_s: float) -> Trial:
     key = (job.fidelity, timeout_s)
     if getattr(_own, "key", None) != key:
         if hasattr(_own, "executor"):
@@ -107,7 +107,7 @@ def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:
     """On the scheduler, return whether ``attempt`` may begin; one attempt of a task is told so, ever.
 
     A scheduler makes anew what lay on a lost worker, whether or not the coordinator has it, and a worker that was cut off
-    would go through all that had been sent to it. Who flies again decides the coordinator alone, by another task.
+    would go through all that had been sent to it. Who runs again decides the coordinator alone, by another task.
 
     Parameters
     ----------

@@ -224,6 +224,6 @@ def _unchanged(file: str, sha256: str, program: str) -> MissionFile:
     mission = load_mission_file(Path(file), sha256)
     if program != mission.program:
         raise UserError(
-            f"the program of {file} changed while its missions flew; put it back, or resume and say so"
+            f"the program of {file} changed while its missions ran; put it back, or resume and say so"
         )
     return mission

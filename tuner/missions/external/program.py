@@ -105,7 +105,7 @@ def _end(processes: Iterable[psutil.Process]) -> None:
 
 
 class Request(msgspec.Struct, frozen=True):
-    """The content of ``request.json``: one mission to fly."""
+    """The content of ``request.json``: one mission to run."""
 
     configuration: Mapping[str, Any]  # every parameter with its value
     instance: Mapping[str, Any]  # its name, and what the mission file says of it
@@ -215,7 +215,7 @@ def require_trusted(identity: str, mission: MissionFile, *, program: bool) -> No
     if not isinstance(known, list) or known[:2] != [str(mission.path), mission.sha256]:
         why = f"the campaign was not begun here and asks to run the program of {mission.path}"
     elif program and known[2:] != [mission.program]:
-        why = f"the program of {mission.path} changed since the campaign flew it"
+        why = f"the program of {mission.path} changed since the campaign ran it"
     if why:
         raise UserError(f"{why}; if you trust it, name it: --mission {mission.path}")
 

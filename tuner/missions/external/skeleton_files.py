@@ -13,8 +13,8 @@ from matplotlib import cbook
 from nbv.safe_files import write_new_folder
 
 _RUN = {
-    False: "function: fly:fly              # module:function in this folder, or a command: [./fly.sh]",
-    True: "command: [sh, fly.sh]          # run in this folder, or a function: module:name",
+    False: "function: mission:run          # module:function in this folder, or a command: [./mission.sh]",
+    True: "command: [sh, mission.sh]      # run in this folder, or a function: module:name",
 }
 
 
@@ -29,7 +29,10 @@ def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
     UserError
         There is something in ``folder``, or it cannot be written.
     """
-    source, program = resources.files(__package__).joinpath("skeleton"), "fly.sh" if shell else "fly.py"
+    source, program = (
+        resources.files(__package__).joinpath("skeleton"),
+        "mission.sh" if shell else "mission.py",
+    )
     text = source.joinpath("mission.yaml").read_text("utf-8").replace("RUN", _RUN[shell])
     contents: dict[str, str | bytes] = {
         "mission.yaml": text.replace("NAME", json.dumps(folder.resolve().name)),

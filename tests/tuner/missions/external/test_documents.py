@@ -41,7 +41,7 @@ def test_a_mission_file_says_what_a_mission_takes(tmp_path):
     assert mission.complete(mission.baselines["hand"])["gain"] == 2.0
     assert mission.instance("b") == {"name": "b", "mesh": "b.obj", "wind_m_s": 3}
     assert mission.objective.measure({"f": {"score": 0.5}}) == 0.5
-    # Its own limit counts, wherever it flies.
+    # Its own limit counts, wherever it runs.
     assert limit_s(10.0, load(tmp_path, time_limit_s=7200)) > 7200 and limit_s(10.0, None) == 10.0
 
 

@@ -1,4 +1,4 @@
-"""Own missions, flown: whose failure it is, what is flown again, what is left behind, what is measured."""
+"""Own missions, run: whose failure it is, what is run again, what is left behind, what is measured."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ import yaml
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation import Evaluation
 from tuner.missions.external import program
-from tuner.missions.external.flight import run_external_mission
+from tuner.missions.external.mission import run_external_mission
 from tuner.missions.external.mission_file import external_config, load_mission_file
 
 FILE = {
@@ -33,7 +33,7 @@ def mission_file(folder, **changes):
     return load_mission_file(folder / "mission.yaml")
 
 
-def fly(folder, script, **changes):
+def run_missions(folder, script, **changes):
     mission = mission_file(folder, command=["sh", "-c", script], **changes)
     instance = next(iter(mission.instances))
     return run_external_mission(external_config(mission, {}), instance, 0, folder / "m")
@@ -41,7 +41,7 @@ def fly(folder, script, **changes):
 
 def test_a_result_becomes_a_mission(tmp_path):
     script = f"echo $PARAMETER_gain $GATETUNE_INSTANCE; cd $GATETUNE_OUTPUT; mkdir a; touch a/1 b; cp $0 kept; {FINE}"
-    result = fly(tmp_path, script)
+    result = run_missions(tmp_path, script)
     assert (result.status, result.metrics, result.costs["fuel"]) == ("ok", {"loss": 0.5}, 3.0)
     output = tmp_path / "m/output"
     request = json.loads((output / "request.json").read_text())
@@ -67,7 +67,7 @@ def test_a_result_becomes_a_mission(tmp_path):
 )
 def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says):
     with pytest.raises(MissionFailure, match=says) as failure:
-        fly(tmp_path, script)
+        run_missions(tmp_path, script)
     assert failure.value.reason == "machine_error: no_result" and "\n" not in failure.value.message
 
 
@@ -83,12 +83,16 @@ def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says
     ],
 )
 def test_what_is_no_number_is_the_configurations_failure(tmp_path, result, message):
-    flown = fly(tmp_path, f"echo '{result}' > $GATETUNE_OUTPUT/result.json")
-    assert (flown.status, flown.reason, flown.message) == ("failed", "metric_not_a_number", message)
+    evaluated = run_missions(tmp_path, f"echo '{result}' > $GATETUNE_OUTPUT/result.json")
+    assert (evaluated.status, evaluated.reason, evaluated.message) == (
+        "failed",
+        "metric_not_a_number",
+        message,
+    )
 
 
 def test_what_a_mission_prints_is_cut(tmp_path):
-    fly(tmp_path, f"echo first; head -c 30000000 /dev/zero; echo last; {FINE}")
+    run_missions(tmp_path, f"echo first; head -c 30000000 /dev/zero; echo last; {FINE}")
     log = (tmp_path / "m/output/mission.log").read_bytes()
     assert len(log) < 1_100_000 and log.startswith(b"first") and log.endswith(b"last\n")
     assert b"[29000011 bytes left out]" in log
@@ -96,21 +100,21 @@ def test_what_a_mission_prints_is_cut(tmp_path):
 
 def test_a_further_metric_that_is_no_number_is_left_out(tmp_path):
     text = '{"metrics": {"loss": 1, "of": {"psnr": NaN, "rmse": 2}, "note": "x"}}'
-    flown = fly(tmp_path, f"echo '{text}' > $GATETUNE_OUTPUT/result.json")
-    assert (flown.status, flown.metrics) == ("ok", {"loss": 1, "of": {"rmse": 2}})
+    evaluated = run_missions(tmp_path, f"echo '{text}' > $GATETUNE_OUTPUT/result.json")
+    assert (evaluated.status, evaluated.metrics) == ("ok", {"loss": 1, "of": {"rmse": 2}})
 
 
 def test_a_time_out_is_the_configurations_unless_there_is_a_result(tmp_path):
-    result = fly(tmp_path, "sleep 60", time_limit_s=0.3)
+    result = run_missions(tmp_path, "sleep 60", time_limit_s=0.3)
     assert (result.status, result.reason) == ("failed", "timeout")
-    assert fly(tmp_path, f"{FINE}; sleep 60", time_limit_s=0.3).metrics == {"loss": 0.5}
+    assert run_missions(tmp_path, f"{FINE}; sleep 60", time_limit_s=0.3).metrics == {"loss": 0.5}
 
 
 def test_a_changed_mission_file_or_program_is_not_flown(tmp_path):
     (tmp_path / "mine.py").write_text("")
-    config = external_config(mission_file(tmp_path, function="mine:fly"), {})
+    config = external_config(mission_file(tmp_path, function="mine:run"), {})
     (tmp_path / "mine.py").write_text("# changed")
-    with pytest.raises(UserError, match=r"program of .* changed while its missions flew"):
+    with pytest.raises(UserError, match=r"program of .* changed while its missions ran"):
         run_external_mission(config, "here", 1, tmp_path / "m")
     mission_file(tmp_path, function="mine:other")
     with pytest.raises(UserError, match="has changed since the campaign began"):
@@ -130,11 +134,13 @@ def daemon_lives(tmp_path):
 
 def test_no_process_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr(program, "GRACE_S", 0.2)
-    assert fly(tmp_path, DAEMON + FINE).status == "ok"
+    assert run_missions(tmp_path, DAEMON + FINE).status == "ok"
     assert not daemon_lives(tmp_path)
     (tmp_path / "pid").unlink()
     # One that ignores SIGTERM and one that is stopped are killed.
-    assert fly(tmp_path, f"trap '' TERM; {DAEMON} kill -STOP $$", time_limit_s=1.5).reason == "timeout"
+    assert (
+        run_missions(tmp_path, f"trap '' TERM; {DAEMON} kill -STOP $$", time_limit_s=1.5).reason == "timeout"
+    )
     assert not daemon_lives(tmp_path)
 
 
@@ -147,7 +153,7 @@ def measured(monkeypatch):
         seen.update(points_m=cloud.points_m, rock=rock, config=config)
         return Evaluation({"observable": {"f_score_48mm": 50.0}}, {}, lambda: cloud)
 
-    monkeypatch.setattr("tuner.missions.external.flight.evaluate_cloud", evaluate)
+    monkeypatch.setattr("tuner.missions.external.mission.evaluate_cloud", evaluate)
     return seen
 
 
@@ -164,16 +170,18 @@ def fly_cloud(folder, points, cameras, **score):
     (folder / "made.json").write_text(json.dumps({"cloud": {"path": "cloud.ply", "cameras": cameras}}))
     script = 'cp cloud.ply "$GATETUNE_OUTPUT"; cp made.json "$GATETUNE_OUTPUT/result.json"'
     instances = [{"name": "a", "mesh": "ball.ply"}]
-    return fly(folder, script, instances=instances, score={"set": {"evaluation.gt_samples": 2000}, **score})
+    return run_missions(
+        folder, script, instances=instances, score={"set": {"evaluation.gt_samples": 2000}, **score}
+    )
 
 
 @pytest.mark.slow
 def test_a_cloud_is_moved_with_its_mesh_and_measured(tmp_path, measured):
     """The ball is measured as a rock 1.6 m tall on the ground."""
     points = trimesh.creation.icosphere(4).vertices
-    flown = fly_cloud(tmp_path, points + CENTRE, {})
-    assert (flown.status, flown.metrics) == ("ok", {"observable": {"f_score_48mm": 50.0}})
-    assert flown.provenance["rock_sha256"] == measured["rock"].sha256
+    evaluated = fly_cloud(tmp_path, points + CENTRE, {})
+    assert (evaluated.status, evaluated.metrics) == ("ok", {"observable": {"f_score_48mm": 50.0}})
+    assert evaluated.provenance["rock_sha256"] == measured["rock"].sha256
     assert measured["rock"].name == "ball" and measured["config"].evaluation.gt_samples == 2000
     np.testing.assert_allclose(measured["points_m"], 0.8 * points + (0, 0, 0.8), atol=1e-5)
     assert fly_cloud(tmp_path, 0.8 * points + (0, 0, 0.8), {}, frame="rock").status == "ok"
@@ -217,7 +225,7 @@ def test_the_skeleton_passes_its_own_check(gatetune, shell):
 
 
 @pytest.mark.parametrize(
-    ("fly", "says"),
+    ("run", "says"),
     [
         ("return {}", "machine_error: no_result: result.json needs metrics, cloud or failure"),
         ("return {'metrics': {'lose': 1}}", "no_metric: there is no 'loss'"),
@@ -225,8 +233,8 @@ def test_the_skeleton_passes_its_own_check(gatetune, shell):
         ("raise ValueError('no such sensor')", "ValueError: no such sensor"),
     ],
 )
-def test_the_check_says_what_is_wrong(gatetune, tmp_path, fly, says):
-    (tmp_path / "mine.py").write_text(f"def fly(request):\n    {fly}\n")
-    mission_file(tmp_path, function="mine:fly")
+def test_the_check_says_what_is_wrong(gatetune, tmp_path, run_missions, says):
+    (tmp_path / "mine.py").write_text(f"def fly(request):\n    {run_missions}\n")
+    mission_file(tmp_path, function="mine:run")
     code, out, _ = gatetune("mission", "check", tmp_path / "mission.yaml")
     assert code == 1 and "not ready: " in out and says in out

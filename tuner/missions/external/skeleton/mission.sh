@@ -1,6 +1,6 @@
 #!/bin/sh
 # One mission: what it needs is in the environment (and as JSON in $GATETUNE_REQUEST); it leaves result.json in $GATETUNE_OUTPUT.
-# An end without a result is the machine's failure: flown again.
+# An end without a result is the machine's failure: run again.
 file=$GATETUNE_INSTANCE.raw
 filters=
 [ "$PARAMETER_delta" != 0 ] && filters=--delta=dist=$PARAMETER_delta

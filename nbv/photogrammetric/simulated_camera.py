@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Store, remember
+from nbv.cache import Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
@@ -20,7 +20,7 @@ from nbv.scene import Renderer, Sensor
 from nbv.types import Camera, Capture, Floats, Viewpoint
 
 
-class Studio(Camera):
+class SimulatedCamera(Camera):
     """Renders one rock in one replicate.
 
     Parameters
@@ -76,7 +76,7 @@ class Studio(Camera):
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""
         inputs = [self._rock.sha256, self._replicate, *self._world, viewpoint.id, true_pose]
-        return remember(
+        return cached(
             self._store,
             "photographs",
             lambda: {"image": self._see(viewpoint, true_pose)},

@@ -7,8 +7,8 @@ from typing import Any
 HERE = Path(__file__).parent
 
 
-def fly(request: dict[str, Any]) -> dict[str, Any]:
-    """Return metrics, or why the configuration fails. An exception is the machine's failure: flown again."""
+def run(request: dict[str, Any]) -> dict[str, Any]:
+    """Return metrics, or why the configuration fails. An exception is the machine's failure: run again."""
     values = dict(request["configuration"])
     file = HERE / f"{request['instance']['name']}.raw"
     delta = values.pop("delta")

@@ -13,13 +13,13 @@ import torch
 from botorch.acquisition import AcquisitionFunction
 
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import KnownOutcome
+from tuner.surrogate.posterior import DeterministicOutcome
 
 RECENT = 8
 _LEAST = 1e-12
 
 
-class LogBelievedSaving(AcquisitionFunction):
+class LogExpectedSaving(AcquisitionFunction):
     """Logarithm of the expected saving.
 
     Parameters
@@ -29,37 +29,37 @@ class LogBelievedSaving(AcquisitionFunction):
     cost
         Larger is better, as everywhere.
     at_least
-        The limit of the quality's mean over the training worlds.
+        The limit of the quality's mean over the training instances.
     quantile
         Standard deviations above the limit at which it is believed to be kept.
     best
         The outcome of the cheapest that is believed.
-    flying
+    running
         (m, inputs) in flight: they may become the cheapest, and the last `RECENT` will tell of what is near.
     """
 
     def __init__(
         self,
         model: RockMeanGP,
-        cost: KnownOutcome,
+        cost: DeterministicOutcome,
         at_least: float,
         quantile: float,
         best: float,
-        flying: torch.Tensor | None,
+        running: torch.Tensor | None,
     ) -> None:
         super().__init__(model.model)
         self._cost, self._at_least, self._quantile = cost, at_least, quantile
         self._recent: torch.Tensor | None = None
         self._gp, self._noise = model, model.noise_sd**2
         levels, chances = [best], [1.0]
-        if flying is not None:
+        if running is not None:
             with torch.no_grad():
-                chance = self._log_chance(flying.unsqueeze(1)).exp()
-            for own, p in sorted(zip(cost.at(flying).tolist(), chance.tolist())):
+                chance = self._log_chance(running.unsqueeze(1)).exp()
+            for own, p in sorted(zip(cost.at(running).tolist(), chance.tolist())):
                 if own > best:
                     levels.append(own)
                     chances.append(p)
-            self._recent = flying[-RECENT:]
+            self._recent = running[-RECENT:]
         # The best level reached: each with the probability that none above it is.
         none_above, weights = 1.0, []
         for p in reversed(chances):

@@ -20,15 +20,15 @@ BOX_MARGIN_M, CROP_MARGIN_M = 1.0, 0.5
 ROUNDING_M = 1e-6
 
 
-def aimed(config: MissionConfig, rock: Rock) -> MissionConfig:
+def with_true_target(config: MissionConfig, rock: Rock) -> MissionConfig:
     """``config`` with a drawn rock where it really is, whose height is its own, for what measures a mission: nothing plans by it.
 
     As it is for others, which are 1.6 m high, and where a target was chosen.
     """
-    return about(config, *_size_m(rock)) if _is_drawn(config, rock) else config
+    return with_target_size(config, *_size_m(rock)) if _is_drawn(config, rock) else config
 
 
-def told(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
+def with_size_error(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
     """``config`` as the vehicle is told of a drawn rock: its size is off by ``target.size_error_percent``.
 
     The error is uniform, one for height and width, drawn per (rock, replicate); crops leave room for it.
@@ -38,7 +38,7 @@ def told(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
     error = config.target.size_error_percent / 100.0
     drawn = 1.0 + error * keyed_rng("size-belief", rock.name, replicate).uniform(-1.0, 1.0)
     height_m, half_width_m = (drawn * size_m for size_m in _size_m(rock))
-    return reaching_a_ring(about(config, height_m, half_width_m, 1.0 / (1.0 - error)))
+    return reaching_a_ring(with_target_size(config, height_m, half_width_m, 1.0 / (1.0 - error)))
 
 
 def _is_drawn(config: MissionConfig, rock: Rock) -> bool:
@@ -49,7 +49,9 @@ def _size_m(rock: Rock) -> tuple[float, float]:
     return float(rock.vertices_m[:, 2].max()), float(np.abs(rock.vertices_m[:, :2]).max())
 
 
-def about(config: MissionConfig, height_m: float, half_width_m: float, at_most: float = 1.0) -> MissionConfig:
+def with_target_size(
+    config: MissionConfig, height_m: float, half_width_m: float, at_most: float = 1.0
+) -> MissionConfig:
     """``config`` aimed at the middle of a rock of a size, with crops beyond its ends, were it ``at_most`` times as large."""
     reach_m = round(at_most * max(half_width_m, height_m / 2) + KNOWN_MARGIN_M, 3)
     return config.changed(
@@ -59,7 +61,7 @@ def about(config: MissionConfig, height_m: float, half_width_m: float, at_most: 
     )
 
 
-def believed(config: MissionConfig, rock_sha256: str, replicate: int) -> MissionConfig:
+def with_target_error(config: MissionConfig, rock_sha256: str, replicate: int) -> MissionConfig:
     """``config`` with the target where it is believed to be: off by `TargetConfig`, drawn per (rock, replicate)."""
     sd = config.target
     if sd.is_known:
@@ -75,7 +77,7 @@ def believed(config: MissionConfig, rock_sha256: str, replicate: int) -> Mission
     )
 
 
-def located(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
+def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
     """``config`` with the target's place and size as the model shows them; None where none is found in it.
 
     Where telemetry errs altitudes count from the ground in the model: what telemetry calls zero is off by its drift.

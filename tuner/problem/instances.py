@@ -1,7 +1,7 @@
-"""Where a mission is flown: a rock under a condition.
+"""Where a mission is run: a rock under a condition.
 
 A place may be a family of rocks: ``any-cleft`` is another cleft with every replicate. A replicate of such a place is a rock, so
-what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has flown is the mean
+what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has run is the mean
 over the family.
 """
 
@@ -16,7 +16,7 @@ from nbv.errors import UserError
 from nbv.rocks.families import ANY, FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 
 
-class World(NamedTuple):
+class Instance(NamedTuple):
     """A rock under a condition."""
 
     rock: str  # name or mesh file
@@ -34,31 +34,31 @@ class World(NamedTuple):
         return safe if self.condition == IDEAL else f"{safe}_{self.condition}"
 
 
-Place = World | str  # a rock's name alone: that rock under ``ideal``
+InstanceLike = Instance | str  # a rock's name alone: that rock under ``ideal``
 
 
-def worlds_of(places: Iterable[Place]) -> tuple[World, ...]:
-    """Return ``places`` as worlds; a rock's name alone means that rock under ``ideal``."""
-    return tuple(World(place) if isinstance(place, str) else place for place in places)
+def instances_of(places: Iterable[InstanceLike]) -> tuple[Instance, ...]:
+    """Return ``places`` as instances; a rock's name alone means that rock under ``ideal``."""
+    return tuple(Instance(place) if isinstance(place, str) else place for place in places)
 
 
-def worlds_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[World, ...]:
+def instances_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[Instance, ...]:
     """Return every rock under every condition, once, in an order in which neighbours differ in both where they can."""
     return tuple(
-        World(rock, conditions[(i + turn) % len(conditions)])
+        Instance(rock, conditions[(i + turn) % len(conditions)])
         for turn in range(len(conditions))
         for i, rock in enumerate(rocks)
     )
 
 
-def conditions_of(worlds: Iterable[World]) -> tuple[str, ...]:
+def conditions_of(instances: Iterable[Instance]) -> tuple[str, ...]:
     """Return each condition once, in order."""
-    return tuple(dict.fromkeys(world.condition for world in worlds))
+    return tuple(dict.fromkeys(instance.condition for instance in instances))
 
 
-def rocks_of(worlds: Iterable[World]) -> tuple[str, ...]:
+def rocks_of(instances: Iterable[Instance]) -> tuple[str, ...]:
     """Return each rock once, in order."""
-    return tuple(dict.fromkeys(world.rock for world in worlds))
+    return tuple(dict.fromkeys(instance.rock for instance in instances))
 
 
 def family_of(rock: str) -> str | None:

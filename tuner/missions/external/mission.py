@@ -1,4 +1,4 @@
-"""The fidelity ``external``: a mission of a mission file, flown and measured like one of ours."""
+"""The fidelity ``external``: a mission of a mission file, run and measured like one of ours."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _LAST_BYTES, _LAST_LETTERS = 4096, 160
 def run_external_mission(
     config: ExternalConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep = "summary"
 ) -> MissionResult:
-    """Fly one mission of a mission file.
+    """Run one mission of a mission file.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def run_external_mission(
     Raises
     ------
     MissionFailure
-        ``machine_error: ...``: the mission says nothing about the configuration and may be flown again.
+        ``machine_error: ...``: the mission says nothing about the configuration and may be run again.
     UserError
         The mission file has changed, its program cannot be run, or ``config`` is none of a mission file.
     """
     if not isinstance(config, ExternalConfig):
-        raise UserError("the fidelity external flies missions of a mission file; name one with --mission")
+        raise UserError("the fidelity external runs missions of a mission file; name one with --mission")
     mission = config.mission
     provenance: dict[str, Any] = {
         "mission_file": config.mission_file,
@@ -86,7 +86,7 @@ def run_external_mission(
         instance, seed = mission.instance(rock), seed_of(rock, replicate)
         request = Request(config.values, instance, replicate, seed, str(output))
         started = time.monotonic()
-        result = _flown(mission, request)
+        result = _run(mission, request)
         (metrics, others), (costs, no_costs) = numbers(result.metrics), numbers(result.costs, "costs.")
         costs["wall_s"] = time.monotonic() - started
         reason, message = result.failure or "", ""
@@ -118,7 +118,7 @@ def run_external_mission(
     )
 
 
-def _flown(mission: MissionFile, request: Request) -> Result:
+def _run(mission: MissionFile, request: Request) -> Result:
     """Run the program once. Without a result a time-out is the configuration's failure, anything else the machine's."""
     output = Path(request.output)
     remove(output)

@@ -10,7 +10,7 @@ from test_mission_loop import CountingReconstructor, made
 
 from nbv.config import MissionConfig, preset
 from nbv.flight import Flight
-from nbv.mission.belief import believed, located, reaching_a_ring
+from nbv.mission.target_prior import reaching_a_ring, with_target_error, with_target_found
 from nbv.types import SparseModel
 from nbv.viewpoints import candidate_pool
 
@@ -36,16 +36,20 @@ class OnTheGround(CountingReconstructor):
 
 def test_belief_is_off_by_what_is_configured() -> None:
     config = MissionConfig().with_values(ROUGH)
-    off_m = np.array([believed(config, "rock", k).target_m for k in range(3000)]) - config.target_m
+    off_m = np.array([with_target_error(config, "rock", k).target_m for k in range(3000)]) - config.target_m
     np.testing.assert_allclose(off_m.std(axis=0), [0.5, 0.5, 0.25], rtol=0.06)
     np.testing.assert_allclose(off_m.mean(axis=0), 0.0, atol=0.04)
-    assert believed(config, "rock", 1) == believed(config, "rock", 1) != believed(config, "rock", 2)
+    assert (
+        with_target_error(config, "rock", 1)
+        == with_target_error(config, "rock", 1)
+        != with_target_error(config, "rock", 2)
+    )
 
 
 def test_the_mission_goes_on_with_what_the_model_shows() -> None:
-    config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
+    config = with_target_error(preset("campaign").with_values(ROUGH), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
-    mission.fly()
+    mission.run()
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
     # The crop is no less than configured, although the target is smaller.
     assert mission.config.dense.crop_half_width_m == config.dense.crop_half_width_m
@@ -60,9 +64,9 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
 
 def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     """The first six about where it is believed, the others about where their photographs show it, aimed at it."""
-    config = believed(preset("campaign").with_values({**ROUGH, "seed.reaim_after": 6}), "rock", 3)
+    config = with_target_error(preset("campaign").with_values({**ROUGH, "seed.retarget_after": 6}), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
-    model = mission.fly_seed_phase()
+    model = mission.run_seed_phase()
     assert reconstructor.glimpsed == [f"seed_{k:02d}.png" for k in range(6)]
     found_m = np.array(mission.config.target_m)
     np.testing.assert_allclose(found_m, [0.5, 0.0, 0.75], atol=0.1)
@@ -75,11 +79,11 @@ def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     np.testing.assert_allclose(mission.config.target_m, found_m, atol=0.05)
 
 
-@pytest.mark.parametrize("values", [{}, {**ROUGH, "seed.reaim_after": 24}, {"seed.reaim_after": 6}])
+@pytest.mark.parametrize("values", [{}, {**ROUGH, "seed.retarget_after": 24}, {"seed.retarget_after": 6}])
 def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> None:
-    config = believed(preset("campaign").with_values(values), "rock", 3)
+    config = with_target_error(preset("campaign").with_values(values), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
-    mission.fly_seed_phase()
+    mission.run_seed_phase()
     assert not hasattr(reconstructor, "glimpsed")
     assert mission.config is config
 
@@ -90,7 +94,7 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     gnss = {"telemetry.horizontal_noise_m": 0.3, "telemetry.vertical_noise_m": 0.4, "telemetry.drift_m": 0.4}
     config = preset("campaign").with_values({**ROUGH, **gnss, "pool.max_altitude_m": 1.5})
     mission = made(config, OnTheGround(ground_m), Flight(config, "rock", 3))
-    mission.fly()
+    mission.run()
     assert mission.recorder.notes == []
     for capture in mission.captures[24:]:
         assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
@@ -120,9 +124,9 @@ class FoundLate(OnTheGround):
 
 def test_places_about_a_target_found_late_have_names_of_their_own() -> None:
     rough = {**ROUGH, "stop.adaptive_budget": 40, "stop.criterion": "budget"}
-    config = believed(preset("campaign").with_values(rough), "rock", 3)
+    config = with_target_error(preset("campaign").with_values(rough), "rock", 3)
     mission = made(config, FoundLate(), Flight(config, "rock", 3))
-    mission.fly()
+    mission.run()
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
     names = [capture.name for capture in mission.captures]
     assert len(set(names)) == len(names) > 26
@@ -130,14 +134,14 @@ def test_places_about_a_target_found_late_have_names_of_their_own() -> None:
 
 def test_without_a_target_in_the_model_belief_stays_and_it_is_looked_for_again() -> None:
     """Twenty points show nothing; those that later photographs add may."""
-    config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
+    config = with_target_error(preset("campaign").with_values(ROUGH), "rock", 3)
     mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))
-    model = mission.fly_seed_phase()
-    assert located(config, model) is None
+    model = mission.run_seed_phase()
+    assert with_target_found(config, model) is None
     mission.look_for_target(model)
     assert mission.config is config
     mission.look_for_target(OnTheGround()._model())
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
     never = made(config, CountingReconstructor(points=1), Flight(config, "rock", 3))
-    never.fly()
+    never.run()
     assert never.recorder.notes == ["target_not_found"]

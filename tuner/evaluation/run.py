@@ -1,4 +1,4 @@
-"""Flying an evaluation: a mission that has finished is never flown again, so an interrupted one goes on where it stopped."""
+"""Running an evaluation: a mission that has finished is never run again, so an interrupted one goes on where it stopped."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from nbv.errors import UserError
 from nbv.safe_files import to_yaml, write_atomic
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import Executor
-from tuner.missions.fly import JobList, fly
 from tuner.missions.job import MissionJob, Trial
 from tuner.missions.long_runs import long_run
+from tuner.missions.run_jobs import JobList, run_jobs
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def run_evaluation(
     executor: Executor,
     on_event: Callable[[EvaluationEvent], None] | None = None,
 ) -> EvaluationRun:
-    """Fly what is not flown yet, until done, Ctrl-C or SIGTERM.
+    """Run what is not run yet, until done, Ctrl-C or SIGTERM.
 
     Missions that the machine ended (`Trial.infrastructure_failure`) leave no record, and the evaluation incomplete.
 
@@ -71,12 +71,12 @@ def run_evaluation(
 
     def tell(job: MissionJob, trial: Trial | None = None) -> None:
         if on_event is not None:
-            on_event(EvaluationEvent(job, trial, len(jobs) - flown.open, len(jobs)))
+            on_event(EvaluationEvent(job, trial, len(jobs) - evaluated.open, len(jobs)))
 
-    flown = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.job_id], trial))
+    evaluated = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.job_id], trial))
     with long_run(directory) as stop:
-        fly(flown, executor, stop)
-    return EvaluationRun(plan, plan.records(directory), not flown.open, time.monotonic() - began)
+        run_jobs(evaluated, executor, stop)
+    return EvaluationRun(plan, plan.records(directory), not evaluated.open, time.monotonic() - began)
 
 
 def failure_counts(records: Iterable[Trial]) -> dict[str, int]:
@@ -87,7 +87,7 @@ def failure_counts(records: Iterable[Trial]) -> dict[str, int]:
 def place_for(plan: EvaluationPlan, usual: Path) -> Path:
     """``usual``, or ``usual-2`` and so on: the first that holds this plan or nothing yet.
 
-    A campaign goes on and recommends something else, other rocks are asked for: what was flown before stays.
+    A campaign goes on and recommends something else, other rocks are asked for: what was run before stays.
     """
     place, number = usual, 1
     while _holds_another(plan, place):

@@ -25,7 +25,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True)
-class ExactCost:
+class DeterministicMetric:
     """A metric as a function of the tuned values."""
 
     objective: Objective
@@ -52,13 +52,13 @@ class ExactCost:
 
 
 @dataclass(frozen=True)
-class Exact:
+class DeterministicMetrics:
     """What the configuration decides of the objective and of the second one."""
 
-    first: ExactCost | None = None
-    second: ExactCost | None = None
+    first: DeterministicMetric | None = None
+    second: DeterministicMetric | None = None
 
-    def agreed(self, history: Sequence[Observation]) -> Exact:
+    def agreed(self, history: Sequence[Observation]) -> DeterministicMetrics:
         """Return what every mission so far has confirmed: where one had another cost, a surrogate is used instead."""
         done = [o for o in history if o.outcome is not None]
         first, second = self.first, self.second
@@ -67,7 +67,7 @@ class Exact:
         pairs = [(o.values, o.second) for o in done if o.second is not None]
         if second is not None and not second.agrees(pairs):
             second = None
-        return Exact(first, second)
+        return DeterministicMetrics(first, second)
 
 
 def modelled(history: Sequence[Observation]) -> list[Observation]:
@@ -76,12 +76,12 @@ def modelled(history: Sequence[Observation]) -> list[Observation]:
     return [replace(o, outcome=o.second, second=o.outcome) for o in both]
 
 
-def exact_cost(
+def deterministic_metric(
     space: SearchSpace,
     config: Callable[[Mapping[str, Any]], Configuration],
     default: Mapping[str, Any],
     objective: Objective,
-) -> ExactCost | None:
+) -> DeterministicMetric | None:
     """Return the objective as a function of the tuned values; None where only a mission can tell it.
 
     Parameters
@@ -99,7 +99,11 @@ def exact_cost(
     if not isinstance(base, MissionConfig):
         path = objective.metric.removeprefix("costs.")
         numbers = {p.path for p in space.parameters if p.kind != "categorical"}
-        return ExactCost(objective, (path,), lambda values: float(values[path])) if path in numbers else None
+        return (
+            DeterministicMetric(objective, (path,), lambda values: float(values[path]))
+            if path in numbers
+            else None
+        )
     tuned = {path for p in space.parameters for path in (p.path, *p.also)}
     if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or tuned & set(ENDS_EARLY):
         return None
@@ -115,4 +119,4 @@ def exact_cost(
     deciding = tuple(
         p.path for p in space.parameters if any(path in DECIDES_PHOTOGRAPHS for path in (p.path, *p.also))
     )
-    return ExactCost(objective, deciding, photographs)
+    return DeterministicMetric(objective, deciding, photographs)

@@ -15,7 +15,7 @@ from nbv.types import Bools
 
 
 @dataclass(frozen=True)
-class Source:
+class ImportSource:
     """What an import works on: the photographs, in the order in which they were taken, at which size, which way up."""
 
     photographs: tuple[SourcePhotograph, ...]
@@ -64,7 +64,7 @@ class Source:
             8: (1.0, 0.0),
         }.get(orientation, (0.0, -1.0))
 
-    def turned(self) -> Source:
+    def turned(self) -> ImportSource:
         """Turned as EXIF says, unless only unturned the photographs are all of one size.
 
         A telephone held both ways is one camera with its pixels as the sensor has them, and two once they are turned.

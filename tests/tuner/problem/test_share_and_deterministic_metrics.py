@@ -15,7 +15,11 @@ from nbv.config import preset
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint
 from tuner.campaign.settings_file import asked_settings
-from tuner.problem.exact_costs import Exact, ExactCost, exact_cost
+from tuner.problem.deterministic_metrics import (
+    DeterministicMetric,
+    DeterministicMetrics,
+    deterministic_metric,
+)
 from tuner.problem.objective import Objective, asked_objective, objective_text
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
@@ -78,14 +82,14 @@ def test_a_belief_is_that_of_the_rocks_flown() -> None:
     assert belief.sd == pytest.approx(posterior.std())
     assert belief.probability(0.95) == pytest.approx(posterior.sf(0.95))
     next_ones = stats.betabinom(100, 57.5, 1.5)
-    assert belief.of_the_next() == (next_ones.ppf(0.025), next_ones.ppf(0.975))
+    assert belief.predictive_interval() == (next_ones.ppf(0.025), next_ones.ppf(0.975))
     assert ShareBelief(1.0, 3).interval_95[1] == 1.0 and ShareBelief(0.0, 3).interval_95[0] == 0.0
 
 
 ONE = SearchSpace("one", (Parameter("seed.count", "int", 8, 40, "linear", (), 24),), {})
 
 
-def flown(counts_and_shares: dict[int, float], rocks: int, seed: int) -> list[Observation]:
+def evaluated(counts_and_shares: dict[int, float], rocks: int, seed: int) -> list[Observation]:
     """``rocks`` fresh rocks at each number of photographs; each succeeds with the share as its probability."""
     rng, found = np.random.default_rng(seed), []
     for count, share in counts_and_shares.items():
@@ -98,7 +102,7 @@ def flown(counts_and_shares: dict[int, float], rocks: int, seed: int) -> list[Ob
 
 def test_where_all_succeed_many_rocks_are_believed_and_few_are_not() -> None:
     for rocks, kept in ((4, False), (60, True)):
-        missions = flown({12: 0.2, 36: 1.0}, rocks, 0)
+        missions = evaluated({12: 0.2, 36: 1.0}, rocks, 0)
         constraint = Constraint(RockMeanGP(ONE, missions, ["any-slab"]), 95.0, is_share=True)
         assert constraint.keeps([{"seed.count": 36}]) == [kept]
         assert constraint.keeps([{"seed.count": 12}]) == [False]
@@ -110,7 +114,7 @@ PHOTOGRAPHS = Objective("costs.images", "minimise")
 SPACE = load_search_space("photographs")
 
 
-def photographs(**base: Any) -> ExactCost | None:
+def photographs(**base: Any) -> DeterministicMetric | None:
     space = dataclasses.replace(
         SPACE, base={**SPACE.base, **{k.replace("__", "."): v for k, v in base.items()}}
     )
@@ -146,13 +150,13 @@ def test_flight_time_and_a_tuned_stopping_rule_are_not_known() -> None:
     base = preset("campaign")
     for space, objective in ((rule, PHOTOGRAPHS), (SPACE, Objective("costs.flight_time_s", "minimise"))):
         make = functools.partial(space.config, base)
-        assert exact_cost(space, make, space.default(base), objective) is None
+        assert deterministic_metric(space, make, space.default(base), objective) is None
 
 
 def test_a_mission_that_ran_out_of_views_says_otherwise() -> None:
     found = photographs()
     values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.5}
     history = [Observation(0, values, "r0", 0, -26.0, second=99.0)]
-    assert Exact(found).agreed(history).first is found
+    assert DeterministicMetrics(found).agreed(history).first is found
     short = Observation(1, values, "r1", 0, -23.0, second=97.0)
-    assert Exact(found).agreed([*history, short]).first is None
+    assert DeterministicMetrics(found).agreed([*history, short]).first is None
