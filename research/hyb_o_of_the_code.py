@@ -21,7 +21,15 @@ from tuner.evaluation.baselines import baseline_configs
 from tuner.evaluation.comparison import mean_interval
 from tuner.missions.registry import mission_function
 
-VERSIONS = ("paper-code", "paper-code-2026-06")
+# What the first author's later repository (2026-06) changes in preset paper-code.
+VERSIONS: dict[str, dict[str, Any]] = {
+    "paper-code": {},
+    "paper-code-2026-06": {
+        "stop.criterion": "both",
+        "seed.ring_elevations_deg": (12.0, 19.0, 27.0, 34.0),
+        "gate.oracle_quality_weight": 0.5,
+    },
+}
 STRATEGIES = ("hyb-o", "hyb-h", "covis", "random")
 SHORT = {
     "stop.adaptive_budget": 8,
@@ -37,7 +45,7 @@ def missions(
     name: str, rocks: list[str], replicates: int, fidelity: str
 ) -> dict[tuple[str, str, int], tuple[float, float]]:
     """F-score @ 48 mm and percent of captures flown with B-aware, by (strategy, rock, replicate)."""
-    base = preset(name).with_values(SHORT)
+    base = preset("paper-code").with_values({**VERSIONS[name], **SHORT})
     run_missions, found = mission_function(fidelity), {}
     for strategy, config in baseline_configs(list(STRATEGIES), base).items():
         for rock, replicate in itertools.product(rocks, range(replicates)):

@@ -15,7 +15,14 @@ from nbv.config.conditions import (
     require_distinct,
     under,
 )
-from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_from_dict, parameter_paths
+from nbv.config.mission_config import (
+    IDEAL,
+    MissionConfig,
+    canonical,
+    canonical_path,
+    config_from_dict,
+    parameter_paths,
+)
 from nbv.config.presets import PRESETS, preset
 from nbv.config.reference import parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
@@ -71,6 +78,7 @@ __all__ = [
     "WindConfig",
     "available_conditions",
     "canonical",
+    "canonical_path",
     "condition_from_dict",
     "config_from_dict",
     "gate_kinds",

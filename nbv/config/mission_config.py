@@ -42,18 +42,9 @@ from nbv.errors import UserError
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
-# Of earlier versions. What has another name now: a file that still uses the old one is told.
-RENAMED = {
-    "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
-    "b_aware.matchable_views": "matchable.views",
-}
-ALIASES = {"seed.reaim_after": "retarget_after"}  # names of earlier versions that are still read
-GONE = (
-    "scene.mitsuba_samples",
-    "scene.mitsuba_depth",
-)  # a recorded mission's file that has them is read without
-# Sections that are read where they have this value, and part of every digest, so that old missions keep theirs.
-RETIRED = {"visibility": {"mode": "frustum"}}
+ALIASES = {"seed.reaim_after": "seed.retarget_after"}  # earlier names of paths that are still read
+# Every digest contains this section, which the configuration no longer has, so that recorded missions keep their digests.
+_REMOVED = {"visibility": {"mode": "frustum"}}
 
 
 @dataclass(frozen=True)
@@ -157,7 +148,7 @@ class MissionConfig:
         A field that was added since version 1 and has its default is left out: a mission flown before the
         field existed is the same mission.
         """
-        tree = {**canonical(self), **RETIRED}
+        tree = {**canonical(self), **_REMOVED}
         text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -202,6 +193,11 @@ def _default(f: dataclasses.Field[Any]) -> Any:
     return f.default if f.default_factory is dataclasses.MISSING else f.default_factory()
 
 
+def canonical_path(path: str) -> str:
+    """The parameter path that ``path`` means: itself, but for a name of an earlier version that is still read."""
+    return ALIASES.get(path, path)
+
+
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:
     """Build a configuration from a nested dictionary; missing keys come from ``base`` (default: ``paper``).
 
@@ -223,13 +219,13 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
     Raises
     ------
     UserError
-        A key that there is not, a value where a mapping is needed, or what an earlier version had and this one cannot do.
+        An unknown key, or a value where a mapping is needed.
     """
     if not isinstance(new, dict):
         raise UserError(f"{prefix.rstrip('.')} must be a mapping, not {type(new).__name__}")
     for key, value in new.items():
-        key = ALIASES.get(f"{prefix}{key}", key)
-        path = f"{prefix}{key}"
+        path = canonical_path(f"{prefix}{key}")
+        key = path.removeprefix(prefix)
         if path == "telemetry" and isinstance(value, str):
             value = dataclasses.asdict(telemetry_level(value))
         if key in into:
@@ -237,29 +233,10 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
                 _merge(into[key], value, f"{path}.")
             else:
                 into[key] = value
-        elif path in RETIRED and isinstance(value, dict):
-            for name, given in value.items():
-                _require_retired(path, name, given)
-        elif path not in GONE:
-            raise UserError(_unknown(path))
-
-
-def _require_retired(section: str, name: str, given: Any) -> None:
-    path, stayed = f"{section}.{name}", RETIRED[section].get(name)
-    if stayed is None:
-        raise UserError(_unknown(path))
-    if given != stayed:
-        raise UserError(
-            f"{path} is gone: the program only does what {stayed!r} did, not {given!r} (research/README.md, Gone)"
-        )
-
-
-def _unknown(path: str) -> str:
-    if path in RENAMED:
-        return f"{path} of an earlier version is now {RENAMED[path]}"
-    close = difflib.get_close_matches(path, parameter_paths(), n=3, cutoff=0.4)
-    hint = f"; did you mean {', '.join(close)}?" if close else "; `gatetune config show` lists all paths"
-    return f"unknown mission parameter {path!r}{hint}"
+        else:
+            close = difflib.get_close_matches(path, parameter_paths(), n=3, cutoff=0.4)
+            hint = f"did you mean {', '.join(close)}?" if close else "`gatetune config show` lists all paths"
+            raise UserError(f"unknown mission parameter {path!r}; {hint}")
 
 
 def parameter_paths() -> list[str]:

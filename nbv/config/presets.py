@@ -54,16 +54,6 @@ PRESETS = {
         "code",
         _PAPER_CODE,
     ),
-    "paper-code-2026-06": Preset(
-        "the same of the first author's later repository: other seed rings, an oracle that credits a scorer's own term",
-        "code",
-        {
-            # It stops at either criterion again, as the paper does.
-            **{path: value for path, value in _PAPER_CODE.items() if path != "stop.criterion"},
-            "seed.ring_elevations_deg": (12.0, 19.0, 27.0, 34.0),
-            "gate.oracle_quality_weight": 0.5,
-        },
-    ),
     # Chosen by `gatetune study noise` on training rocks.
     "campaign": Preset(
         "for tuning: few captures and strict agreement, so that configurations can be told apart",

@@ -19,7 +19,16 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
+from nbv.config import (
+    IDEAL,
+    PRESETS,
+    Condition,
+    MissionConfig,
+    canonical_path,
+    load_condition,
+    preset,
+    under,
+)
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
@@ -204,7 +213,7 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise UserError(
                 f"--set {assignment!r} must be PATH=VALUE, for example --set stop.adaptive_budget=4"
             )
-        values[path.strip()] = parse_yaml(text, f"--set {assignment!r}")
+        values[canonical_path(path.strip())] = parse_yaml(text, f"--set {assignment!r}")
     return values
 
 

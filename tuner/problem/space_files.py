@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, parameter_paths
+from nbv.config import MissionConfig, canonical_path, parameter_paths
 from nbv.config.parsing import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, parse_yaml, read_text, require
@@ -91,8 +91,9 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     if not isinstance(base, dict):
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
+    raw, base = _with_current_names(raw), _with_current_names(base)
     for path in raw:
-        _known_path(str(path), source)
+        _known_path(path, source)
     parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
@@ -110,9 +111,9 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     space = SearchSpace(
         str(tree.get("name") or Path(source).stem),
         parameters,
-        dict(base),
+        base,
         str(tree.get("description") or ""),
-        tuple(begin),
+        tuple(map(_with_current_names, begin)),
     )
     try:
         space.base_config(MissionConfig())
@@ -120,6 +121,10 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         raise UserError(f"{source}: base: {error}") from error
     space.default(MissionConfig())  # checks defaults and both ends of every range
     return space
+
+
+def _with_current_names(values: dict[str, Any]) -> dict[str, Any]:
+    return {canonical_path(path): value for path, value in values.items()}
 
 
 def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> None:
@@ -145,7 +150,7 @@ def parameter_from_dict(path: str, spec: Any, where: str) -> Parameter:
     for key in ("low", "high", "scale") if kind == "categorical" else ("choices",):
         if key in spec:
             raise UserError(f"{where}: {key!r} does not belong to kind {kind}")
-    also = coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")
+    also = tuple(map(canonical_path, coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")))
     if kind == "categorical":
         choices = _choices(spec.get("choices"), where)
         return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)

@@ -129,7 +129,7 @@ def test_the_number_of_photographs_cuts_the_budget() -> None:
 
 @pytest.mark.parametrize(
     ("name", "altitude", "spacing"),
-    [("paper", 170, 163), ("paper-code", 112, 105), ("paper-code-2026-06", 112, 105)],
+    [("paper", 170, 163), ("paper-code", 112, 105)],
 )
 def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
     pool = candidate_pool(preset(name), VEHICLE, NOWHERE)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool
+from tuner.commands.console import parse_overrides
 from tuner.problem.space_files import (
     available_search_spaces,
     load_search_space,
@@ -151,6 +152,13 @@ def test_one_parameter_may_set_several_paths() -> None:
     config = space.config(preset("paper"), {"b_aware.weights.nov": 0.7})
     novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.matchable.weights.nov}
     assert novelty == {0.7}
+
+
+def test_an_earlier_name_of_a_parameter_is_read() -> None:
+    text = "parameters:\n  seed.reaim_after: {kind: int, low: 3, high: 9, default: 4}\nbegin:\n  - {seed.reaim_after: 5}\n"
+    space = parse_search_space(text, "old.yaml")
+    assert space.paths == ("seed.retarget_after",) and space.begin == ({"seed.retarget_after": 5},)
+    assert parse_overrides(["seed.reaim_after=5"]) == {"seed.retarget_after": 5}
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
