@@ -156,24 +156,6 @@ def explain(
 
 
 @app.command()
-def figures(
-    runs: Annotated[
-        list[Path], typer.Argument(help="Directories of missions on one rock, run with everything kept.")
-    ],
-    rock: RockFile = None,
-    out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
-) -> None:
-    """The paper's figures: trajectory, sector completeness and, of missions with photographs, error overlay.
-
-    Example: gatetune mission figures runs/mission-slab-hyb-h-0
-    """
-    from tuner.report.mission_figures import labels_of, write_mission_figures
-
-    for path in write_mission_figures(labels_of(runs), out, rock):
-        output.print(path)
-
-
-@app.command()
 def view(
     run: Annotated[
         Path,

@@ -1,4 +1,4 @@
-"""What comes out for people: the campaign's page, comparison tables, mission figures.
+"""What comes out for people: the campaign's page, comparison tables, the page of a mission.
 
 Names are loaded when they are asked for: drawing needs matplotlib, which takes a second to load.
 """

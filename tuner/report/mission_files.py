@@ -1,4 +1,4 @@
-"""What pages and figures read of a mission's run directory."""
+"""What pages read of a mission's run directory."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ class Flight:
     """What a mission ran."""
 
     samples: Floats  # (N, 4): time in s; east, north and up in m
-    begins_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in the order run
-    ends_s: dict[str, float]
+    ends_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in their order
     duration_s: float
 
     def photographed_m(self) -> dict[str, Floats]:
@@ -65,9 +64,8 @@ def read_flight(run: Path) -> Flight:
     try:
         samples = np.array([row[:4] for row in tree["samples"]], dtype=float).reshape(-1, 4)
         events = [(str(e["name"]), float(e["start_s"]), float(e["duration_s"])) for e in tree["events"]]
-        begins = {name: start_s for name, start_s, _ in events}
         ends = {name: start_s + duration_s for name, start_s, duration_s in events}
-        return Flight(samples, begins, ends, float(tree["flight_time_s"]))
+        return Flight(samples, ends, float(tree["flight_time_s"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise UserError(f"{file} is not a mission's flight; restore it") from error
 

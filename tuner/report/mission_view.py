@@ -163,6 +163,7 @@ def _shown(run: Path, rock: str | None) -> dict[str, Any]:
         ["registered", f"{result.costs['registered_images']:.0f} of {len(views)} photographs"],
         ["status", ": ".join(filter(None, (result.status, result.message)))],
         *_scores(result.metrics),
+        *_sectors(result.metrics),
     ]
     steps.append(_step("end of the mission", len(views), flight.duration_s, len(models) - 1, facts))
     headline = f"{len(views)} photographs"
@@ -275,6 +276,17 @@ def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:
         for key, label in _SCORES.items()
         if isinstance(metrics[surface].get(key), (int, float))
     ]
+
+
+def _sectors(metrics: Mapping[str, Any]) -> list[list[str]]:
+    """Completeness by azimuth sector, as in the paper's Fig. 3; sector centres counter-clockwise from east."""
+    found = metrics.get("whole", {}).get("sector_completeness_48mm", ())
+    named = [
+        f"{centre:g}° {share:.0f} %"
+        for centre, share in zip(metrics.get("sector_centers_deg", ()), found)
+        if share is not None
+    ]
+    return [["completeness at 48 mm by azimuth from east", ", ".join(named)]] if named else []
 
 
 def _packed(values: np.ndarray, dtype: str) -> str:

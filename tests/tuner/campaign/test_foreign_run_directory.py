@@ -53,9 +53,8 @@ COMMANDS = {
     "view": "mission view DIR",
     "view a mission": f"mission view DIR/{FIRST}",
     "explain": f"mission explain DIR/{FIRST}",
-    "figures": f"mission figures DIR/{FIRST} --out DIR/figures",
 }
-ABSENT = ("study.journal.torn", "missions.csv", "view.html", "shown", "confirmation", "figures")
+ABSENT = ("study.journal.torn", "missions.csv", "view.html", "shown", "confirmation")
 
 
 @pytest.fixture(scope="module")

@@ -70,6 +70,10 @@ def test_a_mission_without_planned_views_is_shown(orbit: Path, tmp_path: Path) -
     (facts,) = shown(write_mission_view([orbit], tmp_path / "view.html"))
     assert [step["views"] for step in facts["steps"]] == [*range(1, 17), 16]
     assert facts["headline"].startswith("16 photographs, F-score")
+    metrics = json.loads((orbit / "mission.json").read_text())["metrics"]
+    said = dict(facts["steps"][-1]["facts"])["completeness at 48 mm by azimuth from east"]
+    assert f"15° {metrics['whole']['sector_completeness_48mm'][0]:.0f} %" in said
+    assert said.count("°") == len(metrics["sector_centers_deg"])
     around = np.array([view["at"] for view in facts["views"]]) - facts["target"]
     np.testing.assert_allclose(np.linalg.norm(around, axis=1), 4.0, atol=0.4)  # where it arrived
 
