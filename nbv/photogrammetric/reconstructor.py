@@ -25,7 +25,6 @@ from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.mission.planning_state import arrays_of, model_of
 from nbv.sparse.correspondences import Correspondences
-from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Cloud, LazyCloud, PointCloud, Reconstructor, SparseModel, UpdateReport
@@ -151,10 +150,6 @@ class PhotogrammetricReconstructor(Reconstructor):
         config = self._config
         box = [] if self._half_extents_m is None else [self._half_extents_m]
         return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *box)
-
-    def locate(self, capture: Capture, partners: int) -> Located | None:
-        """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""
-        return self._mapped().locate(capture, partners)
 
     def export_sparse(self, directory: Path, images: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""

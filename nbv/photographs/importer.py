@@ -38,7 +38,6 @@ from nbv.photographs.photograph_set import (
     Photograph,
     PhotographSet,
     Reference,
-    drawn_out,
     read_set,
     set_folder,
     sets_folder,
@@ -126,13 +125,11 @@ def import_photographs(
     try:
         _write_pictures(source, model, pinhole, work)
         views = [p for p in _records(source, model, folder) if p.registered]
-        out = drawn_out(views)
-        views = [view for view in views if view.name not in out]
         maker = ReferenceMaker(source, work, pinhole, frame, model.xyz[frame.in_box(model.xyz)])
         whole, *halves = (
             maker.cloud(part, what)
             for part, what in (
-                (views, "dense reference of all photographs but those kept out"),
+                (views, "dense reference of all photographs"),
                 (views[::2], "dense cloud of one half of them"),
                 (views[1::2], "dense cloud of the other half"),
             )
@@ -165,7 +162,6 @@ def import_photographs(
                 *solved_notes,
                 *frame.notes,
                 *scale.notes,
-                f"{len(out)} kept out of the reference, to judge by",
             ),
             source_folder=str(folder),
         )

@@ -25,8 +25,7 @@ from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.oracle import TrackOracle
-from nbv.photographs.photograph_set import KEPT_OUT_SHARE, PhotographSet, Reference
-from nbv.photographs.rephotography import judge_kept_out
+from nbv.photographs.photograph_set import PhotographSet, Reference
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.safe_files import write_atomic
 from nbv.threads import limit_threads
@@ -63,7 +62,7 @@ class PhotographFidelity(Fidelity):
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
         self.viewpoints = PhotographViewpoints(
-            np.array([p.camera_center_m for p in self.photographs.takeable]),
+            np.array([p.camera_center_m for p in self.photographs.registered]),
             self.photographs.target_m,
             config,
             key,
@@ -75,14 +74,15 @@ class PhotographFidelity(Fidelity):
         self.camera: Camera = self._camera
         margin_m = MARGIN * self.photographs.height_m
         x_m, y_m, z_m = (extent_m / 2 + margin_m for extent_m in self.photographs.extents_m)
-        # The sparse model is asked, after the dense stage, where the photographs kept out were taken.
         self.reconstructor = PhotogrammetricReconstructor(
-            self.believed, context.store, half_extents_m=(x_m, y_m, z_m), stopwatch=context.stopwatch
+            self.believed,
+            context.store,
+            keep_sparse=context.keeps_everything,
+            half_extents_m=(x_m, y_m, z_m),
+            stopwatch=context.stopwatch,
         )
         self.facts = {
-            "photographs": len(self.photographs.takeable),
-            "kept_out": len(self.photographs.kept_out),
-            "kept_out_share": KEPT_OUT_SHARE,
+            "photographs": len(self.photographs.registered),
             "seed_cap_deg": SEED_CAP_DEG,
             "flight_time": NOMINAL,
         }
@@ -97,15 +97,14 @@ class PhotographFidelity(Fidelity):
         return TrackOracle(self.photographs, self.viewpoints, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """Against the reference, and by the photographs kept out (``metrics["kept_out"]``)."""
+        """Against the dense reference."""
         with self.context.stopwatch.timed("evaluation"):
-            key, out = self.reconstructor.cloud_key, sorted(self.photographs.kept_out)
             found: dict[str, Any] = cached_json(
                 self.context.store,
                 "evaluations",
                 lambda: self._measure(cloud),
                 code="nbv.photographs",
-                inputs=[key, self.context.rock.sha256, self.believed.evaluation, out],
+                inputs=[self.reconstructor.cloud_key, self.context.rock.sha256, self.believed.evaluation],
             )
         return {**found, "taken": list(self._camera.taken)}
 
@@ -113,8 +112,7 @@ class PhotographFidelity(Fidelity):
         metrics, cleaning, self._cleaned = measure_cloud(
             cloud, self.photographs, self._reference, self.believed.evaluation
         )
-        kept = judge_kept_out(self.photographs, self.reconstructor, cloud, self._reference.points_m)
-        return {**metrics, "cleaning": cleaning, "kept_out": kept, "taken": list(self._camera.taken)}
+        return {**metrics, "cleaning": cleaning, "taken": list(self._camera.taken)}
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""

@@ -45,13 +45,13 @@ class TrackOracle:
 
 
 def _tracks(photographs: PhotographSet) -> NDArray[np.bool_]:
-    """(N, P) which of the takeable photographs are in the tracks of the reference model's points on the object."""
+    """(N, P) which of the registered photographs are in the tracks of the reference model's points on the object."""
     model = pycolmap.Reconstruction(photographs.sparse_folder)
     points = list(model.points3D.values())
     margin = NEAR * photographs.height_m
     offset = np.abs(np.array([point.xyz for point in points]).reshape(-1, 3) - photographs.target_m)
     near = (offset < np.asarray(photographs.extents_m) / 2 + margin).all(axis=1)
-    row = {f"{photograph.name}.jpg": n for n, photograph in enumerate(photographs.takeable)}
+    row = {f"{photograph.name}.jpg": n for n, photograph in enumerate(photographs.registered)}
     row_of_image = {image_id: row.get(image.name) for image_id, image in model.images.items()}
     seen = np.zeros((len(row), len(points)), dtype=bool)
     for column in np.flatnonzero(near):

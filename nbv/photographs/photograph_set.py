@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,7 +26,6 @@ from nbv.cache import home
 from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.errors import UserError
-from nbv.random_streams import keyed_rng
 from nbv.rocks.catalogue import check_name
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text, write_atomic
 from nbv.types import Bools, Floats
@@ -41,7 +38,6 @@ MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
 MAX_IMAGE_BYTES = 64 * 2**20
 MAX_REFERENCE_BYTES = 2**30
 MAX_PHOTOGRAPHS = 5000
-KEPT_OUT_SHARE = 0.1  # of the registered photographs
 WIDE_GAP_DEG = 30.0  # between neighbours in azimuth: a step that SIFT rarely bridges
 _RECORD = np.dtype(
     [
@@ -84,7 +80,7 @@ class Photograph:
 
 @dataclass(frozen=True)
 class Reference:
-    """The dense cloud made of all registered photographs but those kept out, in the set's frame."""
+    """The dense cloud made of all registered photographs, in the set's frame."""
 
     points_m: Floats  # (N, 3)
     normals: Floats  # (N, 3) unit
@@ -177,17 +173,6 @@ class PhotographSet:
         """Those with a pose."""
         return tuple(p for p in self.photographs if p.registered)
 
-    @cached_property
-    def kept_out(self) -> frozenset[str]:
-        """Names of the photographs that no mission may take and the reference is not made of; see `drawn_out`."""
-        return drawn_out(self.registered)
-
-    @cached_property
-    def takeable(self) -> tuple[Photograph, ...]:
-        """The registered photographs but those kept out."""
-        out = self.kept_out
-        return tuple(p for p in self.registered if p.name not in out)
-
     @property
     def coverage(self) -> Coverage:
         """Azimuth, elevation and distance of the registered photographs about the object's centre."""
@@ -248,12 +233,6 @@ class PhotographSet:
         tree = msgspec.to_builtins(self, enc_hook=lambda v: str(v) if isinstance(v, Path) else v.tolist())
         del tree["folder"]
         write_atomic(folder / SET_FILE, json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
-
-
-def drawn_out(photographs: Sequence[Photograph]) -> frozenset[str]:
-    """Names of `KEPT_OUT_SHARE` of the photographs, drawn by their content: what a mission's model is to predict."""
-    rank = sorted((keyed_rng("photographs-kept-out", p.sha256).random(), p.name) for p in photographs)
-    return frozenset(name for _, name in rank[: round(KEPT_OUT_SHARE * len(rank))])
 
 
 def sets_folder() -> Path:

@@ -23,7 +23,6 @@ from nbv.sparse.colmap import (
 )
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.features import Features
-from nbv.sparse.locating import Located, locate
 from nbv.sparse.mapper import IncrementalModel
 from nbv.sparse.matching import pair_angle_deg
 from nbv.sparse.priors import adjust_with_priors
@@ -87,24 +86,6 @@ class SparseReconstructor:
     def world_points_m(self) -> Floats:
         """(N, 3) the model's points in metres."""
         return to_sparse_model(self.reconstruction, self.alignment).points_m
-
-    def locate(self, capture: Capture, partners: int) -> Located | None:
-        """Where a photograph that is no part of the model was taken, or None; matched with its nearest ``partners``."""
-        if capture.image is None:
-            return None
-        features = self._source.features(capture.image)
-        registered = set(registered_names(self.reconstruction))
-        near = [i for i in self._partners(capture) if self._captures[i - 1].name in registered]
-        points: dict[tuple[int, int], Floats] = {}  # by keypoint and point
-        for image_id in near[:partners]:
-            observed = self.reconstruction.image(image_id).points2D
-            for theirs, ours in self._source.pair(self._features[image_id - 1], features).matches.tolist():
-                if observed[theirs].has_point3D():
-                    point_id = observed[theirs].point3D_id
-                    points[(ours, point_id)] = self.reconstruction.point3D(point_id).xyz
-        keypoints = features.keypoints[[ours for ours, _ in points], :2].astype(float).reshape(-1, 2)
-        points_m = self.alignment.world_from_model.apply(np.array(list(points.values())).reshape(-1, 3))
-        return locate(keypoints, points_m, self.camera, self.config.min_inliers)
 
     def export(self, directory: Path, images: Path) -> None:
         """Write the model in the world frame, coloured by the photographs in ``images`` (`export_colmap`)."""

@@ -28,10 +28,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1)
     asked = parser.parse_args()
     photographs = PhotographSet.read(asked.set)
-    reference, out = photographs.reference(), photographs.kept_out
+    reference = photographs.reference()
     config = over_photographs(preset("campaign").with_values(REDUCED_SFM), photographs)
-    taken = sorted((p for p in photographs.registered if p.name not in out), key=lambda p: p.name)
-    taken = taken[:: asked.every]
+    taken = sorted(photographs.registered, key=lambda p: p.name)[:: asked.every]
     images = {p.name: photographs.image(p.name) for p in taken}
     poses = {p.name: p.camera_from_world for p in taken if p.camera_from_world is not None}
     model = pycolmap.Reconstruction(photographs.sparse_folder)

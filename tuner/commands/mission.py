@@ -113,12 +113,11 @@ def show_metrics(metrics: dict[str, Any]) -> None:
     title = "Dense cloud against ground truth"
     if "reference" in metrics:
         title = "Dense cloud against the dense reference; 48 mm are 3 % of the height"
-        kept_out = {f"kept out: {key}": value for key, value in metrics["kept_out"].items()}
         half = metrics["reference"]["ceiling"]
-        columns = {"mission": {**metrics["observable"], **kept_out}, "half against half": half}
+        columns = {"mission": metrics["observable"], "half against half": half}
     rows = []
     for key, first in next(iter(columns.values())).items():
-        if isinstance(first, (int, float)) or key.startswith("kept out"):
+        if isinstance(first, (int, float)):
             rows.append((key, *(format_number(column.get(key)) for column in columns.values())))
     show_table(("metric", *columns), rows, title, right=len(columns))
 

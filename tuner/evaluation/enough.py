@@ -103,15 +103,14 @@ def enough_plans(
         raise UserError(
             "--replicates must be 2 or more: one says nothing of how far the next would fall short"
         )
-    views, out = photographs.coverage, photographs.kept_out
-    takeable = [name not in out for name in views.names]
-    kept = sorted({n for n in numbers if SEEDS <= n < sum(takeable)})
+    registered = len(photographs.registered)
+    kept = sorted({n for n in numbers if SEEDS <= n < registered})
     if not kept:
         raise UserError(
-            f"{photographs.name} has {sum(takeable)} photographs to choose from; give --number at least {SEEDS} and fewer "
+            f"{photographs.name} has {registered} photographs to choose from; give --number at least {SEEDS} and fewer "
             "than that"
         )
-    elevation_deg = float(np.median(views.elevations_deg[takeable]))
+    elevation_deg = float(np.median(photographs.coverage.elevations_deg))
     base = preset("campaign").with_values(
         {
             "telemetry": TELEMETRY,
@@ -137,7 +136,7 @@ def enough_plans(
     everything = base.with_values(
         {
             "seed.count": SEEDS,
-            "stop.adaptive_budget": sum(takeable),
+            "stop.adaptive_budget": registered,
             "stop.criterion": "budget",
             "gate.kind": "movement-only",
         }
@@ -217,7 +216,7 @@ def _rank(one: Smallest) -> tuple[float, float]:
 
 def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
     """About how long one processor runs the missions of these plans."""
-    most = len(photographs.takeable)
+    most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
     taken = sum(
         times * min(most, c.seed.total + c.adaptive_budget)

@@ -73,10 +73,9 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
 
 def _can(photographs: PhotographSet, views: Coverage) -> list[str]:
     low, high = np.percentile(views.elevations_deg, [5, 95])
-    out = len(photographs.kept_out)
     near, far = np.percentile(views.distances_m, [5, 95])
     return [
-        f"Plans with up to {len(views.names) - out} photographs, seeds included; {out} are kept out, to judge by.",
+        f"Plans with up to {len(views.names)} photographs, seeds included.",
         f"Elevations of {low:.0f}° to {high:.0f}° about the object's centre; nine tenths of the photographs lie there.",
         f"Distances of {near:.1f} to {far:.1f} units ({near / photographs.height_m:.1f} to {far / photographs.height_m:.1f} "
         "times the object's height).",

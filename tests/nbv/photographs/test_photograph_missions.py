@@ -17,7 +17,6 @@ from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
 from nbv.photographs.mission import over_photographs, require_expressible, run_photographs_mission
-from nbv.photographs.rephotography import photometric_error
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
@@ -87,26 +86,6 @@ def test_what_a_set_cannot_express_is_refused_by_name(values: dict, named: str) 
     require_expressible(RING, "mine")
     with pytest.raises(UserError, match=named):
         require_expressible(RING.with_values(values), "mine")
-
-
-def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None:
-    # A wall of points at 4 m whose grey grows to the right; the photograph is of half the contrast.
-    y, x = np.meshgrid(np.linspace(-1, 1, 400), np.linspace(-1, 1, 400))
-    wall = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 4.0)])
-    grey = np.clip(128 + 100 * wall[:, :1], 0, 255).astype(np.uint8).repeat(3, axis=1)
-    columns = (np.arange(CAMERA.width_px) + 0.5 - CAMERA.width_px / 2) * 4 / CAMERA.focal_px
-    image = np.tile(
-        (100 + 50 * columns).clip(0, 255).astype(np.uint8)[None, :, None], (CAMERA.height_px, 1, 3)
-    )
-    where = np.zeros((90, 120), bool)
-    where[30:60, 40:80] = True
-    error, covered = photometric_error(image, PointCloud(wall, grey), np.eye(4), CAMERA, where)
-    assert error < 0.3
-    assert covered == 100.0
-    left = wall[:, 0] < 0
-    half, share = photometric_error(image, PointCloud(wall[left], grey[left]), np.eye(4), CAMERA, where)
-    assert half > 5 * error
-    assert share == pytest.approx(50.0, abs=4.0)
 
 
 @pytest.fixture
@@ -200,9 +179,6 @@ def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert len(taken) == len(set(taken)) == 18 == result.costs["images"]
     assert result.metrics["taken"] == taken and "target" not in result.message
     assert result.metric("observable.f_score_48mm") > 70.0
-    kept = result.metrics["kept_out"]
-    assert kept["photographs"] == 3.0 and kept["registered_percent"] == 100.0
-    assert kept["reprojection_error_px"] < 2.0 and kept["covered_percent"] > 60.0
     assert result.provenance["fidelity"] == "photographs"
     assert result.provenance["flight_time"].startswith("nominal")
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["metrics"]["taken"] == taken
