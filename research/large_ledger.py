@@ -35,7 +35,7 @@ from tuner.problem.instances import Instance  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.surrogate import fit  # noqa: E402
-from tuner.surrogate.model import RockMeanGP  # noqa: E402
+from tuner.surrogate.model import InstanceMeanGP  # noqa: E402
 
 SPACE = load_search_space("gate_and_weights")
 ROCKS = ("boulder", "slab", "waist")
@@ -81,7 +81,7 @@ def small_against_exact(seeds: int, count: int) -> list[dict[str, Any]]:
         for name, limit in (("exact", count), ("small", fit.EXACT_MISSIONS)):
             before, fit.EXACT_MISSIONS = fit.EXACT_MISSIONS, limit
             started = time.process_time()
-            model = RockMeanGP(SPACE, missions, ROCKS, seed)
+            model = InstanceMeanGP(SPACE, missions, ROCKS)
             took = time.process_time() - started
             fit.EXACT_MISSIONS = before
             evaluated = [o.values for o in missions]

@@ -34,7 +34,7 @@ from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.next_rock import next_rock
 from tuner.samplers.design import near_default, sobol_point
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.settings import surrogate_settings
 
 SPACES = ("beyond_paper", "few_photographs")
@@ -115,12 +115,10 @@ def play(bank: Bank, space: str, training: list[str], seed: int, drawn: bool = T
         for n, (i, rock, k) in enumerate(missions)
     ]
     settings = surrogate_settings(loaded)
-    model = RockMeanGP(loaded, history, training, seed, settings)
+    model = InstanceMeanGP(loaded, history, training, settings)
     evaluated = sorted({i for i, rock, k in missions if not np.isnan(bank[i, rock, k])})
     best = evaluated[int(model.posterior([values[i] for i in evaluated]).mean.argmax())]
-    departing = RockMeanGP(
-        loaded, history, training, seed, dataclasses.replace(settings, own_landscapes=True)
-    )
+    departing = InstanceMeanGP(loaded, history, training, dataclasses.replace(settings, own_landscapes=True))
     stated = next_rock(departing, values[best], values[0])
     low, high = stated.interval_95
     true = np.array([gains(bank, best, rock) for rock in others])

@@ -29,6 +29,7 @@ from nbv.types import Floats
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, next_block
 from tuner.recommendation.choose import recommend
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.samplers.gp import GPSampler
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -67,16 +68,10 @@ def campaign(seed: int, budget: int, block_sd: float, *, blocks: bool = True) ->
     history = play(seed, budget, block_sd, blocks)
     settings = SurrogateSettings(blocks=blocks)
     default = synthetic.DEFAULT
-    result = recommend(
-        synthetic.SPACE,
-        history,
-        synthetic.ROCKS,
-        default,
-        Objective(),
-        seed,
-        replicates=REPLICATES,
-        settings=settings,
+    data = CampaignData(
+        synthetic.SPACE, history, synthetic.ROCKS, default, replicates=REPLICATES, settings=settings
     )
+    result = recommend(data, Goal(Objective()))
     assert result is not None
     truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)
     low, high = result.improvement_interval_95

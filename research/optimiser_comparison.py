@@ -45,7 +45,8 @@ from tuner.problem.observations import (  # noqa: E402
 )
 from tuner.problem.search_space import Values  # noqa: E402
 from tuner.recommendation.choose import may_be_recommended  # noqa: E402
-from tuner.surrogate.model import RockMeanGP  # noqa: E402
+from tuner.recommendation.inputs import CampaignData  # noqa: E402
+from tuner.surrogate.model import InstanceMeanGP  # noqa: E402
 from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
@@ -65,25 +66,24 @@ def complete(path: Path) -> bool:
     return path.is_file() and '"kind": "done"' in path.read_text()
 
 
-def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
+def surrogate(problem: Problem, history: Sequence[Observation], strategy: object) -> InstanceMeanGP:
     """Our GP, with the strategy's settings where it has some, else the product's."""
     settings = getattr(strategy, "model", None) or surrogate_settings(problem.space)
-    return RockMeanGP(problem.space, history, problem.rocks, seed, settings)
+    return InstanceMeanGP(problem.space, history, problem.rocks, settings)
 
 
 def common_recommendation(
-    problem: Problem, history: Sequence[Observation], seed: int, strategy: object, *, ours: bool
-) -> tuple[Values, float, float, RockMeanGP]:
+    problem: Problem, history: Sequence[Observation], strategy: object, *, ours: bool
+) -> tuple[Values, float, float, InstanceMeanGP]:
     """Best posterior mean among the configurations flown, its mean and sd, and the model.
 
     Ours, as in the product, only of what has flown on two rocks and replicates, once its last missions see to that.
     """
-    model = surrogate(problem, history, seed, strategy)
+    model = surrogate(problem, history, strategy)
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
-    allowed = may_be_recommended(
-        problem.space, history, configurations, problem.rocks, problem.replicates, problem.default
-    )
+    data = CampaignData(problem.space, history, problem.rocks, problem.default, problem.replicates)
+    allowed = may_be_recommended(data, configurations)
     if not ours or sum(allowed) < 2:
         allowed = [True] * len(configurations)
     i = int(np.where(allowed, belief.mean, -np.inf).argmax())
@@ -149,7 +149,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
                 marks.pop(0)
             full = [o for o in history if o.rock in problem.rocks]
             values, mean, sd, model = common_recommendation(
-                problem, full, seed, strategy, ours=name.startswith("gp") and name != "gp+trusting"
+                problem, full, strategy, ours=name.startswith("gp") and name != "gp+trusting"
             )
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}

@@ -35,7 +35,7 @@ from tuner.samplers.design import initial_design_size
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.optuna import distributions
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 
@@ -133,7 +133,7 @@ class Careless(OneRock):
 
     def ask(self) -> Request:
         """Without the model of failures."""
-        with unittest.mock.patch.object(RockMeanGP, "feasibility", None):
+        with unittest.mock.patch.object(InstanceMeanGP, "feasibility", None):
             return super().ask()
 
 

@@ -62,7 +62,7 @@ from tuner.samplers.base import (  # noqa: E402
     in_flight,
     make_sampler,
 )
-from tuner.surrogate.model import RockMeanGP  # noqa: E402
+from tuner.surrogate.model import InstanceMeanGP  # noqa: E402
 
 ROCKS = ("boulder", "slab", "waist", "vesicular", "cavern", "breccia")
 PROCESSES = 4  # of workers; their threads are the slots
@@ -292,7 +292,7 @@ def value(name: str, width: int, missions: int, seed: int) -> list[dict[str, Any
         y = problem.run(dict(p.values), p.rock, p.replicate).value
         history.append(Observation(ended, p.values, p.rock, p.replicate, y, y))
         if len(history) in marks:
-            model = RockMeanGP(problem.space, history, problem.rocks, seed)
+            model = InstanceMeanGP(problem.space, history, problem.rocks)
             evaluated = [dict(o.values) for o in history]
             found = problem.truth(evaluated[model.best_first(evaluated)[0]])
             marks[len(history)] = {

@@ -24,21 +24,20 @@ from tuner.problem.instances import InstanceLike
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import SURE, ShareBelief
-from tuner.surrogate.model import RockMeanGP, moments
+from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64
 Allowed = Callable[[Floats], Bools]
-Outcome = RockMeanGP | DeterministicOutcome
+Outcome = InstanceMeanGP | DeterministicOutcome
 
 
 def two_models(
     space: SearchSpace,
     observations: Sequence[Observation],
     places: Sequence[InstanceLike],
-    seed: int,
     settings: SurrogateSettings | None = None,
     exact: DeterministicMetrics | None = None,
 ) -> tuple[Outcome, Outcome]:
@@ -55,8 +54,6 @@ def two_models(
         Finished missions.
     places
         The training instances.
-    seed
-        The seed of the fits.
     settings
         What the surrogates are made of; None: by the search space.
     exact
@@ -65,12 +62,12 @@ def two_models(
     both = [o for o in observations if o.outcome is None or o.second is not None]
     exact = exact or DeterministicMetrics()
     if exact.first is not None:
-        second = RockMeanGP(space, modelled(both), places, seed, settings)
+        second = InstanceMeanGP(space, modelled(both), places, settings)
         return DeterministicOutcome(space, exact.first), second
-    first = RockMeanGP(space, both, places, seed, settings)
+    first = InstanceMeanGP(space, both, places, settings)
     if exact.second is not None:
         return first, DeterministicOutcome(space, exact.second)
-    return first, RockMeanGP(space, modelled(both), places, seed, settings)
+    return first, InstanceMeanGP(space, modelled(both), places, settings)
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,7 @@ class Constraint:
 
     def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
         """Return the belief about each share, worth as many rocks as the mean's variance goes into one mission's."""
-        assert isinstance(self.model, RockMeanGP)
+        assert isinstance(self.model, InstanceMeanGP)
         one = self.model.one_mission_sd**2
         return [
             ShareBelief(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, 1e-9) ** 2)
@@ -119,7 +116,7 @@ class Constraint:
         if not self.is_share:
             return float(special.stdtrit(FREEDOM, SURE))
         # Missions near the limit vary less, or more, than they do everywhere.
-        assert isinstance(self.model, RockMeanGP)
+        assert isinstance(self.model, InstanceMeanGP)
         share = self.at_least / 100.0
         spread = 100.0 * math.sqrt(share * (1.0 - share)) / max(self.model.one_mission_sd, 1e-9)
         return float(special.ndtri(SURE)) * spread
@@ -127,7 +124,7 @@ class Constraint:
     def floor(self) -> float:
         """Return the limit on the model's common landscape, whose offsets belong to the limit."""
         model = self.model
-        assert isinstance(model, RockMeanGP)
+        assert isinstance(model, InstanceMeanGP)
         unit = np.unique(model.unit, axis=0)
         mean, _ = self.belief([model.space.from_unit(u) for u in unit])
         with torch.no_grad():
@@ -156,9 +153,9 @@ class Constraint:
         return lambda unit: model.keeps(model.at(torch.from_numpy(unit)).numpy(), self.at_least)
 
 
-def surrogate_of(models: Sequence[Outcome]) -> RockMeanGP:
+def surrogate_of(models: Sequence[Outcome]) -> InstanceMeanGP:
     """Return the first of ``models`` that is a surrogate."""
-    return next(model for model in models if isinstance(model, RockMeanGP))
+    return next(model for model in models if isinstance(model, InstanceMeanGP))
 
 
 def propose_constrained(
@@ -209,7 +206,7 @@ def propose_constrained(
 
 
 def _saving(
-    cost: DeterministicOutcome, constraint: Constraint, model: RockMeanGP, running: torch.Tensor | None
+    cost: DeterministicOutcome, constraint: Constraint, model: InstanceMeanGP, running: torch.Tensor | None
 ) -> AcquisitionFunction:
     evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
     believed = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
@@ -219,10 +216,10 @@ def _saving(
 
 
 def _with_probability(
-    first: RockMeanGP, constraint: Constraint, running: torch.Tensor | None, seed: int
+    first: InstanceMeanGP, constraint: Constraint, running: torch.Tensor | None, seed: int
 ) -> AcquisitionFunction:
     second, floor = constraint.model, constraint.floor()
-    assert isinstance(second, RockMeanGP)
+    assert isinstance(second, InstanceMeanGP)
     model = ModelListGP(first.model, second.model)
     objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
     constraints = [lambda samples: floor - samples[..., 1]]

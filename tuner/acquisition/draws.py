@@ -15,7 +15,7 @@ from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import draws_of, numerics, seeded, tensor
 from tuner.surrogate.posterior import DeterministicOutcome
 
@@ -26,7 +26,10 @@ _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
 def draw(
-    models: Sequence[RockMeanGP | DeterministicOutcome], constraint: Constraint | None, count: int, seed: int
+    models: Sequence[InstanceMeanGP | DeterministicOutcome],
+    constraint: Constraint | None,
+    count: int,
+    seed: int,
 ) -> list[Values]:
     """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
 
@@ -62,17 +65,17 @@ def draw(
 
 
 def _drawn(
-    model: RockMeanGP | DeterministicOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
+    model: InstanceMeanGP | DeterministicOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
 ) -> torch.Tensor:
     """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
-    if isinstance(model, RockMeanGP):
+    if isinstance(model, InstanceMeanGP):
         return draws_of(model.model, inputs, count, generator)
     known = model.at(inputs)
     return ((known - known.mean()) / (known.std(correction=0) + _LITTLE)).expand(count, -1).clone()
 
 
 def _distinct(
-    model: RockMeanGP, points: Floats, draws: torch.Tensor, generator: torch.Generator
+    model: InstanceMeanGP, points: Floats, draws: torch.Tensor, generator: torch.Generator
 ) -> list[Values]:
     """Return the best of each draw, (count, points), that none before has and that may work."""
     if model.feasibility is not None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import torch
 from botorch.acquisition import AcquisitionFunction
 
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.posterior import DeterministicOutcome
 
 RECENT = 8
@@ -40,7 +40,7 @@ class LogExpectedSaving(AcquisitionFunction):
 
     def __init__(
         self,
-        model: RockMeanGP,
+        model: InstanceMeanGP,
         cost: DeterministicOutcome,
         at_least: float,
         quantile: float,

@@ -19,7 +19,7 @@ from linear_operator.utils.cholesky import psd_safe_cholesky
 from nbv.types import Bools, Floats
 from tuner.problem.search_space import Values
 from tuner.surrogate.fit import EXACT_MISSIONS
-from tuner.surrogate.model import RockMeanGP, moments
+from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 
 BLOCK = 128  # points tried at once
@@ -40,7 +40,7 @@ _BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an
 
 
 def propose(
-    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int
+    model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
     """Return the configuration with the largest acquisition value, and figures that explain it.
 
@@ -66,7 +66,7 @@ def propose(
 
 
 def maximise(
-    model: RockMeanGP,
+    model: InstanceMeanGP,
     acquisition: AcquisitionFunction,
     seed: int,
     near: Floats | None = None,
@@ -125,7 +125,9 @@ def maximise(
     return best, best_score
 
 
-def only_allowed(model: RockMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int) -> Floats:
+def only_allowed(
+    model: InstanceMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int
+) -> Floats:
     """Return those of the points that are allowed.
 
     More points are looked at where hardly any is allowed, and all are returned where none is.
@@ -153,7 +155,10 @@ class _WhereAllowed(AcquisitionFunction):
     """The logarithm of an acquisition value where it is allowed, times the probability that the mission ends well."""
 
     def __init__(
-        self, acquisition: AcquisitionFunction, model: RockMeanGP, allowed: Callable[[Floats], Bools] | None
+        self,
+        acquisition: AcquisitionFunction,
+        model: InstanceMeanGP,
+        allowed: Callable[[Floats], Bools] | None,
     ) -> None:
         super().__init__(acquisition.model)
         self._acquisition, self._allowed = acquisition, allowed
@@ -167,7 +172,7 @@ class _WhereAllowed(AcquisitionFunction):
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 
-def best_evaluated(model: RockMeanGP, count: int) -> Floats:
+def best_evaluated(model: InstanceMeanGP, count: int) -> Floats:
     """Return (count or fewer, d) unit positions with the best posterior means among those run, best first."""
     seen = model.promising(BASELINE)
     with torch.no_grad():
@@ -176,7 +181,7 @@ def best_evaluated(model: RockMeanGP, count: int) -> Floats:
 
 
 def starting_points(
-    model: RockMeanGP,
+    model: InstanceMeanGP,
     seed: int,
     everywhere_count: int = GLOBAL_POINTS,
     count: int = LOCAL_POINTS,

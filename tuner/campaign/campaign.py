@@ -50,7 +50,7 @@ from tuner.samplers.earlier_missions import EarlierMissions
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint
-    from tuner.surrogate.model import RockMeanGP
+    from tuner.surrogate.model import InstanceMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
@@ -242,22 +242,21 @@ class Campaign:
             return None
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
+        # Who looks need not wait for torch.
+        from tuner.recommendation.choose import recommend  # noqa: PLC0415
+        from tuner.recommendation.inputs import CampaignData, Goal  # noqa: PLC0415
 
         s, exact = self.settings, self.exact(history)
         result = recommend(
-            s.space,
-            self._modelled(history),
-            s.instances,
-            s.default_values(),
-            s.objective,
-            s.seed,
-            replicates=s.blocks,
-            only_verified=s.sampler == "gp",
-            constraint=self._constraint(history),
-            exact=exact.first,
-            second=s.second,
-            limit=s.limit,
+            CampaignData(
+                s.space,
+                self._modelled(history),
+                s.instances,
+                s.default_values(),
+                s.blocks,
+                only_verified=s.sampler == "gp",
+            ),
+            Goal(s.objective, s.second, s.limit, self._constraint(history), exact.first),
         )
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
@@ -281,15 +280,15 @@ class Campaign:
         s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or s.at_least is None or not both:
             return None
-        models = two_models(s.space, both, s.instances, s.seed, exact=self.exact(both))
+        models = two_models(s.space, both, s.instances, exact=self.exact(both))
         return Constraint(models[1], s.at_least, s.second.is_share)
 
-    def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
+    def surrogate_from(self, history: Sequence[Observation]) -> InstanceMeanGP:
         """Return the surrogate of `modelled_objective` behind such a recommendation; ``ValueError`` without a success."""
-        from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415
+        from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
         s = self.settings
-        return RockMeanGP(s.space, self._modelled(history), s.instances, s.seed)
+        return InstanceMeanGP(s.space, self._modelled(history), s.instances)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""

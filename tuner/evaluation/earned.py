@@ -11,7 +11,7 @@ from tuner.missions.job import Trial
 from tuner.problem.groups import CHOICE, THRESHOLDS, grouped
 from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.posterior import interval_95
 
 Gain = tuple[float, tuple[float, float]]  # the gain, positive where better, and its 95 % interval
@@ -27,7 +27,7 @@ class GroupGain:
     rest: Gain  # the recommendation without this group's changes, against the default
 
 
-def believed_gains(model: RockMeanGP, best: Recommendation) -> list[GroupGain]:
+def believed_gains(model: InstanceMeanGP, best: Recommendation) -> list[GroupGain]:
     """Return what the model believes of every group of changes of the recommendation, alone and left out.
 
     Parameters

@@ -13,25 +13,36 @@ The default was chosen by hand, not by an outcome: nothing flatters it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tuner.acquisition.constrained import Constraint
-from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.instances import Instance, InstanceLike, are_drawn, conditions_of, instances_of, rocks_of
-from tuner.problem.objective import Objective
-from tuner.problem.observations import Block, Observation, blocks_evaluated, changes, configuration_key
-from tuner.problem.search_space import SearchSpace
+from tuner.problem.observations import (
+    Block,
+    Key,
+    Observation,
+    blocks_evaluated,
+    changes,
+    configuration_key,
+)
+from tuner.problem.search_space import Values
 from tuner.problem.standardise import FEW
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
-from tuner.recommendation.recommendation import Outlier, Recommendation, RockRow, RunnerUp
-from tuner.surrogate.model import RockMeanGP
+from tuner.recommendation.recommendation import (
+    NextRock,
+    Outlier,
+    Recommendation,
+    RockRow,
+    RunnerUp,
+)
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import DeterministicOutcome, Posterior, interval_95, probability_positive
-from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
@@ -43,169 +54,227 @@ ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 
 
 @numerics()
-def recommend(
-    space: SearchSpace,
-    observations: Sequence[Observation],
-    places: Sequence[InstanceLike],
-    default: Mapping[str, Any],
-    objective: Objective,
-    seed: int = 0,
-    *,
-    replicates: int = 1,
-    only_verified: bool = True,
-    settings: SurrogateSettings | None = None,
-    constraint: Constraint | None = None,
-    exact: DeterministicMetric | None = None,
-    second: Objective | None = None,
-    limit: float | None = None,
-) -> Recommendation | None:
-    """Return the recommendation after ``observations``; None before the first feasible one.
-
-    Parameters
-    ----------
-    space
-        The search space.
-    observations
-        Finished missions.
-    places
-        The training instances.
-    default
-        The default values.
-    objective
-        The metric and its direction.
-    seed
-        The seed of the fits.
-    replicates
-        The campaign's, per instance.
-    only_verified
-        Whether a configuration has to have run often enough (`tuner.recommendation.choose`). Samplers that run nothing again leave
-        no such configuration: theirs is any that has run.
-    settings
-        Of the surrogate.
-    constraint
-        A limit of the second objective: only what keeps it may be recommended. Where nothing run does, what is likeliest to.
-    exact
-        The objective, where the configuration decides it. Outcomes are then those of the second objective.
-    second, limit
-        The second objective, where there is one, and its limit in its unit.
-    """
-    feasible = [o for o in observations if o.feasible]
-    if not feasible:
+def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
+    """Return the recommendation after the missions of ``data``; None before the first feasible one."""
+    if not any(o.feasible for o in data.observations):
         return None
-    model, outliers = without_outliers(RockMeanGP(space, feasible, places, seed, settings), seed)
-    feasible = list(model.observations)
-    if constraint is not None and exact is not None:
-        constraint = dataclasses.replace(constraint, model=model)
-    groups: dict[tuple[Any, ...], list[Observation]] = {}
-    for o in (o for o in observations if o not in outliers):
-        groups.setdefault(configuration_key(space, o.values), []).append(o)
-    evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
-    configurations = [dict(group[0].values) for group in evaluated.values()]
-    every = range(len(configurations))
-    allowed = [True] * len(configurations)
-    if only_verified:
-        allowed = may_be_recommended(space, observations, configurations, places, replicates, default)
-    keeps = [True] * len(configurations) if constraint is None else constraint.keeps(configurations)
-    # Where even the default has failed there is nothing better than what has not.
-    chosen = [i for i in every if keeps[i] and allowed[i]] or [i for i in every if keeps[i]]
-    kept = bool(chosen)
-    if constraint is not None and not kept:
-        chosen = [int(constraint.probability(configurations).argmax())]
-    if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
-        few = max(TOP, JOINT // len(model.instances))
-        configurations = [configurations[i] for i in chosen]
-        best_first: Sequence[int] = model.best_first(configurations)
-        if exact is not None:
-            best_first = sorted(best_first, key=lambda i: -exact.outcome(configurations[i]))
-        own_default = [i for i, values in enumerate(configurations) if values == default]
-        configurations = [configurations[i] for i in dict.fromkeys([*best_first[:few], *own_default])]
-        chosen = list(range(len(configurations)))
-        keeps = [True] * len(configurations)
-    belief = model.posterior([*configurations, default])
-    reference = len(configurations)
-    modelled = second if exact is not None and second is not None else objective
-    goal, among = belief, list(chosen)
-    if exact is not None:
-        goal = DeterministicOutcome(space, exact).posterior([*configurations, default])
-        least = max(goal.mean[i] for i in among)
-        among = [i for i in among if goal.mean[i] == least]
-        if goal.mean[reference] >= least and (
-            constraint is None or constraint.probability([default])[0] >= MAY_KEEP
-        ):
-            among = [i for i, v in enumerate(configurations) if v == default] or among  # nothing is cheaper
-    index = fewest_changes(configurations, among, default, belief, model.noise_sd)
-    by_block = [_outcomes(evaluated[configuration_key(space, values)]) for values in configurations]
-    index = min(
-        (i for i in among if i == index or by_block[index].items() <= by_block[i].items()),
-        key=lambda i: len(changes(configurations[i], default)),
+    model, outliers = without_outliers(
+        InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
     )
-    values, sign = configurations[index], objective.sign
-    # No number lies beyond all that is believed.
-    seen = model.winsorised if exact is None else goal.mean
-    shown = np.clip(goal.mean, min(seen), max(seen))
-    mean, sd = sign * float(shown[index]), float(goal.sd[index])
-    gain, gain_sd = goal.difference(index, reference)
-    own = evaluated[configuration_key(space, values)]
-    runner_up = None
-    rivals = [i for i, keep in enumerate(keeps) if keep and goal.mean[i] > goal.mean[index]]
-    if rivals and configurations[rival := max(rivals, key=lambda i: goal.mean[i])] != dict(default):
-        difference, improvement = goal.difference(rival, index), goal.difference(rival, reference)
-        runner_up = RunnerUp(
-            values=configurations[rival],
-            missions=len(evaluated[configuration_key(space, configurations[rival])]),
-            mean=sign * float(shown[rival]),
-            difference=difference[0],
-            difference_interval_95=interval_95(*difference),
-            improvement=improvement[0],
-            improvement_interval_95=interval_95(*improvement),
-            probability=None
-            if constraint is None
-            else float(constraint.probability([configurations[rival]])[0]),
+    if goal.constraint is not None and goal.deterministic is not None:
+        goal = dataclasses.replace(goal, constraint=dataclasses.replace(goal.constraint, model=model))
+    candidates = candidates_of(data, goal, outliers)
+    if len(candidates) > JOINT:
+        candidates = most_promising(candidates, data, goal, model)
+    belief = belief_about(candidates, data, goal, model)
+    index = choose(candidates, data, goal, belief)
+    return described(index, candidates, data, goal, belief, outliers)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The configurations that have run, by index."""
+
+    values: list[Values]
+    missions: list[list[Observation]]  # that ran each, failed ones included
+    keeps: list[bool]  # whether each can be taken to keep the limit
+    eligible: list[int]  # indices of those that may be recommended; not empty
+    limit_kept: bool  # whether these can be taken to keep the limit; else it is the likeliest to
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def only(self, indices: Iterable[int]) -> Candidates:
+        """Return the candidates of these indices, in this order."""
+        order = list(dict.fromkeys(indices))
+        return Candidates(
+            [self.values[i] for i in order],
+            [self.missions[i] for i in order],
+            [self.keeps[i] for i in order],
+            [k for k, i in enumerate(order) if i in set(self.eligible)],
+            self.limit_kept,
         )
-    elsewhere = None
-    rocks = rocks_of(model.instances)
-    one_rock = len(rocks) == 1 and not are_drawn(rocks)  # how rocks differ is then unknown
-    if values != dict(default) and not one_rock and not are_drawn(rocks):
-        departing = dataclasses.replace(model.settings, own_landscapes=True)
-        of_worlds = RockMeanGP(space, feasible, places, seed, departing)
-        elsewhere = next_rock(of_worlds, values, default)
-    kept_limit = None
-    if constraint is not None and second is not None and limit is not None:
-        asked = (exact is not None or constraint.is_share) and not one_rock
-        outcomes = [o.second if exact is None else o.outcome for o in own] if asked else None
-        no_worse = None if elsewhere is None else elsewhere.no_worse
-        kept_limit = limit_of(constraint, second, limit, values, default, kept, outcomes, no_worse)
+
+    def outcomes(self, index: int) -> dict[Block, float | None]:
+        """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
+        return {(o.instance, o.replicate): o.outcome for o in self.missions[index]}
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The joint posteriors of the candidates, in their order, and of the default behind them."""
+
+    model: InstanceMeanGP
+    modelled: Posterior  # of what the model predicts
+    objective: Posterior  # the same, or the objective where the configuration decides it
+
+    def plausible(self, outcome: float) -> float:
+        """Return the objective clipped to what missions were taken to have measured."""
+        seen = self.model.winsorised if self.modelled is self.objective else self.objective.mean
+        return float(np.clip(outcome, min(seen), max(seen)))
+
+
+def candidates_of(data: CampaignData, goal: Goal, outliers: Collection[Observation]) -> Candidates:
+    """Return the configurations that have run with success, ``outliers`` left out, and which may be recommended."""
+    groups: dict[Key, list[Observation]] = {}
+    for o in (o for o in data.observations if o not in outliers):
+        groups.setdefault(configuration_key(data.space, o.values), []).append(o)
+    missions = [group for group in groups.values() if any(o.feasible for o in group)]
+    values = [dict(group[0].values) for group in missions]
+    keeps = [True] * len(values) if goal.constraint is None else goal.constraint.keeps(values)
+    allowed = may_be_recommended(data, values) if data.only_verified else [True] * len(values)
+    # Where even the default has failed there is nothing better than what has not.
+    kept = [i for i, keep in enumerate(keeps) if keep]
+    eligible = [i for i in kept if allowed[i]] or kept
+    if goal.constraint is not None and not kept:
+        eligible = [int(goal.constraint.probability(values).argmax())]
+    return Candidates(values, missions, keeps, eligible, bool(kept))
+
+
+def most_promising(
+    candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP
+) -> Candidates:
+    """Return the best by their means, so many that they can be looked at jointly.
+
+    These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
+    """
+    values, cost = candidates.values, goal.deterministic
+    best_first = model.best_first(values)
+    if cost is not None:
+        best_first.sort(key=lambda i: -cost.outcome(values[i]))
+    eligible = set(candidates.eligible)
+    few = max(TOP, JOINT // len(model.instances))
+    best = [i for i in best_first if i in eligible][:few]
+    own_default = [i for i in candidates.eligible if values[i] == data.default]
+    seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
+    return candidates.only([*best, *own_default, *seldom])
+
+
+def belief_about(candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP) -> Belief:
+    """Return the posterior of the candidates and the default."""
+    values = [*candidates.values, data.default]
+    modelled = model.posterior(values)
+    if goal.deterministic is None:
+        return Belief(model, modelled, modelled)
+    return Belief(model, modelled, DeterministicOutcome(data.space, goal.deterministic).posterior(values))
+
+
+def choose(candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief) -> int:
+    """Return the index of the candidate to recommend, by the rule in this file's docstring."""
+    among = candidates.eligible
+    if goal.deterministic is not None:
+        among = _cheapest(candidates, data, goal, belief.objective)
+    index = fewest_changes(candidates.values, among, data.default, belief.modelled, belief.model.noise_sd)
+    own = candidates.outcomes(index)
+    same = [i for i in among if i == index or own.items() <= candidates.outcomes(i).items()]
+    return min(same, key=lambda i: len(changes(candidates.values[i], data.default)))
+
+
+def _cheapest(candidates: Candidates, data: CampaignData, goal: Goal, cost: Posterior) -> list[int]:
+    """Return the eligible of the least cost; the default alone where none is cheaper and it may keep the limit."""
+    best = max(cost.mean[i] for i in candidates.eligible)
+    among = [i for i in candidates.eligible if cost.mean[i] == best]
+    may_keep = goal.constraint is None or goal.constraint.probability([data.default])[0] >= MAY_KEEP
+    if cost.mean[-1] >= best and may_keep:
+        return [i for i, values in enumerate(candidates.values) if values == data.default] or among
+    return among
+
+
+def described(
+    index: int,
+    candidates: Candidates,
+    data: CampaignData,
+    goal: Goal,
+    belief: Belief,
+    outliers: Sequence[Observation],
+) -> Recommendation:
+    """Return the recommendation of a candidate, with all that is said of it."""
+    model, values, own = belief.model, candidates.values[index], candidates.missions[index]
+    objective, modelled = goal.objective, goal.modelled
+    mean = objective.sign * belief.plausible(belief.objective.mean[index])
+    sd = float(belief.objective.sd[index])
+    gain, gain_sd = belief.objective.difference(index, len(candidates))
+    elsewhere = _on_next_rock(values, data, model)
     return Recommendation(
         values=values,
         mean=mean,
         sd=sd,
         interval_95=interval_95(mean, sd),
         per_rock=[_rock_row(model, instance, own, values, modelled.sign) for instance in model.instances],
-        default_values=dict(default),
-        default_mean=sign * float(shown[reference]),
+        default_values=dict(data.default),
+        default_mean=objective.sign * belief.plausible(belief.objective.mean[-1]),
         improvement=gain,
         improvement_sd=gain_sd,
         improvement_interval_95=interval_95(gain, gain_sd),
         noise_sd=model.noise_sd,
-        observations=len(feasible),
-        failures=sum(not o.feasible for o in observations),
+        observations=len(model.observations),
+        failures=sum(not o.feasible for o in data.observations),
         metric=objective.metric,
         direction=objective.direction,
         leave_one_out=model.leave_one_out(),
-        exact=exact is not None,
+        exact=goal.deterministic is not None,
         modelled_metric=modelled.metric,
-        runner_up=runner_up,
+        runner_up=_runner_up(index, candidates, data, goal, belief),
         next_rock=elsewhere,
-        limit=kept_limit,
-        outliers=tuple(
-            Outlier(o.number, modelled.sign * o.outcome, None if o in outliers else modelled.sign * y)
-            for o, y in [*((o, 0.0) for o in outliers), *zip(feasible, model.winsorised)]
-            if o.outcome is not None and (o in outliers or o.outcome != y)
+        limit=limit_of(
+            data,
+            goal,
+            values,
+            own,
+            kept=candidates.limit_kept,
+            no_worse=None if elsewhere is None else elsewhere.no_worse,
         ),
+        outliers=_outliers(model, outliers, modelled.sign),
     )
 
 
-def without_outliers(model: RockMeanGP, seed: int) -> tuple[RockMeanGP, list[Observation]]:
+def _runner_up(
+    index: int, candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief
+) -> RunnerUp | None:
+    """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
+    posterior = belief.objective
+    rivals = [
+        i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]
+    ]
+    if not rivals:
+        return None
+    rival = max(rivals, key=lambda i: posterior.mean[i])
+    values, constraint = candidates.values[rival], goal.constraint
+    if values == dict(data.default):
+        return None
+    difference = posterior.difference(rival, index)
+    improvement = posterior.difference(rival, len(candidates))
+    return RunnerUp(
+        values=values,
+        missions=len(candidates.missions[rival]),
+        mean=goal.objective.sign * belief.plausible(posterior.mean[rival]),
+        difference=difference[0],
+        difference_interval_95=interval_95(*difference),
+        improvement=improvement[0],
+        improvement_interval_95=interval_95(*improvement),
+        probability=None if constraint is None else float(constraint.probability([values])[0]),
+    )
+
+
+def _on_next_rock(values: Values, data: CampaignData, model: InstanceMeanGP) -> NextRock | None:
+    """Return the gain on a rock never run; None for the default, families, and one rock: how rocks differ is unknown."""
+    rocks = rocks_of(model.instances)
+    if values == dict(data.default) or len(rocks) == 1 or are_drawn(rocks):
+        return None
+    departing = dataclasses.replace(model.settings, own_landscapes=True)
+    return next_rock(
+        InstanceMeanGP(data.space, model.observations, data.instances, departing), values, data.default
+    )
+
+
+def _outliers(model: InstanceMeanGP, left_out: Sequence[Observation], sign: float) -> tuple[Outlier, ...]:
+    """Return the missions left out, and those whose outcomes count as other numbers than measured."""
+    moved = [(o, y) for o, y in zip(model.observations, model.winsorised) if o.outcome != y]
+    counts_as = [*((o, None) for o in left_out), *((o, sign * y) for o, y in moved)]
+    return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
+
+
+def without_outliers(model: InstanceMeanGP) -> tuple[InstanceMeanGP, list[Observation]]:
     """Return the model without missions that contradict all others, and these; at most one in `FEW`.
 
     The mission that is worst predicted by the others is left out where it lies more than `CONTRADICTS` standard deviations from
@@ -219,7 +288,7 @@ def without_outliers(model: RockMeanGP, seed: int) -> tuple[RockMeanGP, list[Obs
             break
         rest, o = list(model.observations), model.observations[worst]
         del rest[worst]
-        other = RockMeanGP(model.space, rest, model.instances, seed, model.settings)
+        other = InstanceMeanGP(model.space, rest, model.instances, model.settings)
         mean, sd = other.predict_mission(o.values, o.instance)
         if abs((o.outcome or 0.0) - mean) <= CONTRADICTS * sd:
             break
@@ -270,13 +339,12 @@ def fewest_changes(
     )
 
 
-def _outcomes(own: Sequence[Observation]) -> dict[Block, float | None]:
-    """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
-    return {(o.instance, o.replicate): o.outcome for o in own}
-
-
 def _rock_row(
-    model: RockMeanGP, instance: Instance, own: Sequence[Observation], values: Mapping[str, Any], sign: float
+    model: InstanceMeanGP,
+    instance: Instance,
+    own: Sequence[Observation],
+    values: Mapping[str, Any],
+    sign: float,
 ) -> RockRow:
     outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
     observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
@@ -284,44 +352,21 @@ def _rock_row(
     return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
 
-def enough(evaluated: Collection[Block], places: Collection[InstanceLike], replicates: int) -> bool:
+def enough(evaluated: Collection[Block], instances: Collection[InstanceLike], replicates: int) -> bool:
     """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
-    instances = instances_of(places)
-    own = [(instance, replicate) for instance, replicate in evaluated if instance in instances]
+    training = instances_of(instances)
+    own = [(instance, replicate) for instance, replicate in evaluated if instance in training]
     seen = [instance for instance, _ in own]
     return (
-        len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(instances)))
-        and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(instances)))
+        len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(training)))
+        and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(training)))
         and len({k for _, k in own}) >= min(REPLICATES, replicates)
     )
 
 
-def may_be_recommended(
-    space: SearchSpace,
-    history: Sequence[Observation],
-    configurations: Sequence[Mapping[str, Any]],
-    places: Collection[InstanceLike],
-    replicates: int,
-    default: Mapping[str, Any],
-) -> list[bool]:
-    """Return for each configuration whether it has run often enough; the default always has.
-
-    Parameters
-    ----------
-    space
-        The search space.
-    history
-        Finished missions; only feasible ones count.
-    configurations
-        The configurations in question.
-    places
-        The training instances.
-    replicates
-        The campaign's replicates per instance.
-    default
-        The default values.
-    """
-    evaluated = blocks_evaluated(space, [o for o in history if o.feasible])
-    trusted = configuration_key(space, default)
-    keys = [configuration_key(space, values) for values in configurations]
-    return [key == trusted or enough(evaluated.get(key, ()), places, replicates) for key in keys]
+def may_be_recommended(data: CampaignData, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
+    """Return for each configuration whether it has run often enough, failures not counted; the default always has."""
+    evaluated = blocks_evaluated(data.space, [o for o in data.observations if o.feasible])
+    trusted = configuration_key(data.space, data.default)
+    keys = [configuration_key(data.space, values) for values in configurations]
+    return [key == trusted or enough(evaluated.get(key, ()), data.instances, data.replicates) for key in keys]

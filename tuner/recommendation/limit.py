@@ -10,59 +10,64 @@ import numpy as np
 from scipy import special
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.instances import are_drawn, rocks_of
-from tuner.problem.objective import Objective
+from tuner.problem.instances import are_drawn, instances_of, rocks_of
+from tuner.problem.observations import Observation
 from tuner.problem.share import ShareBelief
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.posterior import DeterministicOutcome, interval_95
 
 
 def limit_of(
-    constraint: Constraint,
-    second: Objective,
-    limit: float,
+    data: CampaignData,
+    goal: Goal,
     values: Mapping[str, Any],
-    default: Mapping[str, Any],
+    missions: Sequence[Observation],
+    *,
     kept: bool,
-    own: Sequence[float | None] | None,
     no_worse: float | None,
-) -> Limit:
-    """Return how the recommended configuration keeps the limit on the training instances, and on the next rock.
+) -> Limit | None:
+    """Return how the recommended ``values`` keep the limit on the training instances and on the next rock.
 
     Parameters
     ----------
-    constraint
-        The limit and the model of what has it.
-    second
-        The second objective.
-    limit
-        Its limit, in the metric's unit.
-    values, default
-        The recommended and the default values.
+    data, goal
+        What the recommendation was made from.
+    values
+        The recommended configuration.
+    missions
+        Those that ran it.
     kept
         Whether any configuration run can be taken to keep the limit.
-    own
-        What the missions that ran the recommended values had of it, where one failed None; None: say nothing of rocks
-        never run.
     no_worse
         Probability that the values are no worse than the default on the next rock, where it is known.
+
+    Returns
+    -------
+    None where nothing has a limit. Of the next rock nothing is said where one rock alone was run.
     """
-    belief, sign = constraint.model.posterior([values, default]), second.sign
-    probability, of_default = constraint.probability([values, default])
+    constraint, second, limit = goal.constraint, goal.second, goal.limit
+    if constraint is None or second is None or limit is None:
+        return None
+    rocks = rocks_of(instances_of(data.instances))
+    several = len(rocks) > 1 or are_drawn(rocks)
+    belief, sign = constraint.model.posterior([values, data.default]), second.sign
+    probability, of_default = constraint.probability([values, data.default])
     mean, default_mean, sd = sign * float(belief.mean[0]), sign * float(belief.mean[1]), float(belief.sd[0])
     interval, next_rocks, evaluated = interval_95(mean, sd), None, None
     if constraint.is_share:
         next_rocks, default_mean = (
             constraint.shares([values])[0],
-            constraint.shares([default])[0].share * 100.0,
+            constraint.shares([data.default])[0].share * 100.0,
         )
         low, high = next_rocks.interval_95
         mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)
-        measured = [y for y in own or () if y is not None]
+        outcomes = [o.second if goal.deterministic is None else o.outcome for o in missions]
+        measured = [y for y in outcomes if y is not None and several]
         evaluated = (sum(y > 0.0 for y in measured), len(measured))
-    elif own is not None:
+    elif goal.deterministic is not None and several:
         next_rocks = _next_rocks(constraint, values)
     return Limit(
         metric=second.metric,
@@ -86,7 +91,7 @@ def limit_of(
 def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelief:
     """Return the belief about the share of rocks never run on which ``values`` keep the limit of a mean."""
     model = constraint.model
-    assert isinstance(model, RockMeanGP)
+    assert isinstance(model, InstanceMeanGP)
     rocks = rocks_of(model.instances)
     if not are_drawn(rocks):  # as if so many of the training rocks kept it
         return ShareBelief(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
@@ -96,7 +101,7 @@ def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelie
     return ShareBelief(float(special.stdtr(PRIOR_ROCKS + evaluated, z)), evaluated)
 
 
-def _next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
+def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least: float) -> float:
     """Return the probability that the mean of ``values`` on a rock never run is ``at_least`` that; larger is better.
 
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that

@@ -27,7 +27,7 @@ from scipy import special
 
 from tuner.problem.instances import rocks_of
 from tuner.recommendation.recommendation import NextRock
-from tuner.surrogate.model import RockMeanGP, moments
+from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.posterior import probability_positive
 
 PRIOR_ROCKS = 2  # what the priors of the departures and of the scales are worth
@@ -35,7 +35,7 @@ SCALE_SPREAD = 0.5  # sd of the logarithm of rocks' scales before any is known
 AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
 
 
-def next_rock(model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str, Any]) -> NextRock:
+def next_rock(model: InstanceMeanGP, values: Mapping[str, Any], default: Mapping[str, Any]) -> NextRock:
     """Return the gain of ``values`` over ``default`` on a new rock; rocks have landscapes of their own in the ``model``."""
     rocks = rocks_of(model.instances)
     unit = np.array([model.space.to_unit(v) for v in (values, default)])
@@ -77,7 +77,7 @@ def next_rock(model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str
     )
 
 
-def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
+def _scale_variance(model: InstanceMeanGP, rocks: Sequence[str]) -> float:
     """Return tau^2 of this file's docstring."""
     logs = [math.log(model.standardiser.scale(rock)) for rock in rocks]
     squares = float(np.var(logs)) * len(logs)

@@ -65,7 +65,7 @@ from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.plan_picture import plan_picture
 from tuner.report.style import short_names
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
@@ -98,7 +98,7 @@ class CampaignFacts:
         return self.campaign.recommendation(save=False)
 
     @cached_property
-    def model(self) -> RockMeanGP | None:
+    def model(self) -> InstanceMeanGP | None:
         """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
         feasible = [o for o in self.campaign.history(self.trials) if o.feasible]
         if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
@@ -580,7 +580,7 @@ def _explorer_data(facts: CampaignFacts) -> Markup:
     return Markup(json.dumps(tree, allow_nan=False).replace("<", "\\u003c"))
 
 
-def _slice(p: Parameter, model: RockMeanGP, best: Recommendation, sign: float) -> dict[str, Any]:
+def _slice(p: Parameter, model: InstanceMeanGP, best: Recommendation, sign: float) -> dict[str, Any]:
     """The posterior of the mean over the training rocks along one parameter, the others as recommended; metric's unit."""
     positions: list[Any] = list(p.choices)
     if p.kind != "categorical":

@@ -22,7 +22,7 @@ from tuner.problem.observations import Observation, distinct_configurations
 from tuner.problem.search_space import SearchSpace, Values
 
 if TYPE_CHECKING:
-    from tuner.surrogate.model import RockMeanGP
+    from tuner.surrogate.model import InstanceMeanGP
 
 # Root mean square distance in the unit cube between their configurations in an initial design.
 _APART = 0.15
@@ -43,11 +43,11 @@ class EarlierMissions:
         return sum(o.feasible for o in self.observations) >= MIN_OBSERVATIONS
 
     @functools.cached_property
-    def _model(self) -> RockMeanGP:
-        from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415  a campaign is looked at without torch
+    def _model(self) -> InstanceMeanGP:
+        from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415  a campaign is looked at without torch
 
         instances = instances_over(self.rocks, conditions_of(o.instance for o in self.observations))
-        return RockMeanGP(self.space, self.observations, instances)
+        return InstanceMeanGP(self.space, self.observations, instances)
 
     def best(self, count: int) -> list[Values]:
         """Return the configurations run with the best posterior means that are apart from each other; at most ``count``."""

@@ -32,7 +32,7 @@ from tuner.samplers.base import (
 )
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import verification
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import DeterministicOutcome
 from tuner.surrogate.settings import SurrogateSettings
@@ -94,10 +94,10 @@ class GPSampler:
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and s.at_least is not None:
-                    models = two_models(s.space, history, s.instances, seed, self.model, exact)
+                    models = two_models(s.space, history, s.instances, self.model, exact)
                     constraint = Constraint(models[1], s.at_least, s.is_share)
                 elif not models:
-                    models = (RockMeanGP(s.space, history, s.instances, seed, self.model),)
+                    models = (InstanceMeanGP(s.space, history, s.instances, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 figures: dict[str, Any] = {"drawn": True}
                 if modelled >= most or len(running) > MAX_JOINT:

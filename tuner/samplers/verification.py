@@ -27,12 +27,12 @@ from tuner.problem.observations import (
 )
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import JOINT, TOP, enough
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.posterior import DeterministicOutcome
 
 
 def verification(
-    model: RockMeanGP,
+    model: InstanceMeanGP,
     history: Sequence[Observation],
     pending: Sequence[Observation],
     replicates: int,
@@ -92,7 +92,7 @@ def verification(
 
 
 def _worth_confirming(
-    model: RockMeanGP,
+    model: InstanceMeanGP,
     history: Sequence[Observation],
     pending: Sequence[Observation],
     replicates: int,

@@ -25,7 +25,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label, parameter_label
 from tuner.report.terminal import whole_tables
 from tuner.surrogate.fit import posterior_means
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import draws_of, numerics, seeded
 
 MEAN_POINTS, DRAW_POINTS = 2048, 128  # per sample, of the posterior mean and of joint draws
@@ -106,7 +106,7 @@ def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: 
         raise UserError(
             f"{len(missions)} missions for {d} parameters; run at least {2 * (d + 1)} before asking what matters"
         )
-    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.instance for o in missions)), SEED)
+    gp = InstanceMeanGP(space, missions, tuple(dict.fromkeys(o.instance for o in missions)))
     with numerics(), torch.no_grad():
         points = _points(space, MEAN_POINTS)
         mean = posterior_means(gp.model, gp.inputs(points)).numpy()

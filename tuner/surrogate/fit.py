@@ -116,7 +116,7 @@ class Feasibility:
     unit positions, one a mission.
     """
 
-    def __init__(self, space: SearchSpace, worked: Floats, failed: Floats, seed: int) -> None:
+    def __init__(self, space: SearchSpace, worked: Floats, failed: Floats) -> None:
         ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         x = torch.cat([tensor(failed), tensor(worked)])
         y = torch.ones(len(x), 1, dtype=torch.float64)

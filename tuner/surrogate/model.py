@@ -56,7 +56,7 @@ def moments(posterior: Any) -> tuple[Floats, Floats]:
     return posterior.distribution.mean.numpy(), posterior.distribution.covariance_matrix.numpy()
 
 
-class RockMeanGP:
+class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
     Parameters
@@ -67,8 +67,6 @@ class RockMeanGP:
         Finished missions; failed ones tell the search alone, by `feasibility`. At least one must be feasible.
     places
         The training instances over which the mean is taken; a rock alone is that rock under ``ideal``.
-    seed
-        Seed of the fit.
     settings
         What the model is made of; None: by the number of parameters.
     """
@@ -78,7 +76,6 @@ class RockMeanGP:
         space: SearchSpace,
         observations: Sequence[Observation],
         places: Sequence[InstanceLike],
-        seed: int = 0,
         settings: SurrogateSettings | None = None,
     ) -> None:
         self.settings = settings or surrogate_settings(space)
@@ -99,7 +96,6 @@ class RockMeanGP:
         )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
-        self._seed = seed
         # (n,), to a hundredth of the least noise: what a number's last digits round to proposes nothing
         self.targets = np.round(self.standardiser.standardise(rocks, outcomes), 4)
         self._world_index = _levels([*self.instances, *(o.instance for o in feasible)])
@@ -120,7 +116,7 @@ class RockMeanGP:
         """The model of where missions end well; None where none has failed."""
         if not self._failed:
             return None
-        return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
+        return Feasibility(self.space, self.unit, np.array(self._failed))
 
     def _fit(self, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
         """Return the model fitted to (n, d + 2) inputs and (n, 1) outcomes."""

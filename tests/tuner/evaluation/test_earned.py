@@ -14,7 +14,8 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import recommend
-from tuner.surrogate.model import RockMeanGP
+from tuner.recommendation.inputs import CampaignData, Goal
+from tuner.surrogate.model import InstanceMeanGP
 
 ROW = MetricRow("", "F", "observable.f", "%", True)
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
@@ -79,9 +80,10 @@ def test_the_model_gives_the_gain_to_the_group_that_has_it():
         outcome = -3.0 * space.to_unit(values)[space.paths.index("pool.max_altitude_m")]
         outcome += 0.01 * rng.standard_normal()
         history.append(Observation(number, values, "ab"[number % 2], number // 2 % 2, outcome, outcome))
-    best = recommend(space, history, ("a", "b"), default, Objective(), only_verified=False)
+    data = CampaignData(space, history, ("a", "b"), default, only_verified=False)
+    best = recommend(data, Goal(Objective()))
     assert best is not None and "pool.max_altitude_m" in best.changed
-    for gain in believed_gains(RockMeanGP(space, history, ("a", "b")), best):
+    for gain in believed_gains(InstanceMeanGP(space, history, ("a", "b")), best):
         part = gain.alone if gain.group == POOL else gain.rest
         assert part[0] == pytest.approx(best.improvement, abs=0.25)
         low, high = part[1]

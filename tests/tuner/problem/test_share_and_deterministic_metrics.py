@@ -25,7 +25,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.share import ShareBelief
 from tuner.problem.space_files import load_search_space, space_from_dict
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 
 TEXT = "photographs@P(f_score>=98)>=0.95"
 
@@ -103,7 +103,7 @@ def evaluated(counts_and_shares: dict[int, float], rocks: int, seed: int) -> lis
 def test_where_all_succeed_many_rocks_are_believed_and_few_are_not() -> None:
     for rocks, kept in ((4, False), (60, True)):
         missions = evaluated({12: 0.2, 36: 1.0}, rocks, 0)
-        constraint = Constraint(RockMeanGP(ONE, missions, ["any-slab"]), 95.0, is_share=True)
+        constraint = Constraint(InstanceMeanGP(ONE, missions, ["any-slab"]), 95.0, is_share=True)
         assert constraint.keeps([{"seed.count": 36}]) == [kept]
         assert constraint.keeps([{"seed.count": 12}]) == [False]
 

@@ -17,6 +17,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import outlier_sentences
 from tuner.report.labels import decimals_for, format_number, number_text
@@ -32,9 +33,8 @@ def answers(a: float, b: float) -> list[Any]:
     outcomes = [a * o.outcome + b for o in MISSIONS if o.outcome is not None]
     history = [dataclasses.replace(o, outcome=y, raw=y) for o, y in zip(MISSIONS, outcomes)]
     proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
-    best = recommend(
-        synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective(), only_verified=False
-    )
+    data = CampaignData(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, only_verified=False)
+    best = recommend(data, Goal(Objective()))
     assert best is not None and best.runner_up is None
     return [proposal.values, best.values, round(best.improvement / float(np.ptp(outcomes)), 5)]
 
@@ -54,7 +54,7 @@ def on_a_line(wild: dict[int, float]) -> Recommendation:
     places = [0.1, *(np.arange(19) + 0.5) / 19]
     outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
     history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
-    best = recommend(LINE, history, ("one",), {"x": 0.1}, Objective("q"))
+    best = recommend(CampaignData(LINE, history, ("one",), {"x": 0.1}), Goal(Objective("q")))
     assert best is not None
     return best
 

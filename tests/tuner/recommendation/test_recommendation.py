@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import fake_campaigns
 import numpy as np
 import pytest
@@ -12,19 +14,28 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import may_be_recommended, recommend
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
 from tuner.report.answer import runner_up_sentence, use_sentence, worth_sentences
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.settings import SurrogateSettings
+
+ROCKS = ("r0", "r1", "r2")
 
 
 def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.ROCKS) -> Recommendation:
-    result = recommend(
-        synthetic.SPACE, observations, rocks, synthetic.DEFAULT, Objective(), only_verified=False
-    )
+    result = recommended(observations, rocks, only_verified=False)
     assert result is not None
     return result
+
+
+def recommended(
+    observations: list[Observation], rocks: tuple[str, ...] = ROCKS, **data: Any
+) -> Recommendation | None:
+    return recommend(
+        CampaignData(synthetic.SPACE, observations, rocks, synthetic.DEFAULT, **data), Goal(Objective())
+    )
 
 
 def test_picks_the_best_not_the_luckiest() -> None:
@@ -53,16 +64,15 @@ def test_failures_are_counted_and_never_recommended() -> None:
     history += [Observation(3 + i, bad, "r0", i, None, None, "seed_model_failed") for i in range(3)]
     result = advise(history, ("r0",))
     assert result.values == good and result.failures == 3 and result.observations == 3
-    assert recommend(synthetic.SPACE, history[3:], ("r0",), synthetic.DEFAULT, Objective()) is None
+    assert recommended(history[3:], ("r0",)) is None
 
 
 # -- what may be recommended -----------------------------------------------------------------------------------
 
 GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
-ROCKS = ("r0", "r1", "r2")
 
 
-def flights(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> list[Observation]:
+def missions(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> list[Observation]:
     return [Observation(0, values, rock, k, outcome, outcome) for rock, k in blocks]
 
 
@@ -83,42 +93,42 @@ def flights(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> 
 def test_two_rocks_and_two_replicates_or_all_there_are(
     rocks: list[InstanceLike], replicates: int, blocks: list[tuple[str, int]], expected: bool
 ) -> None:
-    history = flights(GOOD, 1.0, *blocks)
-    may = may_be_recommended(synthetic.SPACE, history, [GOOD, FAIR], rocks, replicates, FAIR)
+    history = missions(GOOD, 1.0, *blocks)
+    may = may_be_recommended(CampaignData(synthetic.SPACE, history, rocks, FAIR, replicates), [GOOD, FAIR])
     assert may == [expected, True]  # the default always
 
 
-def test_a_favourite_is_recommended_once_it_has_flown_again() -> None:
+def test_a_favourite_is_recommended_once_it_has_run_again() -> None:
     """Ten points better, and all the same not before its second rock and replicate."""
-    default = flights(synthetic.DEFAULT, 50.0, ("r0", 0), ("r1", 0), ("r2", 0), ("r0", 1))
-    once = [*default, *flights(FAIR, 51.0, ("r0", 0), ("r1", 1)), *flights(GOOD, 60.0, ("r2", 1))]
+    default = missions(synthetic.DEFAULT, 50.0, ("r0", 0), ("r1", 0), ("r2", 0), ("r0", 1))
+    once = [*default, *missions(FAIR, 51.0, ("r0", 0), ("r1", 1)), *missions(GOOD, 60.0, ("r2", 1))]
 
-    def recommended(history: list[Observation]) -> Values:
-        result = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
+    def values(history: list[Observation]) -> Values:
+        result = recommended(history, replicates=2)
         assert result is not None
         return result.values
 
-    assert recommended(once) != GOOD
-    assert recommended([*once, *flights(GOOD, 60.0, ("r1", 0))]) == GOOD
+    assert values(once) != GOOD
+    assert values([*once, *missions(GOOD, 60.0, ("r1", 0))]) == GOOD
 
 
-def test_what_is_said_of_a_lead_and_of_rocks_nobody_flew_is_known() -> None:
+def test_what_is_said_of_a_lead_and_of_rocks_nobody_ran_is_known() -> None:
     """What leads and has run too seldom is not "nothing"; one rock says nothing of the next."""
 
     def said(rocks: tuple[str, ...], once: list[Observation]) -> tuple[Recommendation, str]:
         blocks = [(rock, k) for rock in rocks for k in (0, 1)]
         history = [
-            *flights(synthetic.DEFAULT, 50.0, *blocks),
-            *flights(synthetic.DEFAULT, 50.2, *blocks),
+            *missions(synthetic.DEFAULT, 50.0, *blocks),
+            *missions(synthetic.DEFAULT, 50.2, *blocks),
             *once,
         ]
-        found = recommend(synthetic.SPACE, history, rocks, synthetic.DEFAULT, Objective(), replicates=2)
+        found = recommended(history, rocks, replicates=2)
         assert found is not None
         s = fake_campaigns.settings(rocks=rocks, replicates=2)
         words = use_sentence(found, s), *worth_sentences(found, s), runner_up_sentence(found, s)
         return found, "\n".join(words)
 
-    found, text = said(ROCKS, flights(GOOD, 60.0, ("r2", 1)))
+    found, text = said(ROCKS, missions(GOOD, 60.0, ("r2", 1)))
     assert found.keep_default and "nothing run is known to be better" not in text
     assert (
         "Keep the default (24 photographs on rings" in text and "for now: what looks better has not" in text
@@ -126,7 +136,7 @@ def test_what_is_said_of_a_lead_and_of_rocks_nobody_flew_is_known() -> None:
     assert (
         "against the above; it has to run on more rocks or replicates before it can be recommended." in text
     )
-    found, text = said(("r0",), flights(GOOD, 60.0, ("r0", 0), ("r0", 1)))
+    found, text = said(("r0",), missions(GOOD, 60.0, ("r0", 0), ("r0", 1)))
     assert found.values == GOOD and found.next_rock is None
     assert "On the next rock" not in text and "Only one rock was run" in text
 
@@ -141,7 +151,7 @@ def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_insid
             values = (synthetic.DEFAULT, GOOD, few)[i % 3]
             y = 50.0 + (0.0 if values == synthetic.DEFAULT else gain) + 0.3 * rng.normal()
             history.append(Observation(i, values, ROCKS[i // 3 % 3], i // 9 % 2, y, y))
-        found = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
+        found = recommended(history, replicates=2)
         assert found is not None
         return found
 
@@ -152,17 +162,17 @@ def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_insid
 HIGH, LOW = synthetic.SPACE.from_unit([0.9, 0.5]), synthetic.SPACE.from_unit([0.1, 0.5])
 
 
-def stated(slopes: list[float], missions: int = 12, seed: int = 0) -> NextRock:
+def stated(slopes: list[float], count: int = 12, seed: int = 0) -> NextRock:
     """Outcomes rise along the first parameter by each rock's slope; the gain of HIGH over LOW is 0.8 of it."""
     rng = np.random.default_rng(seed)
     history = []
     for rock, slope in enumerate(slopes):
-        for _ in range(missions):
+        for _ in range(count):
             values = synthetic.SPACE.from_unit(rng.random(2))
             y = 90.0 + slope * synthetic.SPACE.to_unit(values)[0] + 0.1 * rng.normal()
             history.append(Observation(len(history), values, f"r{rock}", 0, y, y))
     rocks = [f"r{rock}" for rock in range(len(slopes))]
-    model = RockMeanGP(synthetic.SPACE, history, rocks, settings=SurrogateSettings(own_landscapes=True))
+    model = InstanceMeanGP(synthetic.SPACE, history, rocks, settings=SurrogateSettings(own_landscapes=True))
     return next_rock(model, HIGH, LOW)
 
 

@@ -17,7 +17,7 @@ from tuner.acquisition.propose import LogNoisyImprovement, propose
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 
 DRAWS = 4096
 
@@ -27,8 +27,8 @@ def positions(count: int, seed: int) -> list[Values]:
     return [synthetic.SPACE.from_unit(u) for u in unit]
 
 
-def model_of(count: int) -> RockMeanGP:
-    return RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 0), synthetic.ROCKS)
+def model_of(count: int) -> InstanceMeanGP:
+    return InstanceMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 0), synthetic.ROCKS)
 
 
 def test_values_are_those_of_botorch() -> None:
@@ -94,7 +94,7 @@ def two_objectives(count: int) -> list[Observation]:
 
 
 def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
-    models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS, 0)
+    models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS)
     drawn = draw(models, Constraint(models[1], 0.5), 12, 0)
     first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
     assert (first < 0.6).all()  # 0.5 and what the model leaves open

@@ -16,6 +16,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
@@ -83,7 +84,7 @@ def campaign(limit: float, missions: int) -> list[Observation]:
     rng = np.random.default_rng(0)
     history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
     for i in range(8, missions):
-        models = two_models(SPACE, history, ("r0", "r1"), i)
+        models = two_models(SPACE, history, ("r0", "r1"))
         values, _ = propose_constrained(models[0], Constraint(models[1], -limit - 0.5), [], i)
         history.append(run_missions(i, values, rng))
     return history
@@ -94,20 +95,16 @@ def advise(history: list[Observation], at_least: float, *, least_cost: bool = Fa
     if least_cost:  # the other way round
         objective = PHOTOGRAPHS
         history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
-    models = two_models(SPACE, history, ("r0", "r1"), 0)
+    models = two_models(SPACE, history, ("r0", "r1"))
     default = SPACE.default(fake_campaigns.settings(space=SPACE).base_config())
     constraint = Constraint(models[1], at_least)
-    result = recommend(
-        SPACE,
-        history,
-        ("r0", "r1"),
-        default,
+    goal = Goal(
         objective,
-        only_verified=False,
-        constraint=constraint,
         second=Objective() if least_cost else PHOTOGRAPHS,
         limit=at_least if least_cost else -at_least,
+        constraint=constraint,
     )
+    result = recommend(CampaignData(SPACE, history, ("r0", "r1"), default, only_verified=False), goal)
     assert result is not None
     return result
 

@@ -10,7 +10,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
 from tuner.samplers.verification import verification
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 
 ROCKS = ("r0", "r1", "r2")
 GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
@@ -26,8 +26,8 @@ def a_clear_favourite() -> list[Observation]:
     return [*history, seen(3, GOOD, "r0", 60.0)]
 
 
-def model_of(history: list[Observation]) -> RockMeanGP:
-    return RockMeanGP(synthetic.SPACE, history, ROCKS)
+def model_of(history: list[Observation]) -> InstanceMeanGP:
+    return InstanceMeanGP(synthetic.SPACE, history, ROCKS)
 
 
 def test_favourite_flies_every_block_it_has_not_seen() -> None:

@@ -12,7 +12,7 @@ import synthetic
 from tuner.acquisition.propose import propose
 from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 
 CONDITIONS = ("ideal", "field", "harsh")
 WORLDS = instances_over(synthetic.ROCKS, CONDITIONS)
@@ -41,15 +41,15 @@ def missions(count: int, seed: int, instances: Sequence[Instance] = WORLDS) -> l
 def test_one_condition_is_the_model_without_any() -> None:
     history = missions(16, 0, [Instance(rock) for rock in synthetic.ROCKS])
     named = [dataclasses.replace(o, condition="field") for o in history]
-    plain = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    other = RockMeanGP(synthetic.SPACE, named, [Instance(rock, "field") for rock in synthetic.ROCKS])
+    plain = InstanceMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
+    other = InstanceMeanGP(synthetic.SPACE, named, [Instance(rock, "field") for rock in synthetic.ROCKS])
     where = [o.values for o in history[:4]]
     assert plain.posterior(where).mean.tolist() == other.posterior(where).mean.tolist()
     assert propose(plain, [], 3) == propose(other, [], 3)
 
 
 def test_the_mean_over_worlds_is_that_of_its_worlds() -> None:
-    model = RockMeanGP(synthetic.SPACE, missions(36, 1), WORLDS)
+    model = InstanceMeanGP(synthetic.SPACE, missions(36, 1), WORLDS)
     values = synthetic.SPACE.from_unit([0.8, 0.4])
     by_world = [model.predict_mission(values, instance)[0] for instance in WORLDS]
     assert model.posterior([values]).mean[0] == pytest.approx(np.mean(by_world))

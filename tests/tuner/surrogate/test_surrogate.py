@@ -14,13 +14,13 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
 from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
-from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import NORMAL_95
 from tuner.surrogate.settings import SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
-    model = RockMeanGP(synthetic.SPACE, synthetic.random_design(48, 0.01, 0), synthetic.ROCKS)
+    model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(48, 0.01, 0), synthetic.ROCKS)
     grid = [
         synthetic.SPACE.from_unit([x, y]) for x in np.linspace(0.1, 0.9, 6) for y in np.linspace(0.1, 0.9, 6)
     ]
@@ -34,7 +34,7 @@ def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
 def test_leave_one_out_and_fresh_predictions_are_calibrated(noise_sd: float) -> None:
     inside, outside = [], []
     for seed in range(4):
-        model = RockMeanGP(synthetic.SPACE, synthetic.random_design(40, noise_sd, seed), synthetic.ROCKS)
+        model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(40, noise_sd, seed), synthetic.ROCKS)
         inside.append(model.leave_one_out()["coverage_95"])
         fresh = synthetic.random_design(60, noise_sd, 100 + seed)
         y = np.array([o.outcome for o in fresh], dtype=float)
@@ -56,7 +56,7 @@ def test_block_offsets_are_told_from_noise_and_cancel() -> None:
     for seed in range(4):
         history = synthetic.random_design(32, 0.1, seed, replicates=2, block_sd=0.6)
         for blocks, found in errors.items():
-            model = RockMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(blocks=blocks))
+            model = InstanceMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(blocks=blocks))
             noise[blocks].append(float(model.noise_sd / scale))
             belief = model.posterior(points)
             for i in (1, 2):
@@ -84,7 +84,7 @@ def test_slots_are_modelled_only_where_they_show() -> None:
         [("a", 0), ("a", 0), ("b", 1), ("b", 1)]
     )  # a rock's only block is the rock
     assert not blocks_identifiable([("a", 0), ("a", 1), ("b", 0), ("b", 1)])  # one mission each: noise
-    model = RockMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.1, 1), synthetic.ROCKS)
+    model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.1, 1), synthetic.ROCKS)
     assert model.block_sd is None
 
 
@@ -121,9 +121,9 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     corner = [space.from_unit((slopes > 0).astype(float))]
     truth = float(slopes.clip(0).sum())
     with_trend, without = (
-        RockMeanGP(space, history, ("r0",), settings=SurrogateSettings(sparse=True, trend=trend)).posterior(
-            corner
-        )
+        InstanceMeanGP(
+            space, history, ("r0",), settings=SurrogateSettings(sparse=True, trend=trend)
+        ).posterior(corner)
         for trend in (True, False)
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
@@ -140,7 +140,7 @@ def test_sparse_model_switches_parameters_off() -> None:
         history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
     ratio = {}
     for sparse in (False, True):
-        model = RockMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
+        model = InstanceMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
         (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
         first, second = matern.lengthscale[0].tolist()
         ratio[sparse] = second / first
@@ -163,18 +163,20 @@ def _missions(count: int) -> list[Observation]:
 
 
 @pytest.fixture(scope="module")
-def models() -> tuple[RockMeanGP, RockMeanGP]:
+def models() -> tuple[InstanceMeanGP, InstanceMeanGP]:
     missions = _missions(160)
-    exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
+    exact = InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
         small.setattr(fit, "EXACT_MISSIONS", 100)
         small.setattr(fit, "FITTED_MISSIONS", 80)
         small.setattr(fit, "PROMISING", 30)
-        return exact, RockMeanGP(synthetic.SPACE, missions, ROCKS)
+        return exact, InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
 
 
-def test_many_missions_are_believed_as_by_the_exact_model(models: tuple[RockMeanGP, RockMeanGP]) -> None:
+def test_many_missions_are_believed_as_by_the_exact_model(
+    models: tuple[InstanceMeanGP, InstanceMeanGP],
+) -> None:
     exact, small = models
     assert len(small.model.train_targets) <= 110
     configurations = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(1).uniform(size=(40, 2))]
@@ -187,7 +189,7 @@ def test_many_missions_are_believed_as_by_the_exact_model(models: tuple[RockMean
 
 def test_with_all_missions_promising_it_is_the_exact_model() -> None:
     missions = _missions(60)
-    exact = RockMeanGP(synthetic.SPACE, missions, ROCKS)
+    exact = InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
     x, y = exact.model.train_inputs[0], exact.model.train_targets
     small = fit.with_promising(exact.model, x, y[:, None])
     probe = exact.inputs(np.random.default_rng(1).uniform(size=(20, 2)))
