@@ -35,7 +35,7 @@ COMMAND_ORDER = (
     "cache",
     "doctor",
 )
-STUDIES = ("study",)  # how-to/studies.md says what they answer
+STUDIES = ("study",)
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 
 
@@ -49,7 +49,7 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made from the program's own help by `python docs/make_pages.py`. [Studies](../how-to/studies.md) have a page.",
+        "Made from the program's own help by `python docs/make_pages.py`.",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option

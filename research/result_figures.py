@@ -10,7 +10,6 @@ import argparse
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from statistics import mean, stdev
 
 import matplotlib
 
@@ -76,47 +75,6 @@ def optimisers(data: Path) -> plt.Figure:
     return figure
 
 
-def optimiser_ablation(data: Path) -> plt.Figure:
-    """What a campaign recommends after a number of missions: a design near the default minus a Sobol design."""
-    rows = read(data, "ablation_design")
-    figure, panels = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
-    for axes, space, title in zip(
-        panels,
-        ["gate_and_weights", "low pool"],
-        ["gate_and_weights", "low pool, two Apollo rocks"],
-        strict=True,
-    ):
-        values = [with_interval(row, f"{space}: difference") for row in rows]
-        forest(axes, [f"after {row['after missions']} missions" for row in rows], values)
-        axes.set_title(title)
-        axes.set_xlabel("near the default minus Sobol (points)")
-    panels[1].invert_yaxis()  # shared with the left panel, which inverted it already
-    return figure
-
-
-def warm_start(data: Path) -> plt.Figure:
-    """Mean true value of the recommendation against the missions flown, geometric, two Apollo rocks."""
-    names = {
-        "gp+earlier": ("ours, warm start", BLUE, "-"),
-        "optuna-gp+earlier": ("Optuna's GP, warm start", ORANGE, "-"),
-        "tpe+earlier": ("TPE, warm start", GREEN, "-"),
-        "gp": ("ours, cold start", BLUE, "--"),
-        "optuna-gp": ("Optuna's GP, cold start", ORANGE, "--"),
-    }
-    figure, axes = plt.subplots(figsize=(7, 3.6))
-    columns = ["after 13 missions", "26", "39", "52", "64"]
-    for row in read(data, "earlier_campaigns_geometric"):
-        if row["problem"] == "two Apollo rocks":
-            label, colour, style = names[row["strategy"]]
-            values = [float(row[column]) for column in columns]
-            axes.plot([13, 26, 39, 52, 64], values, style, marker="o", color=colour, label=label)
-    axes.set_xlabel("missions")
-    axes.set_ylabel("F-score @ 48 mm (%), truth")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
-    return figure
-
-
 def conditions(data: Path) -> plt.Figure:
     """F-score on every held-out rock in conditions that no campaign has seen, by what was tuned where."""
     rows = read(data, "unseen_conditions")
@@ -142,102 +100,6 @@ def conditions(data: Path) -> plt.Figure:
         axes.grid(axis="x", alpha=0.3)
     panels[0].set_yticks(range(len(names)), list(names.values()))
     panels[0].invert_yaxis()
-    return figure
-
-
-def renderer_order(data: Path) -> plt.Figure:
-    """Mean F-score of each configuration in our renderer and path traced."""
-    rows = [row for row in read(data, "renderer_order") if row["F whole"]]
-    figure, axes = plt.subplots(figsize=(5, 4))
-    for name in dict.fromkeys(row["configuration"] for row in rows):
-        means = []
-        for instance in ("raycast", "mitsuba"):
-            values = [
-                float(row["F whole"])
-                for row in rows
-                if (row["configuration"], row["world"], row["replicate"]) == (name, instance, "0")
-            ]
-            means.append(sum(values) / len(values))
-        colour = BLUE if name.startswith("tuned") else ORANGE if name in ("Hyb-H", "random") else GREY
-        axes.plot(*means, "o", color=colour)
-        if name not in ("B-aware", "tuned", "Hyb-H, pool below 1.5 m"):  # on or beside another one
-            left = means[0] > 93
-            place = {"xytext": (-6 if left else 5, -3), "ha": "right" if left else "left"}
-            axes.annotate(name, means, textcoords="offset points", fontsize=7, **place)
-    axes.set_xlabel("F-score @ 48 mm (%), our renderer, mean of three held-out rocks")
-    axes.set_ylabel("the same, path traced by Mitsuba")
-    axes.grid(alpha=0.3)
-    return figure
-
-
-def fewer_photographs(data: Path) -> plt.Figure:
-    """F-score at 48 mm against the number of photographs: the paper's plan, a line per rock, and the tuned one."""
-    rows = [row for row in read(data, "third_of_the_photographs") if row["condition"] == "ideal"]
-    figure, axes = plt.subplots(figsize=(6, 3.6))
-    for k, rock in enumerate(dict.fromkeys(row["rock"] for row in rows)):
-        of: dict[str, list[dict[str, str]]] = {}
-        for row in rows:
-            if row["rock"] == rock:
-                of.setdefault(row["arm"], []).append(row)
-        for arms, style, colour, name in (
-            (("hyb-h-32", "paper-64"), "s--", ORANGE, "Hyb-H, paper's values: 24 + 8, 24 + 40"),
-            (("tuned-21", "hyb-h-32"), "-", GREY, None),
-            (("tuned-21",), "o", BLUE, "tuned: 13 + 8 below 1.54 m"),
-        ):
-            x, y = (
-                [mean(float(row[c]) for row in of[arm]) for arm in arms]
-                for c in ("photographs", "f_score_48mm")
-            )
-            axes.plot(x, y, style, color=colour, alpha=0.8, markersize=5, label=None if k else name)
-    axes.set_xlabel("photographs")
-    axes.set_ylabel("F-score @ 48 mm (%), a line per held-out rock")
-    axes.legend(fontsize=8, loc="lower right")
-    axes.grid(alpha=0.3)
-    return figure
-
-
-def oracle_coverage(data: Path) -> plt.Figure:
-    """Gain over Covis of switching and of choosing greedily, by reading of coverage."""
-    column = "F-score @ 48 mm (points)"
-    rows = [row for row in read(data, "oracle_coverage_differences") if row["reference"] == "Covis"]
-    figure, axes = plt.subplots(figsize=(7, 3.6))
-    forest(axes, [row["strategy"] for row in rows], [with_interval(row, column) for row in rows])
-    axes.set_xlabel("F-score @ 48 mm minus Covis (points), 95 %")
-    return figure
-
-
-def learned_gate(data: Path) -> plt.Figure:
-    """Agreement with the oracle on unseen rocks."""
-    rows = [
-        row for row in read(data, "learned_gate_models") if row["decisions"] == "all missions: 1033 decisions"
-    ]
-    figure, axes = plt.subplots(figsize=(7, 3.2))
-    shares = [float(row["agrees with the oracle, unseen rocks"].removesuffix(" %")) for row in rows]
-    axes.barh([row["model"] for row in rows], shares, color=BLUE)
-    axes.axvline(50, color="black", linewidth=0.8)
-    axes.invert_yaxis()
-    axes.set_xlabel("agrees with the oracle on unseen rocks (%); line: a coin")
-    return figure
-
-
-def visibility(data: Path) -> plt.Figure:
-    """Balanced accuracy of every test on the points of the rock."""
-    rows = read(data, "visibility")
-    rocks = list(dict.fromkeys(row["rock"] for row in rows))
-    figure, axes = plt.subplots(figsize=(7, 3.4))
-    for test, colour, marker in (
-        ("frustum", ORANGE, "s"),
-        ("mean observing ray < 60°", GREY, "v"),
-        ("occlusion", BLUE, "o"),
-    ):
-        balanced = {row["rock"]: float(row["balanced"]) for row in rows if row["test"] == test}
-        axes.plot([balanced[rock] for rock in rocks], range(len(rocks)), marker, color=colour, label=test)
-    axes.set_yticks(range(len(rocks)), rocks)
-    axes.invert_yaxis()
-    axes.set_xlim(0.45, 1)
-    axes.set_xlabel("balanced accuracy on the rock's points")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
     return figure
 
 
@@ -272,26 +134,6 @@ def next_rock(data: Path) -> plt.Figure:
     return figure
 
 
-def hausdorff_floor(data: Path) -> plt.Figure:
-    """The floor of the Hausdorff distance by rock."""
-    rows = read(data, "hausdorff_floor")
-    figure, axes = plt.subplots(figsize=(7, 3.2))
-    places = range(len(rows))
-    axes.bar(
-        [place - 0.2 for place in places],
-        [float(row["floor, whole (mm)"]) for row in rows],
-        0.4,
-        color=BLUE,
-        label="whole surface",
-    )
-    values = [float(row["floor, observable (mm)"]) for row in rows]
-    axes.bar([place + 0.2 for place in places], values, 0.4, color=ORANGE, label="observable surface")
-    axes.set_xticks(places, [row["rock"] for row in rows], rotation=20, ha="right", fontsize=8)
-    axes.set_ylabel("floor (mm)")
-    axes.legend()
-    return figure
-
-
 def speed(data: Path) -> plt.Figure:
     """CPU seconds of a paper mission, the authors' way and ours."""
     rows = read(data, "speed_authors_way")
@@ -304,62 +146,6 @@ def speed(data: Path) -> plt.Figure:
     axes.set_xlim(1, 6000)
     axes.invert_yaxis()
     axes.set_xlabel("CPU seconds, 24 + 40 captures, one thread")
-    return figure
-
-
-def width(data: Path) -> plt.Figure:
-    """What a campaign has found with 2 and with 64 missions in flight, by missions and by rounds."""
-    rows = [row for row in read(data, "scaling") if row["what"] == "value, four-rocks:0.3"]
-    figure, (by_missions, by_rounds) = plt.subplots(
-        1, 2, figsize=(7.5, 3.0), sharey=True, layout="constrained"
-    )
-    for workers, colour in ((2, BLUE), (64, ORANGE)):
-        found: dict[int, list[float]] = {}
-        for row in rows:
-            if int(row["workers"]) == workers:
-                found.setdefault(int(row["missions"]), []).append(float(row["value"]))
-        missions = sorted(found)
-        means = [mean(found[m]) for m in missions]
-        errors = [stdev(found[m]) / len(found[m]) ** 0.5 for m in missions]
-        for axes, along in ((by_missions, missions), (by_rounds, [m / workers for m in missions])):
-            axes.errorbar(
-                along, means, errors, marker="o", color=colour, label=f"{workers} in flight", capsize=2
-            )
-    by_missions.set(xlabel="missions", ylabel="truth of the recommendation")
-    by_rounds.set(xlabel="time, in durations of a mission", xscale="log")
-    by_missions.legend(frameon=False)
-    for axes in (by_missions, by_rounds):
-        axes.grid(alpha=0.3)
-    return figure
-
-
-def drawn_rocks(data: Path) -> plt.Figure:
-    """How hard drawn and real rocks are, by height, concavity and contrast."""
-    rows = read(data, "drawn_rocks")
-    kinds = list(dict.fromkeys(row["kind"] for row in rows if row["kind"] != "real"))
-    figure, panels = plt.subplots(1, 3, figsize=(9, 3.4), sharey=True, layout="constrained")
-    columns = (
-        ("height_m", "height (m)"),
-        ("concavity", "concavity (share of the hull)"),
-        ("albedo_contrast", "contrast of the albedo"),
-    )
-    for axes, (column, words) in zip(panels, columns):
-        for kind, marker in zip([*kinds, "real"], ("o", "s", "^", "v", "D", "P", "*")):
-            own = [row for row in rows if row["kind"] == kind]
-            axes.plot(
-                [float(row[column]) for row in own],
-                [max(float(row["f_score_of_20"]), 65.0) for row in own],
-                marker,
-                color=ORANGE if kind == "real" else BLUE,
-                alpha=1.0 if kind == "real" else 0.55,
-                markersize=11 if kind == "real" else 5,
-                label=kind,
-            )
-        axes.set_xlabel(words)
-        axes.axhline(98, color=GREY, linewidth=0.8)
-        axes.grid(alpha=0.3)
-    panels[0].set_ylabel("F-score of an orbit of 20 (%)")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=7, fontsize=8)
     return figure
 
 
@@ -431,20 +217,10 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
     for figure in (
         optimisers,
-        optimiser_ablation,
-        warm_start,
         conditions,
-        renderer_order,
-        fewer_photographs,
         where_planning_pays,
         next_rock,
-        oracle_coverage,
-        learned_gate,
-        visibility,
-        drawn_rocks,
-        hausdorff_floor,
         speed,
-        width,
     )
 }
 

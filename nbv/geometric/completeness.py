@@ -40,7 +40,7 @@ def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
     """(S,) chance that something is reconstructed among each sample's ``count`` (S,) nearest (`best_so_far`).
 
     A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best
-    neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/orbits_low_fidelity.md).
+    neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/low_fidelity.md).
     """
     reached: Floats = best.ravel().take(count * best.shape[1] + np.arange(best.shape[1]))
     np.subtract(1.0, reached, out=reached)

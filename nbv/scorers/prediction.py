@@ -6,7 +6,7 @@ the target, so that what no photograph has matched yet exists on it, too. On it 
 chance of the best nine tenths, and the rock's height, give the completeness by a logistic curve that was fitted to simulated
 missions on boulders of training seeds (``python -m research.predict_completeness fit``;
 docs/results/predicted_completeness.md). On other shapes it holds less well: inside of what is open from above, like a
-bucket, no photograph matches points, and it is predicted some 20 points too high (docs/results/other_shapes.md).
+bucket, no photograph matches points, and it is predicted some 20 points too high (docs/results/predicted_completeness.md).
 """
 
 from __future__ import annotations

@@ -16,10 +16,9 @@ PAGES = {
     "README.md": {},
     "docs/tutorial.md": {},
     "docs/how-to/own-rock.md": {},
-    "docs/how-to/own-space.md": {},
-    "docs/how-to/cost.md": {},
+    "docs/how-to/own-space.md": {"budget": "24"},  # fewer missions are refused by a warm start
+    "docs/how-to/objectives.md": {},
     "docs/how-to/conditions.md": {},
-    "docs/how-to/learn-from.md": {"budget": "24"},  # fewer missions are refused
 }
 
 

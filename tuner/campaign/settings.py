@@ -100,7 +100,7 @@ class CampaignSettings:
         lambda: load_search_space(_DEFAULT_SPACE),
         "search space, a YAML file or a name",
         shown=_DEFAULT_SPACE,
-        why="gains on other rocks, the paper's own space hardly: docs/results/paper_space.md",
+        why="gains on other rocks, the paper's own space hardly: docs/results/held_out.md",
         choices=available_search_spaces,
         option="--space",
         panel=WHAT,

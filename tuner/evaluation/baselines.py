@@ -80,7 +80,7 @@ BASELINES: dict[str, Baseline] = {
         Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
-        # The ceiling needs the reward that the dense stage pays back: docs/results/oracle_coverage.md.
+        # The ceiling needs the reward that the dense stage pays back: docs/results/table_1.md.
         Baseline(
             "greedy-oracle",
             "Greedy oracle",

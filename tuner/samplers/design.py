@@ -11,11 +11,11 @@ from tuner.problem.search_space import SearchSpace, Values
 from tuner.surrogate.settings import MANY_PARAMETERS
 
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
-# the default (docs/results/warm_start.md).
+# the default (docs/results/optimisers.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4
 
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
-# evenly spread logarithms (docs/results/optimiser_ablation.md).
+# evenly spread logarithms (docs/results/optimisers.md).
 NEAR_SD = (0.075, 0.3)
 
 
