@@ -22,7 +22,7 @@ from nbv.config import Condition, MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from research.decisions import by_rock
-from research.study_directory import StudyFindings, StudySettings, counts, flown
+from research.study_directory import StudyFindings, StudySettings, counts, evaluated
 from research.transfer.agreement import Agreement, Outcomes, agreement, self_agreement
 from research.transfer.worlds import World
 from tuner.evaluation.baselines import (
@@ -221,7 +221,7 @@ def analyse(directory: Path) -> TransferFindings:
     """
     settings = TransferSettings.load(directory)
     objective = Objective(settings.metric, "minimise" if settings.direction == "minimise" else "maximise")
-    found = flown(settings, directory)
+    found = evaluated(settings, directory)
     oriented: dict[str, Outcomes] = {
         name: {
             c: {block: objective.sign * y for block, y in values_of(records, c, settings.metric).items()}
