@@ -49,7 +49,7 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made from the program's own help by `python docs/make_pages.py`.",
+        "Made by `python docs/make_pages.py` from the program's own help, which also has an example of each.",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
@@ -58,7 +58,8 @@ def commands_page() -> str:
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
-        lines += [f"## `{usage}`", "", " ".join(command.help.split()), ""]
+        purpose = " ".join(command.help.split()).partition(" Example: ")[0]
+        lines += [f"## `{usage}`", "", purpose, ""]
         new = [p for p in options if (p.name, p.help) not in told]
         for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in new):
             if panel:
@@ -97,7 +98,11 @@ def parameters_page() -> str:
         name = p.path.removeprefix(f"{section}.")
         # `gatetune config show` says where, or why.
         source = {"text": f"|{p.origin}", "ours": ""}.get(p.source, f"|{p.source}")
-        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}{source}")
+        row = f"|`{name}`|{value}|{p.meaning}{choices}{source}"
+        if name.startswith("weights.") and row in lines:  # every scorer has its own of them
+            row = "|`weights.*`|the same as of `covis`"
+        if row != lines[-1]:
+            lines.append(row)
     return "\n".join(lines) + "\n"
 
 
@@ -128,7 +133,7 @@ def settings_page() -> str:
         "# A campaign's settings file",
         "",
         "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
-        "Every field may be left out. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
+        "Every field may be left out; one with an option means what [the option](commands.md) does. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",
@@ -144,9 +149,9 @@ def settings_page() -> str:
     ]
     for name, s in SETTINGS.items():
         default = f"{s.default_text or 'none'}{f' ({s.why})' if s.why else ''}"
-        meaning = f"{s.text}{f'; {s.in_file}' if s.in_file else ''}"
         option = f"`{s.option.split()[0]}`" if s.option else ""
-        lines.append(f"|`{name}`|{option}|{default}|{meaning}|")
+        meaning = [] if s.option else [s.text]
+        lines.append(f"|`{name}`|{option}|{default}|{'; '.join([*meaning, *filter(None, [s.in_file])])}|")
     return "\n".join(lines) + "\n"
 
 
