@@ -39,7 +39,7 @@ _READ_BY = "42627bd"  # the last commit that reads format 2
 SETTINGS = settings_of(CampaignSettings)
 # `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison.
 QUICK: dict[str, Any] = {
-    "budget": 24,
+    "budget": 20,
     "rocks": QUICK_ROCKS,
     "space": "gate_weights_and_pool",
     "compare_on": QUICK_HELD_OUT,
