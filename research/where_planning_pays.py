@@ -24,13 +24,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from nbv.geometric.instance import world_of
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.geometric.completeness import predicted_metrics, sample_probability
-from nbv.mission.target_prior import told, with_true_target
+from nbv.geometric.world import world_of
+from nbv.mission.target_prior import with_size_error, with_true_target
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.scorers.prediction import predict
@@ -93,7 +93,7 @@ def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> f
 
 def believed(rock: str, **values: Any) -> MissionConfig:
     """What a vehicle is told of a rock."""
-    return told(base(**values), load_coarse_rock(rock, Store()), 0)
+    return with_size_error(base(**values), load_coarse_rock(rock, Store()), 0)
 
 
 def curves(rock: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:

@@ -14,11 +14,10 @@ from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
-from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-from tuner.evaluation.of_campaign import end_of_campaign, held_out
+from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES
+from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import EvaluationRun, place_for, run_evaluation
 from tuner.missions.executors import local_executor
@@ -122,7 +121,7 @@ def evaluate(
         fidelity=fidelity,
     )
     where = Path(directory) if directory else place_for(asked.plan, source.directory / "evaluation")
-    return _fly(asked.plan, where, workers, timeout_s, source.settings.mission)
+    return _run(asked.plan, where, workers, timeout_s, source.settings.mission)
 
 
 def reproduce(
@@ -152,13 +151,8 @@ def reproduce(
         Something is unknown, or the directory holds another plan.
     """
     base = preset(preset_name).with_values(overrides or {})
-    plan = EvaluationPlan(
-        baseline_configs(list(strategies), base),
-        tuple(rock_arguments(rocks)),
-        replicates,
-        fidelity=fidelity,
-    )
-    return _fly(plan, Path(directory), workers, timeout_s)
+    asked = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
+    return _run(asked.plan, Path(directory), workers, timeout_s)
 
 
 def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
@@ -176,7 +170,7 @@ def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
     return pandas.DataFrame(records_of(source))
 
 
-def _fly(
+def _run(
     plan: EvaluationPlan,
     directory: Path,
     workers: int | None,

@@ -36,8 +36,8 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
     height, width = depth_m.shape
     whole = np.float32 if height * width < 2**24 else np.float64  # exact for all indices of pixels
     inverse_rotation = pose[:3, :3].T
-    for witness in views.source_views(name):
-        other_depth, other_pose = depth_maps[witness], views.camera_from_world[witness]
+    for source in views.source_views(name):
+        other_depth, other_pose = depth_maps[source], views.camera_from_world[source]
         rotation64 = other_pose[:3, :3] @ inverse_rotation
         translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]
         rotation, translation = rotation64.astype(np.float32), translation64.astype(np.float32)[:, None]

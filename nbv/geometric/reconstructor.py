@@ -34,15 +34,6 @@ class _SeedState:
     report: UpdateReport
 
 
-_SEEDS: dict[tuple[object, ...], _SeedState] = {}
-_MAX_SEEDS = 32
-
-
-def forget_seed_models() -> None:
-    """Remove all seed models from this process's memory."""
-    _SEEDS.clear()
-
-
 class GeometricReconstructor(Reconstructor):
     """Simulated, on a `GeometricWorld`.
 
@@ -94,12 +85,7 @@ class GeometricReconstructor(Reconstructor):
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model; `MissionFailure` if too few seeds share landmarks."""
         key = (*self._identity, *((c.name, c.camera_from_world.tobytes()) for c in captures))
-        seed = _SEEDS.get(key)
-        if seed is None:
-            seed = self._build_seed(captures)
-            while len(_SEEDS) >= _MAX_SEEDS:
-                _SEEDS.pop(next(iter(_SEEDS)))
-            _SEEDS[key] = seed
+        seed: _SeedState = self._world.seed_models.get(key, lambda: self._build_seed(captures))
         self._tracks = seed.tracks.copy(len(captures) + self._config.adaptive_budget)
         self._captures = list(seed.registered)
         return seed.report

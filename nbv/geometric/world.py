@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from nbv.cache import Arrays, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import camera_shell, observable_mask
+from nbv.geometric.recent import Recent
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
@@ -80,6 +81,11 @@ class GeometricWorld:
     camera: CameraConfig
 
     @cached_property
+    def seed_models(self) -> Recent[Any]:
+        """What `nbv.geometric.reconstructor` makes of seeds: the same for all configurations with these seeds."""
+        return Recent(8)
+
+    @cached_property
     def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
         """(L,) landmarks that a camera at a nominal position, aimed at a point, has in its image, front side, not hidden."""
         return self._remembered(
@@ -130,12 +136,11 @@ class GeometricWorld:
         return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
 
 
-_WORLDS: dict[tuple[object, ...], GeometricWorld] = {}
-_MAX_WORLDS = 16
+_WORLDS: Recent[GeometricWorld] = Recent(16)  # of this process: a campaign comes back to its rocks
 
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
-    """The rock's world; from memory, since a campaign in one process comes back to it, from the store, or made."""
+    """The rock's world: from memory, from the store, or made."""
     key = (
         rock.sha256,
         config.camera,
@@ -144,15 +149,11 @@ def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> Geometri
         config.target_m,
         config.shared.box_half_extent_m,
     )
-    world = _WORLDS.pop(key, None) or load_world(rock, config, store)
-    while len(_WORLDS) >= _MAX_WORLDS:
-        _WORLDS.pop(next(iter(_WORLDS)))
-    _WORLDS[key] = world  # most recently used last
-    return world
+    return _WORLDS.get(key, lambda: load_world(rock, config, store))
 
 
 def forget_worlds() -> None:
-    """Remove all worlds from this process's memory."""
+    """Remove all worlds, with their seed models, from this process's memory."""
     _WORLDS.clear()
 
 

@@ -1,6 +1,6 @@
 """The closed loop of the paper's Fig. 1, its result and its run directory.
 
-``loop`` is the loop; ``flying`` surrounds it with what missions of every fidelity share; ``recorder`` watches it.
+``loop`` is the loop; ``fidelity`` surrounds it with what missions of every fidelity share; ``recorder`` watches it.
 """
 
 from nbv.mission.function import MissionFunction

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -32,13 +33,24 @@ from nbv.viewpoints import RINGS, ViewpointSource
 class MissionContext:
     """What a fidelity is made from."""
 
-    config: MissionConfig
-    rock: Rock
+    config: MissionConfig  # a generated rock's true size in it: for what measures, never for what plans
+    rock: Rock  # as it lies in the ground
     replicate: int
     believed: MissionConfig  # what the vehicle takes for ``config``: its target may lie elsewhere
     store: Store | None  # None: nothing is kept between missions
     keeps_everything: bool  # whether `Fidelity.export` will be called
     stopwatch: Stopwatch  # for stages of the fidelity's own
+    rock_sha256: str  # of the rock before it was laid into the ground
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a mission ended, and what was measured of it."""
+
+    status: Status
+    reason: str = ""
+    message: str = ""
+    metrics: dict[str, Any] = field(default_factory=dict)
 
 
 class Fidelity(ABC):
@@ -87,7 +99,7 @@ class Fidelity(ABC):
         log: Log = no_log,
         with_oracle: bool = False,
     ) -> MissionResult:
-        """Fly one mission and measure it: a `nbv.mission.function.MissionFunction`.
+        """Run one mission and measure it: a `nbv.mission.function.MissionFunction`.
 
         Parameters
         ----------
@@ -104,101 +116,140 @@ class Fidelity(ABC):
             Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
         """
         started = time.perf_counter()
-        digest = config.digest()
-        config.require_seeds_above_ground()
         store = cache if isinstance(cache, Store) else Store() if cache else None
-        found = cls.load(rock, store)
-        subject = buried_rock(found, config)
-        belief = with_target_error(
-            with_size_error(cls.simulated(config), subject, replicate), subject.sha256, replicate
-        )
-        config = with_true_target(config, subject)
-        run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
-        if run is not None:
-            run.write_config(config.to_dict())
-        full_run = run if keep == "all" else None
+        context = cls.prepare(config, rock, replicate, store, directory is not None and keep == "all")
+        files = None if directory is None else RunDirectory(directory, overwrite=overwrite)
+        if files is not None:
+            files.write_config(context.config.to_dict())
+            log = _with_progress(log, files, context.config)
+        log("start", _facts(context))
+        fidelity = cls(context)
+        all_files = files if context.keeps_everything else None
+        mission = fidelity.mission(all_files, log, with_oracle)
+        outcome = fidelity.outcome(mission)
+        if all_files is not None:
+            fidelity.export(all_files, outcome.metrics)
+            all_files.write_json("flight.json", mission.flight.to_dict())
+        context.stopwatch.total_s["total"] = time.perf_counter() - started
+        result = fidelity.result(mission, outcome, config.digest())
+        if all_files is not None:
+            all_files.write_json("provenance.json", result.provenance)
+        if files is not None:
+            (files.root / PROGRESS).unlink(missing_ok=True)
+            files.write_result(result.to_json())
+        log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
+        return result
 
-        def noted(event: str, facts: dict[str, Any]) -> None:
-            if run is not None and event in ("seed", "capture"):
-                run.write_progress(recorder.images, config.seed.total + config.adaptive_budget)
-            log(event, facts)
-
-        log(
-            "start",
-            {
-                "rock": subject.name,
-                "replicate": replicate,
-                "seeds": config.seed.total,
-                "budget": config.adaptive_budget,
-                "gate": config.gate.kind,
-            },
+    @classmethod
+    def prepare(
+        cls,
+        config: MissionConfig,
+        rock: str,
+        replicate: int,
+        store: Store | None,
+        keeps_everything: bool,
+    ) -> MissionContext:
+        """Load the rock, lay it into the ground, and draw what the vehicle believes of it."""
+        config.require_seeds_above_ground()
+        loaded = cls.load(rock, store)
+        buried = buried_rock(loaded, config)
+        of_a_size = with_size_error(cls.simulated(config), buried, replicate)
+        return MissionContext(
+            config=with_true_target(config, buried),
+            rock=buried,
+            replicate=replicate,
+            believed=with_target_error(of_a_size, buried.sha256, replicate),
+            store=store,
+            keeps_everything=keeps_everything,
+            stopwatch=Stopwatch(),
+            rock_sha256=loaded.sha256,
         )
-        stopwatch = Stopwatch()
-        keeps_everything = full_run is not None
-        fidelity = cls(MissionContext(config, subject, replicate, belief, store, keeps_everything, stopwatch))
-        asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth
-        oracle = fidelity.oracle() if asked else None
-        flown = fidelity.believed  # nothing that flies or plans gets the other one, nor the rock
-        gate = make_gate(flown, subject.sha256, replicate, oracle)
-        flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
+
+    def mission(self, files: RunDirectory | None, log: Log, with_oracle: bool) -> AdaptiveMission:
+        """Return the mission to run; what plans gets the believed configuration, never the true one nor the rock."""
+        believed, rock_sha256, replicate = self.believed, self.context.rock.sha256, self.context.replicate
+        kind = self.context.config.gate.kind
+        oracle = self.oracle() if with_oracle or gate_class(kind).sees_ground_truth else None
+        gate = make_gate(believed, rock_sha256, replicate, oracle)
+        flight = Flight(believed, rock_sha256=rock_sha256, replicate=replicate)
         recorder = Recorder(
-            flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=noted
+            believed,
+            flight,
+            self.context.stopwatch,
+            run=files,
+            oracle=oracle if with_oracle else None,
+            log=log,
         )
-        mission = AdaptiveMission(
-            flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder, fidelity.viewpoints
+        return AdaptiveMission(
+            believed, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
         )
-        status: Status = "ok"
-        reason = message = ""
-        metrics: dict[str, Any] = {}
+
+    def outcome(self, mission: AdaptiveMission) -> Outcome:
+        """Run the mission and measure its cloud; a failure and what went wrong on the way are outcomes, too."""
         try:
             cloud = mission.run()
-            log("metrics", {})
-            if full_run is not None:
-                full_run.write_cloud("dense.ply", cloud)
-            metrics = fidelity.measure(cloud)
+            mission.recorder.reconstructed(cloud)
+            metrics = self.measure(cloud)
         except MissionFailure as failure:
-            status, reason, message = "failed", failure.reason, failure.message
-        else:
-            if recorder.notes:
-                kinds = sorted(set(recorder.notes))
-                message = "; ".join(f"{kind}: {recorder.notes.count(kind)}" for kind in kinds)
-                status, reason = "degraded", kinds[0]
-        if full_run is not None:
-            fidelity.export(full_run, metrics)
-            full_run.write_json("flight.json", flight.to_dict())
-        wall_s = time.perf_counter() - started
-        stopwatch.total_s["total"] = wall_s
-        result = MissionResult(
-            status=status,
-            reason=reason,
-            message=message,
-            config_digest=digest,
-            rock=subject.name,
-            replicate=replicate,
-            metrics=metrics,
+            return Outcome("failed", failure.reason, failure.message)
+        notes = mission.recorder.notes
+        if not notes:
+            return Outcome("ok", metrics=metrics)
+        kinds = sorted(set(notes))
+        message = "; ".join(f"{kind}: {notes.count(kind)}" for kind in kinds)
+        return Outcome("degraded", kinds[0], message, metrics)
+
+    def result(self, mission: AdaptiveMission, outcome: Outcome, config_digest: str) -> MissionResult:
+        """Return the document of the finished mission."""
+        context, recorder, flight = self.context, mission.recorder, mission.flight
+        timings_s = dict(context.stopwatch.total_s)
+        return MissionResult(
+            status=outcome.status,
+            reason=outcome.reason,
+            message=outcome.message,
+            config_digest=config_digest,
+            rock=context.rock.name,
+            replicate=context.replicate,
+            metrics=outcome.metrics,
             trace=recorder.trace,
-            timings_s=dict(stopwatch.total_s),
+            timings_s=timings_s,
             costs={
                 "images": float(recorder.images),
                 "registered_images": float(recorder.registered_images),
                 "flight_time_s": flight.flight_time_s,
                 "path_length_m": flight.path_length_m,
                 "energy_wh": flight.energy_wh,
-                "wall_s": wall_s,
+                "wall_s": timings_s["total"],
             },
             provenance={
                 **provenance(),
-                "rock_sha256": found.sha256,
-                "fidelity": fidelity.name,
-                "condition": config.condition,
-                **fidelity.facts,
+                "rock_sha256": context.rock_sha256,
+                "fidelity": self.name,
+                "condition": context.config.condition,
+                **self.facts,
             },
-            condition=config.condition,
+            condition=context.config.condition,
         )
-        if full_run is not None:
-            full_run.write_json("provenance.json", result.provenance)
-        if run is not None:
-            (run.root / PROGRESS).unlink(missing_ok=True)
-            run.write_result(result.to_json())
-        log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
-        return result
+
+
+def _facts(context: MissionContext) -> dict[str, Any]:
+    """Return what is said of a mission as it starts."""
+    return {
+        "rock": context.rock.name,
+        "replicate": context.replicate,
+        "seeds": context.config.seed.total,
+        "budget": context.config.adaptive_budget,
+        "gate": context.config.gate.kind,
+    }
+
+
+def _with_progress(log: Log, files: RunDirectory, config: MissionConfig) -> Log:
+    """Return ``log`` with the number of photographs written into ``files`` as they are taken."""
+    taken = itertools.count(1)
+
+    def logged(event: str, facts: dict[str, Any]) -> None:
+        if event in ("seed", "capture"):
+            files.write_progress(next(taken), config.seed.total + config.adaptive_budget)
+        log(event, facts)
+
+    return logged

@@ -16,7 +16,7 @@ from nbv.mission.result import IterationRecord
 from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
-from nbv.types import CandidatePool, Capture, Ranking, UpdateReport
+from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
 
 
 class Recorder:
@@ -143,6 +143,12 @@ class Recorder:
     def returning(self) -> None:
         """The last photograph has been taken."""
         self._log("dense", {})
+
+    def reconstructed(self, cloud: Cloud) -> None:
+        """The photographs have become a dense cloud, which will now be measured."""
+        self._log("metrics", {})
+        if self._run is not None:
+            self._run.write_cloud("dense.ply", cloud)
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

@@ -10,7 +10,9 @@ state, and lets a seed model be kept and continued bit for bit.
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pycolmap
@@ -32,7 +34,6 @@ _GLOBAL_CHANGE = 5e-4
 _GUARDED_POSE_INLIERS, _GUARDED_POSE_INLIER_RATIO = 15, 0.15
 # For seeds that are left over after that, each pose compared with telemetry before it is kept.
 _JUDGED_POSE_INLIERS, _JUDGED_POSE_INLIER_RATIO, _JUDGED_POSE_TRIALS = 6, 0.05, 10
-NO_POSE = "no consistent pose"
 _ENOUGH_SEEDS = 0.75  # share of them; points that came with the rest once hid a target
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
@@ -40,6 +41,37 @@ Judge = Callable[[pycolmap.Reconstruction, int], str]
 
 JudgeSeed = Callable[[pycolmap.Reconstruction], str]
 """Given a seed model: "" to accept it, otherwise why it is wrong."""
+
+
+class Registration(enum.Enum):
+    """What became of an attempt to register an image."""
+
+    REGISTERED = enum.auto()
+    TOO_FEW_POINTS = enum.auto()  # of the model are visible in it
+    NO_POSE = enum.auto()  # COLMAP found none
+    REFUSED = enum.auto()  # its pose, by a judge
+    LOST = enum.auto()  # the adjustment took its points away
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """An attempt to register an image, and why it failed where it did."""
+
+    result: Registration
+    reason: str = ""
+
+    @property
+    def registered(self) -> bool:
+        """Whether the image is in the model."""
+        return self.result is Registration.REGISTERED
+
+
+@dataclass(frozen=True)
+class GrowthOptions:
+    """COLMAP's options for growing a model."""
+
+    mapper: pycolmap.IncrementalMapperOptions
+    triangulation: pycolmap.IncrementalTriangulatorOptions
 
 
 def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions:
@@ -82,13 +114,10 @@ class IncrementalModel:
         self.captures_since_global = 0
         self.stopwatch = stopwatch or Stopwatch()
         self._options = mapping_options(self.config)
-        if (
-            not config.telemetry.is_exact
-        ):  # else COLMAP's own thresholds stand: the world `ideal` stays as it is
+        if not config.telemetry.is_exact:  # else COLMAP's own thresholds stand
             self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
             self._options.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
-        self._mapper_options = self._options.get_mapper()
-        self._triangulation = self._options.get_triangulation()
+        self._usual = GrowthOptions(self._options.get_mapper(), self._options.get_triangulation())
         self._local_ba = self._options.get_local_bundle_adjustment()
         self._global_ba = self._options.get_global_bundle_adjustment()
         for ba in (self._local_ba, self._global_ba):
@@ -139,7 +168,7 @@ class IncrementalModel:
             if not self._initialise(mapper):
                 mapper.end_reconstruction(True)
                 break
-            self._grow(mapper)
+            self._grow(mapper, self._usual)
             if judge_pose and reconstruction.num_reg_images() < _ENOUGH_SEEDS * len(self.names):
                 self._join(mapper, judge_pose)
             reason = judge(reconstruction)
@@ -172,7 +201,7 @@ class IncrementalModel:
     def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
-        options = self._mapper_options
+        options = self._usual.mapper
         with self.stopwatch.timed("sparse.mapping"):
             found = None
             for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
@@ -188,50 +217,54 @@ class IncrementalModel:
             (first, second), second_from_first = found
             mapper.register_initial_image_pair(options, first, second, second_from_first)
             for image_id in (first, second):
-                mapper.triangulate_image(self._triangulation, image_id)
+                mapper.triangulate_image(self._usual.triangulation, image_id)
         with self.stopwatch.timed("sparse.ba"):
             mapper.adjust_global_bundle(options, self._global_ba)
             mapper.reconstruction.normalize()
             mapper.filter_points(options)
         return mapper.reconstruction.num_points3D() > 0
 
-    def _grow(self, mapper: pycolmap.IncrementalMapper, judge: Judge | None = None) -> None:
+    def _grow(
+        self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions, judge: Judge | None = None
+    ) -> None:
         """Register whatever can be registered, with global adjustments as the model grows."""
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
             with self.stopwatch.timed("sparse.mapping"):
-                candidates = mapper.find_next_images(self._mapper_options, False)
-            if all(self._register(mapper, image_id, judge) for image_id in candidates):
+                candidates = mapper.find_next_images(options.mapper, False)
+            if not any(
+                self._register(mapper, image_id, options, judge).registered for image_id in candidates
+            ):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
-                self._refine_globally(mapper)
+                self._refine_globally(mapper, options)
                 last_images = model.num_reg_images()
-        self._refine_globally(mapper)
+        self._refine_globally(mapper, options)
 
     def _join(self, mapper: pycolmap.IncrementalMapper, judge: Judge) -> None:
         """Grow on by poses from few points: where views are far apart hardly any point is seen by three images."""
-        usual, model = self._mapper_options, mapper.reconstruction
+        options, model = self._for_judged_poses(), mapper.reconstruction
+        options.triangulation.ignore_two_view_tracks = False
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
-        self._mapper_options, self._triangulation.ignore_two_view_tracks = self._for_judged_poses(), False
         with self.stopwatch.timed("sparse.mapping"):
             for image_id in sorted(held):
-                mapper.triangulate_image(self._triangulation, image_id)
-        self._grow(mapper, judge)
+                mapper.triangulate_image(options.triangulation, image_id)
+        self._grow(mapper, options, judge)
         # Points of two images hold those that joined; the others did without.
         with self.stopwatch.timed("sparse.mapping"):
             for point_id in sorted(set(model.point3D_ids()) - before):
                 seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
                 if len(seen_by) == 2 and seen_by <= held:
                     mapper.observation_manager.delete_point3D(point_id)
-        self._mapper_options, self._triangulation.ignore_two_view_tracks = usual, True
-        self._refine_globally(mapper)
+        self._refine_globally(mapper, self._usual)
 
-    def _for_judged_poses(self) -> pycolmap.IncrementalMapperOptions:
-        options = self._options.get_mapper()
-        options.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
-        options.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
-        options.max_reg_trials = _JUDGED_POSE_TRIALS
+    def _for_judged_poses(self) -> GrowthOptions:
+        """Return options by which few points are enough for a pose, since it is compared with telemetry."""
+        options = GrowthOptions(self._options.get_mapper(), self._options.get_triangulation())
+        options.mapper.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
+        options.mapper.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
+        options.mapper.max_reg_trials = _JUDGED_POSE_TRIALS
         return options
 
     # --------------------------------------------------------------------------------------------- update
@@ -256,15 +289,18 @@ class IncrementalModel:
         with self.stopwatch.timed("sparse.mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
-        reasons = self._try_all(mapper, waiting, judge)
+        reasons = self._try_all(mapper, waiting, self._usual, judge)
         if reasons and judge_turn:
-            usual, self._mapper_options = self._mapper_options, self._for_judged_poses()
             left = [image_id for image_id in waiting if image_id in reasons]
-            reasons = self._try_all(mapper, left, lambda model, i: judge(model, i) or judge_turn(model, i))
-            self._mapper_options = usual
+            reasons = self._try_all(
+                mapper,
+                left,
+                self._for_judged_poses(),
+                lambda model, i: judge(model, i) or judge_turn(model, i),
+            )
         self.captures_since_global += 1
         if is_global:
-            self._refine_globally(mapper)
+            self._refine_globally(mapper, self._usual)
             self.captures_since_global = 0
         with self.stopwatch.timed("sparse.mapping"):
             mapper.end_reconstruction(False)
@@ -277,7 +313,7 @@ class IncrementalModel:
         with self.stopwatch.timed("sparse.mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
             mapper.begin_reconstruction(self.reconstruction)
-        self._refine_globally(mapper)
+        self._refine_globally(mapper, self._usual)
         with self.stopwatch.timed("sparse.mapping"):
             mapper.end_reconstruction(False)
         self.captures_since_global = 0
@@ -287,62 +323,81 @@ class IncrementalModel:
         self.reconstruction.deregister_frame(image_id)
 
     def _try_all(
-        self, mapper: pycolmap.IncrementalMapper, image_ids: Sequence[int], judge: Judge
+        self,
+        mapper: pycolmap.IncrementalMapper,
+        image_ids: Sequence[int],
+        options: GrowthOptions,
+        judge: Judge,
     ) -> dict[int, str]:
         """Until no more registers: a new registration can make an earlier image registrable. Returns what was left out."""
-        waiting, reasons, progress = list(image_ids), {}, True
+        waiting, reasons, progress = list(image_ids), dict[int, str](), True
         while waiting and progress:
             progress = False
             for image_id in list(waiting):
-                reason = self._try(mapper, image_id, judge)
-                if reason:
-                    reasons[image_id] = reason
-                else:
+                attempt = self._try(mapper, image_id, options, judge)
+                if attempt.registered:
                     reasons.pop(image_id, None)
                     waiting.remove(image_id)
                     progress = True
+                else:
+                    reasons[image_id] = attempt.reason
         return reasons
 
-    def _try(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge) -> str:
+    def _try(
+        self, mapper: pycolmap.IncrementalMapper, image_id: int, options: GrowthOptions, judge: Judge
+    ) -> Attempt:
+        """Register one image where it sees points enough, and say why it was left out."""
         visible = mapper.observation_manager.num_visible_points3D(image_id)
-        if visible < self._mapper_options.abs_pose_min_num_inliers:
-            needed = self._mapper_options.abs_pose_min_num_inliers
-            return f"sees {visible} points of the model, registration needs {needed}"
-        if reason := self._register(mapper, image_id, judge):
-            return reason if reason != NO_POSE else f"{NO_POSE} from {visible} visible points"
-        return "" if mapper.reconstruction.image(image_id).has_pose else "lost its points in the adjustment"
+        needed = options.mapper.abs_pose_min_num_inliers
+        if visible < needed:
+            reason = f"sees {visible} points of the model, registration needs {needed}"
+            return Attempt(Registration.TOO_FEW_POINTS, reason)
+        attempt = self._register(mapper, image_id, options, judge)
+        if attempt.result is Registration.NO_POSE:
+            return Attempt(Registration.NO_POSE, f"{attempt.reason} from {visible} visible points")
+        if attempt.registered and not mapper.reconstruction.image(image_id).has_pose:
+            return Attempt(Registration.LOST, "lost its points in the adjustment")
+        return attempt
 
-    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> str:
-        """Register one image and adjust locally about it. Returns "" or why it was left out."""
+    def _register(
+        self,
+        mapper: pycolmap.IncrementalMapper,
+        image_id: int,
+        options: GrowthOptions,
+        judge: Judge | None,
+    ) -> Attempt:
+        """Register one image and adjust locally about it."""
         with self.stopwatch.timed("sparse.mapping"):
-            if not mapper.register_next_image(self._mapper_options, image_id):
-                return NO_POSE
+            if not mapper.register_next_image(options.mapper, image_id):
+                return Attempt(Registration.NO_POSE, "no consistent pose")
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
                 mapper.observation_manager.deregister_frame(image_id)
-                return reason
-            mapper.triangulate_image(self._triangulation, image_id)
-        self._refine_locally(mapper, image_id)
-        return ""
+                return Attempt(Registration.REFUSED, reason)
+            mapper.triangulate_image(options.triangulation, image_id)
+        self._refine_locally(mapper, image_id, options)
+        return Attempt(Registration.REGISTERED)
 
-    def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
+    def _refine_locally(
+        self, mapper: pycolmap.IncrementalMapper, image_id: int, options: GrowthOptions
+    ) -> None:
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_local_refinement(
                 self.config.local_ba_rounds,
                 _LOCAL_CHANGE,
-                self._mapper_options,
+                options.mapper,
                 self._local_ba,
-                self._triangulation,
+                options.triangulation,
                 image_id,
             )
 
-    def _refine_globally(self, mapper: pycolmap.IncrementalMapper) -> None:
+    def _refine_globally(self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions) -> None:
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_global_refinement(
                 _GLOBAL_REFINEMENTS,
                 _GLOBAL_CHANGE,
-                self._mapper_options,
+                options.mapper,
                 self._global_ba,
-                self._triangulation,
+                options.triangulation,
                 True,
             )
 

@@ -20,7 +20,6 @@ from tuner.commands.console import (
     local_executor,
     mission_config,
     output,
-    rock_arguments,
     under_conditions,
     working,
 )
@@ -36,7 +35,6 @@ from tuner.commands.options import (
     Workers,
 )
 from tuner.missions.registry import DEFAULT_FIDELITY, GEOMETRIC_NOTE, is_geometric
-from tuner.problem.objective import Objective
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -183,28 +181,24 @@ def reproduce(
     Example: gatetune reproduce --replicates 3
     """
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
-    load("tuner.evaluation.baselines")
-    from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-    from tuner.evaluation.of_campaign import CampaignEvaluation, ComparisonSpec
-    from tuner.evaluation.plan import EvaluationPlan
+    load("tuner.evaluation.of_campaign")
+    from tuner.evaluation.of_campaign import reproduction
 
-    base = mission_config(preset, set_ or [])
-    chosen = tuple(rock_arguments(rocks or ["vesicular"]))
-    configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
-    plan = EvaluationPlan(
-        configs,
-        chosen,
-        replicates,
-        keep="all",
-        fidelity=fidelity,
+    asked = reproduction(
+        mission_config(preset, set_ or []),
+        rocks or ["vesicular"],
+        strategies=strategies,
+        replicates=replicates,
         conditions=load_conditions(conditions or [IDEAL]),
+        fidelity=fidelity,
+        keep="all",
+        making=working,
     )
-    asked = ComparisonSpec(Objective("whole.completeness_48mm"))
     how = PRESETS[preset].purpose
     if is_geometric(fidelity):
         how = "predicted by geometric missions, without photographs"
     compare(
-        CampaignEvaluation(plan, "hyb-h" if "hyb-h" in configs else next(iter(configs)), asked),
+        asked,
         Path("runs/reproduce"),
         out,
         workers=workers,

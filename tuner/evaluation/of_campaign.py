@@ -1,4 +1,4 @@
-"""What is run of a campaign: its recommendation against baselines on unseen rocks, or against the default on its own."""
+"""What is compared: a campaign's recommendation on unseen rocks or on its own, and the paper's strategies for Table I."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config import IDEAL, Condition, MissionConfig
+from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig
 from nbv.errors import UserError
+from nbv.mission.function import Keep
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_choice import Making
+from tuner.campaign.rock_choice import Making, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import (
     COMPARISON,
     CONTROLS,
     EVALUATION_BASELINES,
     REAIMED_ORBITS,
+    REPRODUCTION_STRATEGIES,
     TUNED,
     TUNED_POOL_HYB_H,
     TUNED_POOL_RANDOM,
@@ -184,6 +186,38 @@ def confirmation(
         conditions=s.conditions,
     )
     return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *more))
+
+
+def reproduction(
+    base: MissionConfig,
+    rocks: Sequence[str],
+    *,
+    strategies: Sequence[str] | None = None,
+    replicates: int = 1,
+    conditions: Sequence[Condition] = (IDEAL_CONDITION,),
+    fidelity: str = DEFAULT_FIDELITY,
+    keep: Keep = "summary",
+    making: Making = nullcontext,
+) -> CampaignEvaluation:
+    """The paper's Table I: strategies, by default `REPRODUCTION_STRATEGIES`, that differ from ``base`` in nothing else.
+
+    Raises
+    ------
+    UserError
+        A strategy or a rock is unknown.
+    """
+    configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
+    plan = EvaluationPlan(
+        configs,
+        tuple(rock_arguments(rocks, making)),
+        replicates,
+        fidelity=fidelity,
+        keep=keep,
+        conditions=tuple(conditions),
+    )
+    return CampaignEvaluation(
+        plan, _reference(configs, "hyb-h"), ComparisonSpec(Objective("whole.completeness_48mm"))
+    )
 
 
 def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvaluation:

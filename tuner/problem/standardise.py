@@ -126,6 +126,8 @@ def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -
     deviation = y - centre
     v, n = np.sort(deviation), len(y)
     some = np.unique(v)
+    if len(some) == 3 and n >= FEW // 2:  # a quarter of three is none: all but the farthest from the middle
+        some = some[1:] if some[1] - some[0] > some[2] - some[1] else some[:-1]
     low, high = some[len(some) // 4], some[-1 - len(some) // 4]
     least = _ROUNDING * float(np.abs(centre).max())
     while True:

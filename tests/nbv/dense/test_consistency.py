@@ -41,7 +41,7 @@ def one_pixel(name, row, column, depths, poses):
 
 
 def test_every_pixel_follows_the_rule():
-    """A wall seen from four sides, with noise and holes; some witnesses see only a part of a view."""
+    """A wall seen from four sides, with noise and holes; some source views see only a part of a view."""
     rng = np.random.default_rng(3)
     poses, depths = {}, {}
     for k, (x, y) in enumerate([(0.0, -3.0), (0.4, -3.0), (-0.5, -2.8), (0.9, -2.2)]):

@@ -10,7 +10,6 @@ from nbv.cache import code_digest
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from nbv.geometric.reconstructor import forget_seed_models
 from nbv.geometric.world import forget_worlds
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import forget_loaded
@@ -28,11 +27,6 @@ def config():
 @pytest.fixture(scope="module")
 def flown(config):
     return run_geometric_mission(config, ROCK)
-
-
-def forget():
-    forget_worlds()
-    forget_seed_models()
 
 
 def same(a, b):
@@ -67,11 +61,11 @@ def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)
     assert same(run_geometric_mission(config, ROCK), flown)  # from the memories in this process
-    forget()
+    forget_worlds()
     assert same(run_geometric_mission(config, ROCK), flown)  # from the store
-    forget()
+    forget_worlds()
     assert not same(run_geometric_mission(config, ROCK, 1), flown)
-    forget()
+    forget_worlds()
     forget_loaded()
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing

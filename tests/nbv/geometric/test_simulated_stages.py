@@ -59,7 +59,7 @@ def test_grazing_views_and_faint_texture_reconstruct_less():
 
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), n=st.integers(2, 20))
-def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
+def test_partners_and_source_views_are_those_of_the_dense_stage(seed, n):
     rng = np.random.default_rng(seed)
     target = np.array([0.0, 0.0, 0.8])
     directions = rng.normal((0.0, 0.0, 0.6), 1.0, (n, 3))
@@ -69,12 +69,12 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
     views = PosedViews({}, poses, CameraConfig(), target, config)
     angles = pairwise_angles_deg(directions)
     partner, usable = stereo_partners(angles, config)
-    witnesses = source_view_mask(angles, config.consistency_views)
+    sources = source_view_mask(angles, config.consistency_views)
     for i in range(n):
         expected = views.neighbours(f"{i:02d}")
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
-        expected = views.witnesses(f"{i:02d}")
-        assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
+        expected = views.source_views(f"{i:02d}")
+        assert {f"{j:02d}" for j in np.flatnonzero(sources[i])} == set(expected)
 
 
 def random_views(seed, n_views, n_landmarks):

@@ -164,7 +164,7 @@ def test_metrics_come_back_as_they_were(store, monkeypatch):
     plain = evaluate_cloud(cloud, rock, config)
 
     def measured(key):
-        context = MissionContext(config, rock, 0, config, store, True, Stopwatch())
+        context = MissionContext(config, rock, 0, config, store, True, Stopwatch(), rock.sha256)
         fidelity = photogrammetric.PhotogrammetricFidelity(context)
         fidelity.reconstructor._key = key
         fidelity.measure(cloud)
