@@ -103,37 +103,6 @@ def conditions(data: Path) -> plt.Figure:
     return figure
 
 
-def next_rock(data: Path) -> plt.Figure:
-    """What campaigns state for a rock nobody has flown, and what they gain on such rocks, by number of training rocks."""
-    rows = [row for row in read(data, "next_rock") if row["space"] == "beyond_paper"]
-    drawn = [row for row in rows if row["training"] == "drawn"]
-    sizes = list(dict.fromkeys(row["training_rocks"] for row in drawn))
-
-    def mean(size: str, column: str) -> float:
-        own = [float(row[column]) for row in drawn if row["training_rocks"] == size]
-        return sum(own) / len(own)
-
-    figure, axes = plt.subplots(figsize=(7, 3.2))
-    for place, size in enumerate(sizes):
-        low, high = mean(size, "low"), mean(size, "high")
-        axes.plot([place, place], [low, high], color=BLUE, linewidth=2, label="" if place else "stated, 95 %")
-        axes.plot(place, mean(size, "stated"), "o", color=BLUE)
-        own = [row for row in drawn if row["training_rocks"] == size]
-        share = sum(int(row["inside"]) for row in own) / sum(int(row["others"]) for row in own)
-        axes.annotate(f"{100 * share:.0f} %", (place, high), (0, 3), textcoords="offset points", ha="center")
-        gains = [float(row["gain"]) for row in own]
-        marks = axes.plot([place + 0.15] * len(gains), gains, "_", color=ORANGE)
-        marks[0].set_label("" if place else "mean gain on the rocks left out, a mark a campaign")
-    axes.axhline(0, color="black", linewidth=0.8)
-    axes.set_xticks(range(len(sizes)), sizes)
-    axes.set_xlabel("training rocks, 64 missions in all; above: share of the other rocks inside")
-    axes.set_ylabel("points of F-score over Hyb-H")
-    axes.margins(y=0.15)
-    axes.legend(fontsize=8)
-    axes.grid(axis="y", alpha=0.3)
-    return figure
-
-
 def speed(data: Path) -> plt.Figure:
     """CPU seconds of a paper mission, the authors' way and ours."""
     rows = read(data, "speed_authors_way")
@@ -219,7 +188,6 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         optimisers,
         conditions,
         where_planning_pays,
-        next_rock,
         speed,
     )
 }

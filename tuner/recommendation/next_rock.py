@@ -12,7 +12,7 @@ tau is the standard deviation of log s over the training rocks, with a prior wor
 tell a rock's scale, and the surrogate's are drawn together. What differs between rocks is known from as many as were run: the
 interval is Student's t with `PRIOR_ROCKS` degrees of freedom more than rocks less one, as in the prediction of the next
 draw from a normal distribution whose variance is unknown (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.2). How often it
-covers: docs/results/next_rock.md.
+covers: docs/results/held_out.md.
 """
 
 from __future__ import annotations
