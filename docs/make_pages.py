@@ -133,7 +133,7 @@ def settings_page() -> str:
         "# A campaign's settings file",
         "",
         "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
-        "Every field may be left out; one with an option means what [the option](commands.md) does. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
+        "Every field may be left out. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",
@@ -144,14 +144,19 @@ def settings_page() -> str:
         "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
         "    in_step: 2",
         "",
-        "|setting|option|default|meaning|",
-        "|-|-|-|-|",
     ]
+    options = {name: s.option.split()[0] for name, s in SETTINGS.items() if s.option}
+    fields = (
+        f"`{name}`" + (f" (`{option}`)" if option != f"--{name.replace('_', '-')}" else "")
+        for name, option in options.items()
+    )
+    lines += [f"Fields that are [options](commands.md), too: {', '.join(fields)}.", ""]
+    lines += ["|others, and what options cannot say|default|meaning|", "|-|-|-|"]
     for name, s in SETTINGS.items():
+        if s.option and not s.in_file:
+            continue
         default = f"{s.default_text or 'none'}{f' ({s.why})' if s.why else ''}"
-        option = f"`{s.option.split()[0]}`" if s.option else ""
-        meaning = [] if s.option else [s.text]
-        lines.append(f"|`{name}`|{option}|{default}|{'; '.join([*meaning, *filter(None, [s.in_file])])}|")
+        lines.append(f"|`{name}`|{default}|{s.in_file if s.option else s.text}|")
     return "\n".join(lines) + "\n"
 
 
