@@ -17,6 +17,7 @@ single_thread_environment()  # before anything imports numpy: one mission, one t
 import typer  # noqa: E402
 from rich.text import Text  # noqa: E402
 
+from nbv import plugins  # noqa: E402
 from nbv.cache import home  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from tuner.commands import (  # noqa: E402
@@ -28,6 +29,7 @@ from tuner.commands import (  # noqa: E402
     export,
     mission,
     photographs,
+    plugin,
     rocks,
     studies,
 )
@@ -60,9 +62,17 @@ def options(
     version: Annotated[
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version.")
     ] = False,
+    plugin: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Module or file that registers plug-ins, or NAME=COMMAND, a planner in another process; repeatable."
+        ),
+    ] = None,
 ) -> None:
     """Tune hybrid next-best-view planning with Bayesian optimisation on simulated photogrammetry missions."""
     only_json(False)
+    for text in plugin or []:
+        plugins.use(text)
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at GP tuning campaigns.")
@@ -85,6 +95,7 @@ app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
     photographs.app, name="photographs", help="Sets of real photographs: import them; how few are enough?"
 )
+app.add_typer(plugin.app, name="plugin", help="Scorers, gates and other parts of other packages.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
 app.command(name="doctor", short_help="Is this machine fit for missions, and what expected_gain it?")(
     doctor.doctor

@@ -21,6 +21,7 @@ from nbv.config.mission_config import (
     canonical,
     canonical_path,
     config_from_dict,
+    is_parameter,
     parameter_paths,
 )
 from nbv.config.presets import PRESETS, preset
@@ -82,6 +83,7 @@ __all__ = [
     "condition_from_dict",
     "config_from_dict",
     "gate_kinds",
+    "is_parameter",
     "load_condition",
     "load_conditions",
     "parameter",

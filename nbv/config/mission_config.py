@@ -14,7 +14,8 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config.parsing import build, leaf_paths
+from nbv.config.parsing import PLUGINS, build, leaf_paths
+from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
@@ -39,6 +40,7 @@ from nbv.config.sections_world import (
 )
 from nbv.config.sources import ADDED, code, not_in_paper
 from nbv.errors import UserError
+from nbv.plugins import Plugin, settings_class
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
@@ -73,8 +75,13 @@ class MissionConfig:
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    plugins: tuple[tuple[str, Any], ...] = field(
+        default=(), metadata=ADDED
+    )  # settings of plug-ins that are not their defaults, by name: ``config.mine.alpha``
 
     def __post_init__(self) -> None:
+        for plugin in self.plugins_used:
+            _ = plugin.loaded  # one that cannot be is said now
         if self.wind.strongest_m_s >= self.flight.max_speed_m_s:
             raise UserError(
                 f"wind.mean_speed_m_s {self.wind.mean_speed_m_s:g} with three gusts of {self.wind.gust_m_s:g} is more "
@@ -110,6 +117,28 @@ class MissionConfig:
                 f"than {least_m:g} m (flight.min_camera_altitude_m); raise its elevation"
             )
 
+    def __getattr__(self, name: str) -> Any:
+        """The settings that a plug-in declares: ``config.mine`` is the section ``mine``."""
+        if not name.startswith("_") and name != PLUGINS:
+            for section, values in self.plugins:
+                if section == name:
+                    return values
+            if (declared := settings_class(name)) is not None:
+                return declared()
+        raise AttributeError(f"a mission's configuration has no {name!r}")
+
+    @property
+    def plugins_used(self) -> list[Plugin]:
+        """The plug-ins that this mission plans, renders and reconstructs with."""
+        kind = self.gate.kind
+        named = (
+            (GATES if kind in GATES.own else SCORERS if kind in SCORERS else GATES, kind),
+            (SCORERS, self.gate.geometry_scorer),
+            (RENDERERS, self.scene.backend),
+            (DENSE_BACKENDS, self.dense.backend),
+        )
+        return [plugin for names, name in named if (plugin := names.plugin(name)) is not None]
+
     @property
     def adaptive_budget(self) -> int:
         """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves.
@@ -132,7 +161,8 @@ class MissionConfig:
 
     @functools.cached_property
     def _text(self) -> str:
-        return json.dumps(dataclasses.asdict(self))
+        tree = dataclasses.asdict(self)
+        return json.dumps({**tree, **dict(tree.pop(PLUGINS))})
 
     def changed(self, **values: Any) -> MissionConfig:
         """A copy with fields of its own replaced, and those of sections: ``changed(target_m=..., dense={"neighbours": 4})``."""
@@ -149,6 +179,8 @@ class MissionConfig:
         field existed is the same mission.
         """
         tree = {**canonical(self), **_REMOVED}
+        if of_plugins := [[plugin.name, plugin.facts] for plugin in self.plugins_used]:
+            tree["plugins_used"] = of_plugins
         text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -171,7 +203,7 @@ class MissionConfig:
             for part in reversed(parents):
                 nested = {part: nested}
             _merge(tree, nested)
-        config = build(MissionConfig, tree)
+        config = _built(tree)
         config.require_seeds_above_ground()
         return config
 
@@ -186,6 +218,8 @@ def canonical(section: Any) -> dict[str, Any]:
         value = getattr(section, f.name)
         if "added" not in f.metadata or value != _default(f):
             kept[f.name] = canonical(value) if dataclasses.is_dataclass(value) else value
+            if f.name == PLUGINS:
+                kept[f.name] = {name: dataclasses.asdict(values) for name, values in value}
     return kept
 
 
@@ -210,7 +244,19 @@ def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) ->
         raise UserError(f"a configuration maps sections to their fields; this is {str(tree)[:60]!r}")
     merged = (base or MissionConfig()).to_dict()
     _merge(merged, tree)
-    return build(MissionConfig, merged)
+    return _built(merged)
+
+
+def _built(tree: dict[str, Any]) -> MissionConfig:
+    """The configuration of a complete nested dictionary, with the sections of plug-ins."""
+    own = {f.name for f in dataclasses.fields(MissionConfig)}
+    sections = {}
+    for name in sorted(tree.keys() - own):
+        declared = settings_class(name)
+        assert declared is not None, "_merge lets nothing else in"
+        if (values := build(declared, tree[name], f"{name}.")) != declared():
+            sections[name] = values
+    return dataclasses.replace(build(MissionConfig, tree), plugins=tuple(sections.items()))
 
 
 def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
@@ -228,6 +274,8 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
         key = path.removeprefix(prefix)
         if path == "telemetry" and isinstance(value, str):
             value = dataclasses.asdict(telemetry_level(value))
+        if not prefix and key not in into and (declared := settings_class(key)) is not None:
+            into[key] = dataclasses.asdict(declared())
         if key in into:
             if isinstance(into[key], dict):
                 _merge(into[key], value, f"{path}.")
@@ -237,6 +285,15 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
             close = difflib.get_close_matches(path, parameter_paths(), n=3, cutoff=0.4)
             hint = f"did you mean {', '.join(close)}?" if close else "`gatetune config show` lists all paths"
             raise UserError(f"unknown mission parameter {path!r}; {hint}")
+
+
+def is_parameter(path: str) -> bool:
+    """Whether a parameter of ours, or of a plug-in, has that path."""
+    section = path.partition(".")[0]
+    if path in parameter_paths() or section in {f.name for f in dataclasses.fields(MissionConfig)}:
+        return path in parameter_paths()
+    declared = settings_class(section)
+    return declared is not None and path in leaf_paths(declared, f"{section}.")
 
 
 def parameter_paths() -> list[str]:

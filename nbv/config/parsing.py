@@ -22,6 +22,7 @@ _IN_WORDS = {
     str: "a text",
     dict: "a mapping",
 }
+PLUGINS = "plugins"  # the field of the sections that are not ours: `nbv.config.mission_config` reads them
 _type_hints = functools.cache(typing.get_type_hints)  # takes longer than everything else of a copy
 
 
@@ -31,6 +32,8 @@ def leaf_paths(cls: type, prefix: str = "") -> list[str]:
     paths: list[str] = []
     for f in dataclasses.fields(cls):
         kind = hints[f.name]
+        if f.name == PLUGINS:
+            continue
         if dataclasses.is_dataclass(kind):
             paths += leaf_paths(typing.cast(type, kind), f"{prefix}{f.name}.")
         else:
@@ -49,6 +52,8 @@ def build(cls: type, tree: dict[str, Any], prefix: str = "") -> Any:
     hints = _type_hints(cls)
     values = {}
     for f in dataclasses.fields(cls):
+        if f.name == PLUGINS:
+            continue
         kind, raw, path = hints[f.name], tree[f.name], f"{prefix}{f.name}"
         if dataclasses.is_dataclass(kind):
             values[f.name] = build(typing.cast(type, kind), raw, f"{path}.")

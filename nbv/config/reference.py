@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from typing import Any, Literal
 
 from nbv.config.mission_config import MissionConfig
+from nbv.config.parsing import PLUGINS
 from nbv.config.sources import Parameter
+from nbv.plugins import settings_class
 
 
 @functools.cache
@@ -19,13 +21,19 @@ def parameters() -> dict[str, Parameter]:
 
 
 def parameter(path: str) -> Parameter:
-    """The parameter at ``path``; ``KeyError`` if there is none."""
-    return parameters()[path]
+    """The parameter at ``path``, ours or a plug-in's; ``KeyError`` if there is none."""
+    if path in parameters():
+        return parameters()[path]
+    section = path.partition(".")[0]
+    declared = settings_class(section)
+    return {p.path: p for p in _leaves(declared(), f"{section}.")}[path] if declared else parameters()[path]
 
 
 def _leaves(section: Any, prefix: str) -> Iterator[Parameter]:
     hints = typing.get_type_hints(type(section))
     for f in dataclasses.fields(section):
+        if f.name == PLUGINS:
+            continue
         value, path, kind = getattr(section, f.name), f"{prefix}{f.name}", hints[f.name]
         if dataclasses.is_dataclass(value):
             yield from _leaves(value, f"{path}.")

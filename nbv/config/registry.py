@@ -1,44 +1,85 @@
-"""What a configuration may name, and where it lives: a new scorer or gate is one new file and one line here.
+"""What a configuration may name, and where it lives: ours stand here, those of other packages in `nbv.plugins`.
 
-Only names and places: nothing is imported before it is asked for. So a name is checked when a configuration is
+Only names and places: nothing of ours is imported before it is asked for. So a name is checked when a configuration is
 read, long before anything flies, and what needs OpenGL or CUDA loads only where it is used.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, MutableMapping
 from typing import Any
 
+from nbv import plugins
 from nbv.errors import UserError
 
 
-class Registry(dict[str, str]):
-    """Names, and the ``module:attribute`` that each stands for.
+class Registry(MutableMapping[str, str]):
+    """Names, and the ``module:attribute`` that each stands for: our own, then those of plug-ins.
 
     Parameters
     ----------
     what
         What is named, for messages: "gate".
-    places
+    group
+        The plug-ins' (`nbv.plugins.GROUPS`).
+    own
         ``module:attribute`` by name. ``registry[name] = place`` adds one at run time.
     """
 
-    def __init__(self, what: str, places: dict[str, str]) -> None:
-        super().__init__(places)
-        self.what = what
+    def __init__(self, what: str, group: str, own: dict[str, str]) -> None:
+        self.what, self.group, self.own = what, group, own
+
+    def plugin(self, name: str) -> plugins.Plugin | None:
+        """The plug-in of that name; None where it is ours or nothing has it.
+
+        Raises
+        ------
+        UserError
+            Two plug-ins have one name, or one has a name of ours.
+        """
+        if name in self.own:
+            return None
+        found = plugins.plugins(self.group)
+        for taken in self.own.keys() & found.keys():
+            raise UserError(f"{found[taken].label} has the name of one that is built in; uninstall it")
+        return found.get(name)
+
+    def __getitem__(self, name: str) -> str:
+        if name in self.own:
+            return self.own[name]
+        found = self.plugin(name)
+        if found is None:
+            raise KeyError(name)
+        return found.place
+
+    def __setitem__(self, name: str, place: str) -> None:
+        self.own[name] = place
+
+    def __delitem__(self, name: str) -> None:
+        del self.own[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self.own, **plugins.plugins(self.group)})
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
     def load(self, name: str) -> Any:
-        """What ``name`` stands for; ``UserError`` if nothing has that name."""
-        if name not in self:
+        """What ``name`` stands for; ``UserError`` if nothing has that name, or a plug-in is no such thing."""
+        found = self.plugin(name)
+        if found is not None:
+            return found.loaded
+        if name not in self.own:
             raise UserError(f"unknown {self.what} {name!r}; there are {', '.join(self)}")
-        module, _, attribute = self[name].partition(":")
+        module, _, attribute = self.own[name].partition(":")
         return getattr(importlib.import_module(module), attribute)
 
 
 # A `nbv.scorers.scorer.Scorer` each. Flown alone by the gate of the same name.
 SCORERS = Registry(
     "scorer",
+    "scorers",
     {
         "covis": "nbv.scorers.covis:COVIS",
         "b-aware": "nbv.scorers.b_aware:B_AWARE",
@@ -50,6 +91,7 @@ SCORERS = Registry(
 # A subclass of `nbv.gates.base.Gate` each.
 GATES = Registry(
     "gate",
+    "gates",
     {
         "hyb-h": "nbv.gates.controls:HeuristicGate",
         "hyb-o": "nbv.gates.oracle:OracleGate",
@@ -63,6 +105,7 @@ GATES = Registry(
 # A class each that takes a `nbv.scene.Scene` and has the face of `nbv.scene.Renderer`.
 RENDERERS = Registry(
     "renderer",
+    "renderers",
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
         "gl": "nbv.scene.gl:GLRenderer",
@@ -72,6 +115,7 @@ RENDERERS = Registry(
 # A `nbv.dense.DenseBackend` each.
 DENSE_BACKENDS = Registry(
     "dense backend",
+    "dense",
     {
         "sgbm": "nbv.dense.stereo:sgbm_depth_maps",
         "patchmatch": "nbv.dense.patchmatch:patchmatch_depth_maps",
@@ -79,6 +123,19 @@ DENSE_BACKENDS = Registry(
 )
 
 
+class _Kinds(Collection[str]):
+    """Ours are found without a look at what is installed."""
+
+    def __contains__(self, name: object) -> bool:
+        return any(name in names for names in (SCORERS.own, GATES.own, SCORERS, GATES))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*SCORERS, *GATES))
+
+    def __len__(self) -> int:
+        return len(SCORERS) + len(GATES)
+
+
 def gate_kinds() -> Collection[str]:
     """The values of ``gate.kind``: every scorer alone, then the gates."""
-    return (*SCORERS, *GATES)
+    return _Kinds()

@@ -136,7 +136,9 @@ class Section:
             elif least is not None:
                 self._need_at_least(least, f.name)
             if about.names is not None and value not in (allowed := about.names()):
-                raise UserError(f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
+                raise UserError(
+                    f"{f.name} is {value!r}; allowed: {', '.join(allowed)}, or a plug-in once it is installed"
+                )
 
     def _need_elevations(self, *names: str) -> None:
         for name in names:

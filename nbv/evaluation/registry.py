@@ -1,4 +1,4 @@
-"""The metrics of a cloud: a new one is one new file and one line in `METRICS`.
+"""The metrics of a cloud: ours are `METRICS`, with those of plug-ins `all_metrics`.
 
 Reports read names, units and directions from here; missions hold every metric for the whole and the observable surface.
 """
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
+from nbv.plugins import plugins
 from nbv.types import Floats
 
 SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
@@ -105,10 +106,15 @@ METRICS: dict[str, Metric] = {
 PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 
+def all_metrics() -> dict[str, Metric]:
+    """Ours, then those of plug-ins."""
+    return {**METRICS, **{plugin.loaded.key: plugin.loaded for plugin in plugins("metrics").values()}}
+
+
 def measure_all(distances: Distances) -> dict[str, Any]:
     """Every metric by its name in the result."""
     values = {}
-    for metric in METRICS.values():
+    for metric in all_metrics().values():
         thresholds_mm = sorted(distances.config.thresholds_mm) if "{t}" in metric.key else [0.0]
         for t in thresholds_mm:
             values[metric.key.replace("{t}", f"{t:g}")] = metric.measure(distances, t)
@@ -117,7 +123,7 @@ def measure_all(distances: Distances) -> dict[str, Any]:
 
 def find_metric(key: str) -> tuple[Metric, str] | None:
     """The metric that the name ``key`` of a result stands for, and its label; ``None`` for other facts."""
-    for metric in METRICS.values():
+    for metric in all_metrics().values():
         pattern = re.escape(metric.key).replace(re.escape("{t}"), r"(?P<t>\d+(?:\.\d+)?)")
         if match := re.fullmatch(pattern, key):
             return metric, metric.label.replace("{t}", match.groupdict().get("t", ""))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
+from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
 from nbv.scorers.scorer import argsort_descending
 from nbv.types import Bools, CandidatePool, Floats, GateDecision, PlanningState, Ranking
@@ -60,6 +61,7 @@ class Gate(ABC):
 
     sees_ground_truth: ClassVar[bool] = False  # True: an upper reference, not deployable
     bridges: ClassVar[bool] = True  # False: a control, which cares for no unregistered photograph
+    settings: ClassVar[type | None] = None  # of a plug-in: a frozen dataclass, ``config.NAME`` has them
 
     config: MissionConfig
     rock_sha256: str = ""
@@ -72,6 +74,10 @@ class Gate(ABC):
         if self.oracle is None:
             raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")
         return self.oracle
+
+    def rng(self, state: PlanningState) -> np.random.Generator:
+        """A generator for one decision, keyed by gate, rock, replicate and iteration."""
+        return keyed_rng(self.config.gate.kind, self.rock_sha256, self.replicate, state.iteration)
 
     def retargeted(self, config: MissionConfig) -> Self:
         """This gate, once the target has been found where ``config`` says."""

@@ -20,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from nbv.errors import UserError
+from nbv.plugins import plugins
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
 from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
@@ -169,6 +170,16 @@ SHAPES = {
 EVERY = {**FAMILIES, **SHAPES}
 
 
+def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
+    """What draws a family of ours or of a plug-in, and what makes it hard; None where there is none."""
+    if family in EVERY:
+        return EVERY[family]
+    plugin = plugins("families").get(family)
+    return (
+        None if plugin is None else (plugin.loaded, (plugin.loaded.__doc__ or "").strip().partition("\n")[0])
+    )
+
+
 def generated_recipe(family: str, seed: int) -> Recipe:
     """The rock that ``seed`` draws from ``family``.
 
@@ -177,11 +188,13 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     UserError
         There is no such family, or the seed is below 0 or too large.
     """
-    if family not in EVERY:
-        raise UserError(f"there is no family {family!r} of rocks; choose from {', '.join(EVERY)}")
+    found = drawn_by(family)
+    if found is None:
+        named = ", ".join((*EVERY, *plugins("families")))
+        raise UserError(f"there is no family {family!r} of rocks; choose from {named}")
     if not 0 <= seed < SEED_LIMIT:
         raise UserError(f"seed {seed} of family {family!r} is not from 0 to {SEED_LIMIT - 1}")
-    draw, difficulty = EVERY[family]
+    draw, difficulty = found
     # The seed's own stream in each family: families of one seed have nothing in common.
     rng = np.random.default_rng([seed, *family.encode()])
     is_shape = family in SHAPES
@@ -206,7 +219,7 @@ def generated_recipe(family: str, seed: int) -> Recipe:
 def generated_name(name: str) -> tuple[str, int] | None:
     """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
     found = _NAME.fullmatch(name)
-    return (found[1], int(found[2])) if found and found[1] in EVERY else None
+    return (found[1], int(found[2])) if found and drawn_by(found[1]) else None
 
 
 def _split_of(seed: int) -> Split:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import wrap_angle
 from nbv.geometry.frustum import in_frustum
+from nbv.random_streams import keyed_rng
 from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
@@ -28,6 +30,11 @@ class SharedTerms:
     ang: Floats  # (C,)
     register: Floats | None  # (C,) chance to register; None where no scorer weighs it
 
+    @property
+    def rng(self) -> np.random.Generator:
+        """A generator that depends on the state alone, so that a mission can be repeated."""
+        return keyed_rng("scorer", hashlib.sha256(self.box.points_m.tobytes()).hexdigest())
+
 
 @dataclass(frozen=True)
 class Scorer:
@@ -41,11 +48,14 @@ class Scorer:
         From the shared terms, the pool and the configuration: (C,), in [0, 1] for weights to mean the same.
     weights
         Which of the configuration's weights are the scorer's.
+    settings
+        A frozen dataclass of the settings that a plug-in declares; ``config.NAME`` has them.
     """
 
     name: str
     main_term: Callable[[SharedTerms, CandidatePool, MissionConfig], Floats]
     weights: Callable[[MissionConfig], Weights]
+    settings: type | None = None
 
     def rank(self, terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Ranking:
         """All candidates by decreasing S(c) (Eq. 1); ties keep pool order."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import hashlib
 
+from nbv import plugins
+from nbv.cache import digest
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
@@ -26,6 +28,8 @@ class ReproducibilityCheck:
         self.code, mission = code_of(campaign.settings.fidelity), campaign.settings.mission
         if mission is not None:
             self.code = hashlib.sha256(f"{self.code} {mission.program}".encode()).hexdigest()[:32]
+        if of_plugins := plugins.used():
+            self.code = digest(self.code, of_plugins)
         if accept:
             return
         trials = campaign.trials()

@@ -45,7 +45,7 @@ from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.search_space import Configuration, SearchSpace, Values, builtin
 from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.samplers.base import SAMPLER_NAMES
+from tuner.samplers.base import SAMPLERS
 from tuner.samplers.design import initial_design_size
 
 PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"  # of the environment
@@ -212,7 +212,7 @@ class CampaignSettings:
         panel=SEARCH,
     )
     sampler: str = setting(
-        "gp", "what proposes missions", choices=lambda: SAMPLER_NAMES, option="--sampler", panel=SEARCH
+        "gp", "what proposes missions", choices=lambda: SAMPLERS, option="--sampler", panel=SEARCH
     )
     initial: int | None = setting(
         None,

@@ -15,7 +15,7 @@ from typing import Any
 from nbv.checksums import require_checksum, with_checksum
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
-from nbv.evaluation.registry import METRICS, PREDICTED
+from nbv.evaluation.registry import PREDICTED, all_metrics
 from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.declaration import require_settings, settings_of, values_of
 from tuner.campaign.rock_choice import (
@@ -250,7 +250,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
     if settings.fidelity not in ("photogrammetric", "geometric"):
         return
     thresholds = builtin(settings.base_config()).evaluation.thresholds_mm
-    measured = PREDICTED if is_geometric(settings.fidelity) else METRICS
+    measured = PREDICTED if is_geometric(settings.fidelity) else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in filter(None, (settings.objective, settings.second)):
         share = reached(objective.metric)

@@ -49,7 +49,7 @@ def metrics(as_json: AsJson = False) -> None:
 
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """
-    from nbv.evaluation.registry import METRICS
+    from nbv.evaluation.registry import all_metrics
     from tuner.problem.objective import COSTS, SHORT
 
     found = [
@@ -59,7 +59,7 @@ def metrics(as_json: AsJson = False) -> None:
             "unit": metric.unit,
             "better": "larger" if metric.larger_is_better else "smaller",
         }
-        for metric in METRICS.values()
+        for metric in all_metrics().values()
     ]
     thresholds_mm = MissionConfig().evaluation.thresholds_mm
     costs = {name: path for name, path in SHORT.items() if path in COSTS}

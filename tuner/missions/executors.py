@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from nbv import plugins
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
@@ -177,7 +178,7 @@ class LocalProcessExecutor(Executor):
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._buffer, self._server_is_up, self._silent_s = b"", False, 0.0
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload],
+            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload, *plugins.modules()],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from nbv import plugins
 from nbv.checksums import CHECKSUM, require_checksum
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
@@ -61,11 +62,15 @@ class MissionJob:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form for a worker."""
-        return {**vars(self), "config": self.config.to_dict(), "directory": str(self.directory)}
+        values = {"config": self.config.to_dict(), "directory": str(self.directory)}
+        return {**vars(self), **values, "plugins": plugins.asked()}
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
+        tree = dict(tree)
+        for text in tree.pop("plugins", ()):
+            plugins.use(text)
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
         return MissionJob(**{**tree, "config": config, "directory": directory})
 

@@ -17,7 +17,7 @@ def known_photographs(job: MissionJob) -> str:
     """
     if (
         not isinstance(job.config, MissionConfig)
-        or job.fidelity not in FIDELITIES
+        or job.fidelity not in FIDELITIES.own
         or job.fidelity == EXTERNAL
     ):
         return ""

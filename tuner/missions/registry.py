@@ -15,17 +15,22 @@ from pathlib import Path
 from typing import Any
 
 from nbv.cache import code_digest
+from nbv.config.registry import Registry
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import is_photographed
 
 # Named by module, so that a command imports only what it runs.
-FIDELITIES = {
-    "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
-    "geometric": "nbv.geometric:run_geometric_mission",
-    "photographs": "nbv.photographs.mission:run_photographs_mission",
-    "external": "tuner.missions.external.mission:run_external_mission",
-}
+FIDELITIES = Registry(
+    "fidelity",
+    "fidelities",
+    {
+        "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
+        "geometric": "nbv.geometric:run_geometric_mission",
+        "photographs": "nbv.photographs.mission:run_photographs_mission",
+        "external": "tuner.missions.external.mission:run_external_mission",
+    },
+)
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
 _IMPORTED_IN_FLIGHT = {
@@ -50,7 +55,7 @@ def is_geometric(name: str) -> bool:
 
 def fidelity_on(rock: str, fidelity: str) -> str:
     """The fidelity of a mission of ours on ``rock``: over a set of photographs nothing is rendered nor simulated."""
-    builtin = fidelity in FIDELITIES and fidelity != EXTERNAL
+    builtin = fidelity in FIDELITIES.own and fidelity != EXTERNAL
     if builtin and is_photographed(rock):
         return PHOTOGRAPHS
     if fidelity == PHOTOGRAPHS:
@@ -106,6 +111,9 @@ def mission_function(fidelity: str) -> Callable[..., MissionResult]:
         There is no such fidelity.
     """
     require_fidelity(fidelity)
+    if (plugin := FIDELITIES.plugin(fidelity)) is not None:
+        loaded: Callable[..., MissionResult] = plugin.loaded
+        return loaded
     module_name, _, name = FIDELITIES.get(fidelity, fidelity).partition(":")
     try:
         target: Any = importlib.import_module(module_name)

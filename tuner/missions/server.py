@@ -28,6 +28,7 @@ import traceback
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from nbv import plugins
 from nbv.errors import UserError
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
@@ -56,7 +57,7 @@ class MissionServer:
         self._held_bytes = 0
         for name in preload:
             try:
-                importlib.import_module(name)
+                plugins.use(name)
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
         adopt_orphans()
@@ -185,7 +186,7 @@ class MissionServer:
         """
         rock, fidelity = job["rock"], job["fidelity"]
         builtin = (
-            fidelity in FIDELITIES and fidelity != EXTERNAL
+            fidelity in FIDELITIES.own and fidelity != EXTERNAL
         )  # what others call a rock is their own business
         if not builtin or rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES:
             return

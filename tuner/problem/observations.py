@@ -152,7 +152,7 @@ def mission_key(config: Configuration) -> str:
     """Return the same for configurations that run the same mission: what is without effect in it does not count."""
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
         idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
-        config = config.with_values(idle)
+        config = config.with_values(idle).changed(plugins=())
     return config.digest()
 
 
@@ -169,7 +169,7 @@ def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:
     defaults = {
         path: about.default for path, about in parameters().items() if path.startswith((*PLANNERS, "stop."))
     }
-    return digest(config.with_values(defaults).digest(), list(chosen))
+    return digest(config.with_values(defaults).changed(plugins=()).digest(), list(chosen))
 
 
 def short(value: Any) -> str:

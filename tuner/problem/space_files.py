@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, canonical_path, parameter_paths
+from nbv.config import MissionConfig, canonical_path, is_parameter
 from nbv.config.parsing import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, parse_yaml, read_text, require
@@ -134,7 +134,7 @@ def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> Non
 
 
 def _known_path(path: str, source: str) -> None:
-    if path not in parameter_paths():
+    if not is_parameter(path):
         try:
             MissionConfig().with_values({path: None})
         except UserError as error:

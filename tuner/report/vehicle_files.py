@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import PRESETS, MissionConfig, Parameter, parameters
+from nbv.config import PRESETS, MissionConfig, Parameter, parameter
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
@@ -153,7 +153,7 @@ def _rows(tree: Mapping[str, Any], prefix: str, preset: str) -> Iterator[tuple[s
             yield f"{indent}{name}:", ""
             yield from _rows(value, f"{prefix}{name}.", preset)
         else:
-            about = parameters()[f"{prefix}{name}"]
+            about = parameter(f"{prefix}{name}")
             flow = None if isinstance(value, list) else False  # a list in its line
             text = to_yaml({name: value}, default_flow_style=flow).strip()
             unit = f"{about.unit}; " if about.unit else ""

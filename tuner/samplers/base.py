@@ -28,6 +28,7 @@ VERIFICATION_BEGINS = 2 / 3  # of the budget
 # A class each, made of its settings and its name.
 SAMPLERS = Registry(
     "sampler",
+    "samplers",
     {
         "gp": "tuner.samplers.gp:GPSampler",
         "sobol": "tuner.samplers.plain:SobolSampler",
@@ -36,7 +37,6 @@ SAMPLERS = Registry(
         "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
     },
 )
-SAMPLER_NAMES = tuple(SAMPLERS)
 
 
 class Sampler(Protocol):
@@ -44,7 +44,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in ``tuner.samplers.base.SAMPLER_NAMES``."""
+        """Its name in `SAMPLERS`."""
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:

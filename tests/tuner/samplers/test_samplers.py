@@ -14,11 +14,11 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData, Goal
-from tuner.samplers.base import SAMPLER_NAMES, make_sampler
+from tuner.samplers.base import SAMPLERS, make_sampler
 from tuner.surrogate.model import InstanceMeanGP
 
 
-@pytest.mark.parametrize("name", SAMPLER_NAMES)
+@pytest.mark.parametrize("name", list(SAMPLERS))
 def test_starts_at_the_papers_values_and_stays_inside(name: str) -> None:
     history = synthetic.play(make_sampler(name, synthetic.sampler_settings(0, 4)), 9, 0.05, 0)
     assert history[0].values == synthetic.DEFAULT

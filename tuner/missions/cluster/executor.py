@@ -101,7 +101,7 @@ class DaskExecutor(Executor):
     def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
         """Return hash and content of a rock that workers cannot make themselves; Dask takes it where it is needed."""
         made_there = job.rock in RECIPES or generated_name(job.rock) is not None
-        if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or made_there:
+        if job.fidelity not in FIDELITIES.own or job.fidelity == EXTERNAL or made_there:
             return "", None
         if job.rock not in self._rocks or self._rocks[job.rock][1].status not in ("pending", "finished"):
             rock = load_rock(job.rock, Store())

@@ -1,0 +1,304 @@
+"""Parts that other packages bring: scorers, gates, renderers, dense backends, metrics, samplers, fidelities and families.
+
+An installed package names them as entry points of the groups ``gatetune.GROUP``; `register` adds one in this process. Nothing
+is imported before its name is asked for. What a part returns is checked, and what it is given is read-only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.errors import MissionFailure, UserError
+
+# What a part of each group must have, in the words of Python.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "scorers": ("main_term", "weights", "rank"),
+    "gates": ("decide", "retargeted"),
+    "renderers": ("rgb",),
+    "dense": ("__call__",),
+    "metrics": ("key", "measure"),
+    "samplers": ("__call__",),
+    "fidelities": ("__call__",),
+    "families": ("__call__",),
+}
+INTERFACE = 1  # raised where what a part is given, or must return, changes
+CONFIGURED = ("scorers", "gates", "renderers", "dense")  # groups whose parts may have settings of their own
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One part: its name, where it lives, and which distribution brought it."""
+
+    group: str
+    name: str
+    place: str  # "module:attribute"
+    distribution: str = ""  # empty: registered in this process
+    version: str = ""
+    part: Any = field(default=None, repr=False)  # where it was registered
+    asked: str = (
+        ""  # what brings it into another process (`use`); empty: it is installed, or cannot be brought
+    )
+
+    @property
+    def label(self) -> str:
+        """``scorer 'mine' of mine 0.1.0``."""
+        whose = f"{self.distribution} {self.version}" if self.distribution else self.place.partition(":")[0]
+        return f"{_singular(self.group)} {self.name!r} of {whose}"
+
+    @functools.cached_property
+    def source(self) -> str:
+        """Digest of the Python files of its package, or of its module, and of the command of a program."""
+        found = importlib.util.find_spec(self.place.partition(":")[0].partition(".")[0])
+        roots = [] if found is None else list(found.submodule_search_locations or ())
+        files = [file for root in roots for file in sorted(Path(root).rglob("*.py"))]
+        if not files and found is not None and found.origin:
+            files = [Path(found.origin)]
+        hasher = hashlib.sha256(getattr(self.part, "identity", "").encode())
+        for file in files:
+            hasher.update(file.read_bytes() if file.is_file() else b"")
+        return hasher.hexdigest()[:32]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """For the provenance."""
+        return {"distribution": self.distribution, "version": self.version, "source": self.source}
+
+    @functools.cached_property
+    def loaded(self) -> Any:
+        """The part, with its calls guarded; ``UserError`` where it cannot be imported or is none of its group."""
+        part = self.part
+        if part is None:
+            module, _, attribute = self.place.partition(":")
+            try:
+                part = functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
+            except Exception as error:  # whatever another package raises
+                raise UserError(
+                    f"{self.label} cannot be imported ({type(error).__name__}: {error})"
+                ) from error
+        _require_face(self, part)
+        _used[self.group, self.name] = self
+        return _GUARDS.get(self.group, lambda plugin, part: part)(self, part)
+
+
+_registered: dict[tuple[str, str], Plugin] = {}
+_used: dict[tuple[str, str], Plugin] = {}
+
+
+def register(group: str, name: str, part: Any, asked: str | None = None) -> None:
+    """Add a part in this process. Workers import the module that calls this.
+
+    Parameters
+    ----------
+    group
+        A name of `GROUPS`.
+    name
+        As configurations, search spaces and commands name it.
+    part
+        What an entry point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`.
+    asked
+        What `use` is told in a worker; by default the module that calls.
+
+    Raises
+    ------
+    UserError
+        There is no such group, the part is none of it, or another module has registered the name.
+    """
+    if group not in GROUPS:
+        raise UserError(f"there is no group {group!r} of plug-ins; there are {', '.join(GROUPS)}")
+    caller = sys._getframe(1).f_globals
+    module, file = str(caller.get("__name__")), str(caller.get("__file__") or "")
+    if asked is None:
+        asked = "" if module == "__main__" else module if "." in module or not file else file
+    plugin = Plugin(group, name, f"{module}:{name}", part=part, asked=asked)
+    earlier = _registered.get((group, name))
+    if earlier is not None and earlier.place != plugin.place:
+        raise UserError(f"two {group} are called {name!r}: {earlier.label} and {plugin.label}; rename one")
+    _require_face(plugin, part)
+    _registered[group, name] = plugin
+    _used.pop((group, name), None)
+
+
+def use(text: str) -> None:
+    """Import what registers parts: a module, a file ``FOLDER/module.py``, or ``NAME=COMMAND``, a planner in another process.
+
+    Raises
+    ------
+    UserError
+        It cannot be imported.
+    """
+    name, equals, command = text.partition("=")
+    if equals:
+        importlib.import_module("nbv.gates.external").register_program(name, command)
+        return
+    file = Path(text).expanduser()
+    if file.suffix == ".py":
+        folder = str(file.resolve().parent)
+        if folder not in sys.path:
+            sys.path.append(folder)  # last: what lies beside it hides nothing
+        text = file.stem
+    try:
+        importlib.import_module(text)
+    except Exception as error:  # whatever another's module raises
+        raise UserError(f"plug-in {text} cannot be imported ({type(error).__name__}: {error})") from error
+
+
+def asked() -> list[str]:
+    """What `use` must be told in a worker.
+
+    Raises
+    ------
+    UserError
+        A part was registered in a script or notebook itself, which no worker can import.
+    """
+    for plugin in _registered.values():
+        if not plugin.asked:
+            raise UserError(
+                f"{_singular(plugin.group)} {plugin.name!r} was registered in a script or notebook itself, which workers "
+                "cannot import; write it to a module of its own and import that"
+            )
+    return list(dict.fromkeys(plugin.asked for plugin in _registered.values()))
+
+
+def modules() -> list[str]:
+    """`asked`, and the modules of what this process has loaded: what a server imports before it forks."""
+    return list(
+        dict.fromkeys([*asked(), *(p.place.partition(":")[0] for p in _used.values() if not p.asked)])
+    )
+
+
+def used() -> dict[str, dict[str, str]]:
+    """Distribution, version and source digest of what this process has loaded, by ``group/name``."""
+    return {f"{group}/{name}": plugin.facts for (group, name), plugin in sorted(_used.items())}
+
+
+def plugins(group: str) -> dict[str, Plugin]:
+    """The parts of a group by name, those registered in this process first.
+
+    Raises
+    ------
+    UserError
+        Two have one name.
+    """
+    found = {name: plugin for (of, name), plugin in _registered.items() if of == group}
+    for plugin in installed(group):
+        earlier = found.setdefault(plugin.name, plugin)
+        if earlier is not plugin and earlier.place != plugin.place:
+            raise UserError(
+                f"two {group} are called {plugin.name!r}: {earlier.label} and {plugin.label}; uninstall one"
+            )
+    return found
+
+
+@functools.cache
+def installed(group: str) -> tuple[Plugin, ...]:
+    """What the entry points of installed distributions bring, which may repeat a name."""
+    return tuple(
+        Plugin(group, entry.name, entry.value, entry.dist.name, entry.dist.version)
+        for entry in metadata.entry_points(group=f"gatetune.{group}")
+        if entry.dist is not None
+    )
+
+
+def settings_class(section: str) -> type | None:
+    """The class of the settings that a part called ``section`` declares, dashes as underscores; None where there is none."""
+    for group in CONFIGURED:
+        for name, plugin in plugins(group).items():
+            if name.replace("-", "_") == section:
+                found: type | None = getattr(plugin.loaded, "settings", None)
+                return found
+    return None
+
+
+def _singular(group: str) -> str:
+    return {"dense": "dense backend", "families": "family", "fidelities": "fidelity"}.get(group, group[:-1])
+
+
+def _require_face(plugin: Plugin, part: Any) -> None:
+    lacks = [name for name in GROUPS[plugin.group] if not hasattr(part, name)]
+    if lacks:
+        what = "an object" if not isinstance(part, type) else "a class"
+        raise UserError(
+            f"{plugin.label} is no {_singular(plugin.group)}: {what} without {', '.join(lacks)} (docs/extend.md)"
+        )
+    settings = getattr(part, "settings", None)
+    if plugin.group in CONFIGURED and settings is not None and not dataclasses.is_dataclass(settings):
+        raise UserError(f"{plugin.label}: its settings must be a frozen dataclass (docs/extend.md)")
+
+
+# -- what guards a part's calls -------------------------------------------------------------------
+
+
+def read_only(value: Any) -> Any:
+    """A dataclass whose arrays cannot be written to; the arrays share their memory."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.flags.writeable = False
+        return view
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return value
+    fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    return dataclasses.replace(value, **{name: read_only(own) for name, own in fields.items()})
+
+
+def _call(plugin: Plugin, function: Callable[..., Any], *arguments: Any) -> Any:
+    try:
+        return function(*arguments)
+    except MissionFailure:
+        raise
+    except Exception as error:  # whatever another's planner raises ends this mission alone
+        hint = "; a plug-in must not change what it is given" if "read-only" in str(error) else ""
+        raise MissionFailure(
+            "plugin_failed", f"{plugin.label}: {type(error).__name__}: {error}{hint}"
+        ) from error
+
+
+def _require_numbers(plugin: Plugin, values: Any, count: int) -> Any:
+    """``values`` as (count,) finite numbers; else the mission fails."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (count,):
+        raise MissionFailure(
+            "plugin_failed",
+            f"{plugin.label} returned the shape {array.shape}, not ({count},): one number for each candidate",
+        )
+    if not np.isfinite(array).all():
+        bad = int(np.count_nonzero(~np.isfinite(array)))
+        raise MissionFailure("plugin_failed", f"{plugin.label} returned NaN or infinity for {bad} of {count}")
+    return array
+
+
+def _guarded_scorer(plugin: Plugin, scorer: Any) -> Any:
+    def main_term(terms: Any, pool: Any, config: Any) -> Any:
+        values = _call(plugin, scorer.main_term, read_only(terms), read_only(pool), config)
+        return _require_numbers(plugin, values, len(pool))
+
+    return dataclasses.replace(scorer, name=plugin.name, main_term=main_term)
+
+
+def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
+    def decide(self: Any, state: Any, pool: Any, rankings: Any) -> Any:
+        decision = _call(plugin, gate.decide, self, read_only(state), read_only(pool), rankings)
+        ranking: Any = getattr(decision, "ranking", None)
+        _require_numbers(plugin, getattr(ranking, "scores", None), len(pool))
+        if not np.array_equal(np.sort(np.asarray(ranking.order)), np.arange(len(pool))):
+            raise MissionFailure("plugin_failed", f"{plugin.label} returned an order that is no permutation")
+        return decision
+
+    return type(gate.__name__, (gate,), {"decide": decide, "__module__": gate.__module__})
+
+
+_GUARDS: dict[str, Callable[[Plugin, Any], Any]] = {"scorers": _guarded_scorer, "gates": _guarded_gate}

@@ -1,0 +1,189 @@
+"""Parts of other packages: found by name, guarded, recorded, and refused in one line where they are none."""
+
+import sys
+from importlib import metadata
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from nbv import plugins
+from nbv.config import SCORERS, Weights, config_from_dict, parameter, preset
+from nbv.config.sources import Section
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+
+MINE = """
+from dataclasses import dataclass
+from nbv.config import Weights
+from nbv.config.sources import Section, not_in_paper
+from nbv.scorers import Scorer
+
+@dataclass(frozen=True)
+class Settings(Section):
+    alpha: float = not_in_paper(0.5, "how low", least=0.0, most=1.0)
+
+def low(terms, pool, config):
+    return 1.0 - config.mine_low.alpha * pool.positions_m[:, 2] / 4.0 + 0.0 * terms.rng.random()
+
+LOW = Scorer("mine-low", low, weights=lambda config: Weights(), settings=Settings)
+NOTHING = 3
+"""
+PROGRAM = """
+import json, sys
+for line in sys.stdin:
+    state = json.loads(line)
+    heights = [z for _, _, z in state["pool"]["positions_m"]]
+    print(json.dumps({ANSWER}), flush=True)
+"""
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A module ``mine_package`` and what entry points say of it: call it with ``name=place`` and so on."""
+    (tmp_path / "mine_package.py").write_text(MINE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
+    said = {}
+
+    def entry_points(group):
+        return said.get(group, [])
+
+    def bring(group, *parts, distribution="mine-dist"):
+        dist = SimpleNamespace(name=distribution, version="1.2")
+        said.setdefault(f"gatetune.{group}", []).extend(
+            SimpleNamespace(name=name, value=place, dist=dist) for name, place in parts
+        )
+        plugins.installed.cache_clear()
+
+    monkeypatch.setattr(metadata, "entry_points", entry_points)
+    plugins.installed.cache_clear()
+    yield bring
+    plugins.installed.cache_clear()
+    sys.modules.pop("mine_package", None)
+
+
+def short(**values):
+    return preset("campaign").with_values({"stop.adaptive_budget": 2, **values})
+
+
+def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
+    package("scorers", ("mine-low", "mine_package:LOW"))
+    assert "mine-low" in list(SCORERS) and "mine_package" not in sys.modules, (
+        "nothing is imported before it is named"
+    )
+    config = short(**{"gate.kind": "mine-low", "mine_low.alpha": 0.7})
+    assert config.mine_low.alpha == 0.7 and config_from_dict(config.to_dict()) == config
+    assert parameter("mine_low.alpha").meaning == "how low"
+    mission = run_geometric_mission(config, "slab")
+    assert {capture.scorer for capture in mission.trace} == {"mine-low"}
+    facts = mission.provenance["plugins"]["scorers/mine-low"]
+    assert (facts["distribution"], facts["version"]) == ("mine-dist", "1.2")
+    assert short().digest() != config.digest() != config.with_values({"mine_low.alpha": 0.6}).digest()
+    default = config.with_values({"mine_low.alpha": 0.5})
+    assert default.plugins == ()
+    before = default.digest()
+    (tmp_path / "mine_package.py").write_text(MINE + "# changed\n")
+    plugins.installed.cache_clear()
+    assert default.digest() != before, "what is kept of missions notices another source"
+
+
+@pytest.mark.parametrize(
+    ("parts", "values", "said"),
+    [
+        ([("a", "no_such_module:A")], {"gate.kind": "a"}, "scorer 'a' of mine-dist 1.2 cannot be imported"),
+        ([("a", "mine_package:GONE")], {"gate.kind": "a"}, "has no attribute 'GONE'"),
+        (
+            [("a", "mine_package:NOTHING")],
+            {"gate.kind": "a"},
+            "is no scorer: an object without main_term, weights, rank",
+        ),
+        ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
+        ([("covis", "mine_package:LOW")], {"gate.kind": "b"}, "has the name of one that is built in"),
+        ([], {"gate.kind": "mine"}, "or a plug-in once it is installed"),
+        ([], {"mine.alpha": 1}, "unknown mission parameter 'mine'"),
+        (
+            [("mine-low", "mine_package:LOW")],
+            {"mine_low.alpha": 2},
+            "mine_low.alpha is 2.0; it must be between 0 and 1",
+        ),
+        (
+            [("mine-low", "mine_package:LOW")],
+            {"mine_low.beta": 2},
+            "unknown mission parameter 'mine_low.beta'",
+        ),
+    ],
+)
+def test_a_bad_plug_in_is_one_line_before_anything_runs(package, parts, values, said):
+    package("scorers", *parts)
+    with pytest.raises(UserError) as error:
+        short(**values)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def changing(terms, pool, config):
+    pool.positions_m[0] = 0.0
+    return np.zeros(len(pool))
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (lambda terms, pool, config: np.full(len(pool), np.nan), "returned NaN or infinity"),
+        (lambda terms, pool, config: pool.positions_m, "one number for each candidate"),
+        (lambda terms, pool, config: None, "returned NaN or infinity|one number for each candidate"),
+        (lambda terms, pool, config: 1 / 0, "ZeroDivisionError"),
+        (changing, "must not change what it is given"),
+    ],
+)
+def test_a_planner_that_fails_is_a_failed_mission(package, term, said):
+    from nbv.scorers import Scorer
+
+    plugins.register("scorers", "bad", Scorer("bad", term, weights=lambda config: Weights()))
+    mission = run_geometric_mission(short(**{"gate.kind": "bad"}), "slab")
+    assert (mission.status, mission.reason) == ("failed", "plugin_failed")
+    assert any(part in mission.message for part in said.split("|")) and "scorer 'bad'" in mission.message
+
+
+def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(package, tmp_path):
+    (tmp_path / "mine_registers.py").write_text(
+        MINE + "from nbv.plugins import register\nregister('scorers', 'mine-low', LOW)\n"
+    )
+    plugins.use(str(tmp_path / "mine_registers.py"))
+    assert plugins.asked() == [str(tmp_path / "mine_registers.py")]
+    with pytest.raises(UserError, match="two scorers are called 'mine-low'"):
+        plugins.register("scorers", "mine-low", sys.modules["mine_registers"].LOW)
+    code = "from nbv.plugins import register; register('scorers', 'shell', LOW)"
+    exec(code, {"__name__": "__main__", "LOW": sys.modules["mine_registers"].LOW})
+    with pytest.raises(UserError, match="registered in a script or notebook itself"):
+        plugins.asked()
+    with pytest.raises(UserError, match="cannot be imported"):
+        plugins.use("no_such_module")
+    with pytest.raises(UserError, match="there is no group 'planners'"):
+        plugins.register("planners", "a", None)
+    with pytest.raises(UserError, match="settings must be a frozen dataclass"):
+        bad = SimpleNamespace(main_term=0, weights=0, rank=0, settings=Section())
+        plugins.register("scorers", "b", bad)
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ('{"scores": [-z for z in heights]}', ""),
+        ('{"view": state["pool"]["ids"][3]}', ""),
+        ('{"view": "nowhere"}', "names no view of the pool"),
+        ('{"scores": [1.0]}', "1 scores for"),
+        ("sys.exit(3)", "no answer (exit status 3)"),
+    ],
+)
+def test_a_planner_in_another_process(package, tmp_path, answer, said):
+    (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
+    plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
+    mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
+    assert said in mission.message
+    assert (mission.status == "failed") == bool(said)
+    if not said:
+        assert {capture.scorer for capture in mission.trace} == {"outside"}
+    with pytest.raises(UserError, match="there is no program 'no-such-program'"):
+        plugins.use("a=no-such-program")

@@ -1,0 +1,67 @@
+"""``gatetune plugin``: a package with a planner of one's own, and what is installed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nbv import plugins
+from nbv.errors import UserError
+from tuner.commands.console import AsJson, answer_json, output, show_table
+
+app = typer.Typer(no_args_is_help=True)
+TEMPLATES = Path(__file__).with_name("plugin_package")
+
+
+@app.command(name="list", short_help="Installed scorers, gates and other parts of other packages.")
+def list_(as_json: AsJson = False) -> None:
+    """List what other packages bring, and which distribution each part comes from; nothing is imported.
+
+    Example: gatetune plugin list
+    """
+    found = [plugin for group in plugins.GROUPS for plugin in plugins.plugins(group).values()]
+    rows = [(p.name, p.group, p.distribution or p.place.partition(":")[0], p.version) for p in found]
+    answer_json([dict(zip(("name", "group", "distribution", "version"), row)) for row in rows])
+    if rows:
+        show_table(("name", "group", "distribution", "version"), rows)
+    else:
+        output.print("no plug-in is installed; gatetune plugin init NAME writes one")
+
+
+@app.command(short_help="Write a package with a scorer or gate of your own.")
+def init(
+    name: Annotated[str, typer.Argument(help="What configurations call it: small letters, digits, dashes.")],
+    gate: Annotated[
+        bool, typer.Option("--gate", help="A gate, which sees the whole state, instead of a scorer.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Its folder (default: ./NAME).")] = None,
+) -> None:
+    """Write a package that installs, with a README and a test that passes.
+
+    Example: gatetune plugin init mine
+    """
+    folder = out or Path(name)
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
+        raise UserError(f"{name!r} cannot name a plug-in; use small letters, digits and single dashes")
+    if folder.exists():
+        raise UserError(f"{folder} exists; choose another folder with --out")
+    kind = "gate" if gate else "scorer"
+    words = {"NAME": name, "MODULE": f"gatetune_{name.replace('-', '_')}", "SECTION": name.replace("-", "_")}
+    words |= {"KIND": kind, "PART": "Planner" if gate else "PLANNER", "VERSION": str(plugins.INTERFACE)}
+
+    def write(source: str, place: Path) -> None:
+        text = (TEMPLATES / source).read_text()
+        for word, value in words.items():
+            text = text.replace(f"@{word}@", value)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+
+    write("pyproject.toml.txt", folder / "pyproject.toml")
+    write("README.md.txt", folder / "README.md")
+    write(f"{kind}.py.txt", folder / words["MODULE"] / "__init__.py")
+    write("test.py.txt", folder / "tests" / f"test_{words['SECTION']}.py")
+    output.print(f"{folder}: edit {words['MODULE']}/__init__.py, then pip install -e {folder}")
+    output.print(f"its curve against orbits: gatetune compare --strategy {name} --out runs/{name}")
