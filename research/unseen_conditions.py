@@ -26,7 +26,7 @@ from tuner.missions.executors import LocalProcessExecutor
 PAPER, IDEAL, WORLDS, CHANCE = "hyb-h", "tuned-ideal", "tuned-conditions", "random-in-its-pool"
 THERE = "tuned-there"
 PAIRS = ((WORLDS, IDEAL), (IDEAL, PAPER), (WORLDS, PAPER), (WORLDS, CHANCE), (THERE, IDEAL), (THERE, PAPER))
-METRICS = ("f_score_48mm", "completeness_48mm", "accuracy_48mm", "tt_f_score_48mm", "c2c_mean_mm")
+METRICS = ("f_score_48mm", "completeness_48mm", "accuracy_48mm", "c2c_mean_mm")
 
 
 def main() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,6 @@ class Distances:
     to_truth_mm: Floats  # (N,) from each point to the whole reference surface: what is wrong
     sectors: NDArray[np.int64]  # (S,) azimuth sector of each sample
     config: EvaluationConfig
-    # Tanks and Temples' precision and recall (%) by threshold in mm, where wanted
-    by_voxel: Mapping[float, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

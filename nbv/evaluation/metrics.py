@@ -24,7 +24,6 @@ from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.metric import Distances, azimuth_sectors, sector_centers_deg
 from nbv.evaluation.registry import measure_all
-from nbv.evaluation.voxels import voxel_scores
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
@@ -74,14 +73,12 @@ def compute_metrics(
         raise MissionFailure("empty_cloud", f"no reconstructed point is left to score{gate}")
     to_cloud, _ = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
-    voxels = {t: voxel_scores(points, truth, t) for t in config.thresholds_mm}
     metrics: dict[str, Any] = {
         "n_points": len(points),
         "gt_gate_m": config.gt_gate_m,
         "sector_centers_deg": sector_centers_deg(config.azimuth_sectors).tolist(),
     }
     for name, mask in (("whole", np.ones(len(to_cloud), dtype=bool)), ("observable", truth.observable)):
-        by_voxel = {t: scores[name] for t, scores in voxels.items()}
-        distances = Distances(1000.0 * to_cloud[mask], 1000.0 * to_gt, sectors[mask], config, by_voxel)
+        distances = Distances(1000.0 * to_cloud[mask], 1000.0 * to_gt, sectors[mask], config)
         metrics[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum())}
     return metrics

@@ -33,21 +33,6 @@ def f_score_at(distances: Distances, threshold_mm: float) -> float:
     return f_score(accuracy(distances, threshold_mm), completeness(distances, threshold_mm))
 
 
-def tt_precision(distances: Distances, threshold_mm: float) -> float | None:
-    """Percentage of the cloud's voxels that lie less than the threshold from the truth's (`nbv.evaluation.voxels`)."""
-    return scores[0] if (scores := distances.by_voxel.get(threshold_mm)) else None
-
-
-def tt_recall(distances: Distances, threshold_mm: float) -> float | None:
-    """Percentage of the truth's voxels that lie less than the threshold from the cloud's."""
-    return scores[1] if (scores := distances.by_voxel.get(threshold_mm)) else None
-
-
-def tt_f_score(distances: Distances, threshold_mm: float) -> float | None:
-    """Harmonic mean of the two."""
-    return f_score(*scores) if (scores := distances.by_voxel.get(threshold_mm)) else None
-
-
 def _auc(distances: Distances, _: float) -> float:
     thresholds_mm = sorted(distances.config.thresholds_mm)
     return area_under_curve(thresholds_mm, [f_score_at(distances, t) for t in thresholds_mm])
@@ -91,9 +76,6 @@ METRICS: dict[str, Metric] = {
         _percentage("completeness_{t}mm", "Completeness @ {t} mm", completeness),
         _percentage("accuracy_{t}mm", "Accuracy @ {t} mm", accuracy),
         _percentage("f_score_{t}mm", "F-score @ {t} mm", f_score_at),
-        _percentage("tt_precision_{t}mm", "T&T precision @ {t} mm", tt_precision),
-        _percentage("tt_recall_{t}mm", "T&T recall @ {t} mm", tt_recall),
-        _percentage("tt_f_score_{t}mm", "T&T F-score @ {t} mm", tt_f_score),
         _percentage("f_score_auc", "F-score, mean over thresholds", _auc),
         _percentage(
             f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm",

@@ -1,4 +1,4 @@
-"""Tanks and Temples' precision and recall: each occupied voxel counts once, however densely it was reconstructed."""
+"""Points averaged in the voxels of a grid."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.geometry.neighbours import nearest_neighbours
-from nbv.types import Bools, Floats, Ints
+from nbv.types import Floats, Ints
 
 _BITS = 21  # of a key for each index: a million voxels either way from the origin
 
@@ -36,37 +34,3 @@ def occupied_voxels(points_m: Floats, voxel_m: float) -> Voxels:
     )
     sums = np.stack([np.bincount(voxel_of, weights=points_m[:, k]) for k in range(3)], axis=1)
     return Voxels(keys, sums / counts[:, None], voxel_of)
-
-
-def voxel_scores(
-    points_m: Floats, truth: GroundTruthSamples, threshold_mm: float
-) -> dict[str, tuple[float, float]]:
-    """Precision and recall in percent on the ``whole`` and the ``observable`` surface.
-
-    Knapitsch et al. 2017, section 4.2 and the published toolbox: the points (N, 3) and the samples are averaged in
-    voxels of half the threshold, then Eq. 4 and 6 with strict thresholds. A voxel of samples belongs to the observable
-    surface where at least half of its samples do; precision is to the whole surface in both.
-    """
-    threshold_m = threshold_mm / 1000.0
-    cloud, reference = (occupied_voxels(p, threshold_m / 2) for p in (points_m, truth.points_m))
-    found = _near(reference, cloud, threshold_m)
-    observable = np.bincount(reference.voxel_of, weights=truth.observable - 0.5) >= 0
-    precision = _percent(_near(cloud, reference, threshold_m))
-    return {
-        "whole": (precision, _percent(found)),
-        "observable": (precision, _percent(found[observable])),
-    }
-
-
-def _near(these: Voxels, others: Voxels, threshold_m: float) -> Bools:
-    """(V,) whether the nearest of the others' means is less than the threshold, twice a voxel's side, away."""
-    near = np.isin(these.keys, others.keys, assume_unique=True)  # a voxel's diagonal is 0.87 of the threshold
-    open_ = np.flatnonzero(~near)
-    distance_m, _ = nearest_neighbours(others.means_m, these.means_m[open_], within_m=threshold_m)
-    near[open_] = distance_m < threshold_m
-    return near
-
-
-def _percent(hits: Bools) -> float:
-    """0 where there is no voxel."""
-    return 100.0 * float(hits.mean()) if len(hits) else 0.0

@@ -102,7 +102,7 @@ def fake_mission(
         with Path(os.environ["FAKE_FLIGHTS"]).open("a") as file:
             file.write(f"{rock} {replicate} {config.digest()}\n")
     metrics = {
-        "observable": {"f_score_48mm": score, "tt_f_score_48mm": score - 0.5},
+        "observable": {"f_score_48mm": score, "accuracy_48mm": score - 0.5},
         "whole": {"completeness_48mm": score},
     }
     result = well_flown(config, rock, replicate, metrics)

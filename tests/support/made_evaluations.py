@@ -23,7 +23,6 @@ def made_metrics(quality: float) -> dict[str, object]:
         "f_score_48mm": quality,
         "completeness_80mm": quality + 4,
         "f_score_80mm": quality + 11,
-        **{f"tt_{name}_48mm": quality - k for k, name in enumerate(("precision", "recall", "f_score"))},
         "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
     }
     centers = [15.0 + 30 * k for k in range(12)]

@@ -58,7 +58,7 @@ def direction_of(metric: str) -> Direction:
     if reached(metric):
         return "maximise"
     key = metric.rpartition(".")[2]
-    if key.startswith(("completeness", "accuracy", "f_score", "tt_")):
+    if key.startswith(("completeness", "accuracy", "f_score")):
         return "maximise"
     if key.startswith(("c2c", "hausdorff")) or metric.startswith("costs."):
         return "minimise"

@@ -14,7 +14,6 @@ from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.metric import (
     Distances,
     azimuth_sectors,
-    f_score,
     sector_centers_deg,
     share_by_sector,
 )
@@ -30,7 +29,7 @@ def distance_scores(to_cloud_m, to_truth_m, thresholds_mm):
     """Every metric of two sets of distances."""
     config = dataclasses.replace(CONFIG, thresholds_mm=thresholds_mm)
     sectors = np.zeros(len(to_cloud_m), dtype=np.int64)
-    return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config, {}))
+    return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config))
 
 
 def test_every_number_of_a_result_is_a_described_metric():
@@ -107,24 +106,16 @@ def test_strict_threshold_as_in_tanks_and_temples():
     assert distance_scores(np.array([0.0479]), np.array([0.0479]), (48.0,))["completeness_48mm"] == 100.0
 
 
-def noisy_and_cropped():
-    """A reconstruction with everything that scores react to: uneven density, noise, a hole, floaters."""
-    rng = np.random.default_rng(13)
-    truth = sphere(6000, 14)
-    cloud = truth[truth[:, 0] > -0.5] + rng.normal(scale=0.02, size=((truth[:, 0] > -0.5).sum(), 3))
-    dense_patch = cloud[cloud[:, 2] > 1.3]
-    crowd = np.repeat(dense_patch, 6, axis=0)
-    floaters = np.array(TARGET) + rng.uniform(-1.3, 1.3, (500, 3))
-    return np.concatenate([cloud, crowd + rng.normal(scale=0.005, size=crowd.shape), floaters]), truth
-
-
-def test_voxel_scores_agree_with_the_published_toolbox():
-    """Open3D's own functions, in the order of the Tanks and Temples toolbox; its voxel grid has another origin."""
+def test_scores_are_near_those_of_the_tanks_and_temples_toolbox():
+    """Open3D's own functions in the toolbox's order: both clouds averaged in voxels of half the threshold, then compared."""
     import open3d as o3d
 
-    cloud, truth = noisy_and_cropped()
-    config = dataclasses.replace(CONFIG, thresholds_mm=(48.0, 80.0))
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), config)["whole"]
+    rng = np.random.default_rng(13)
+    truth = sphere(30_000, 14)
+    cloud = truth[truth[:, 0] > -0.5]
+    cloud = cloud + rng.normal(scale=0.02, size=cloud.shape)
+    cloud = np.concatenate([cloud, np.array(TARGET) + rng.uniform(-1.3, 1.3, (500, 3))])
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
     for t in (48, 80):
         s, g = (
             o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)).voxel_down_sample(t / 2000)
@@ -132,11 +123,9 @@ def test_voxel_scores_agree_with_the_published_toolbox():
         )
         precision = 100 * np.mean(np.asarray(s.compute_point_cloud_distance(g)) < t / 1000)
         recall = 100 * np.mean(np.asarray(g.compute_point_cloud_distance(s)) < t / 1000)
-        assert scores[f"tt_precision_{t}mm"] == pytest.approx(precision, abs=1.5)
-        assert scores[f"tt_recall_{t}mm"] == pytest.approx(recall, abs=1.5)
-        assert scores[f"tt_f_score_{t}mm"] == pytest.approx(
-            f_score(scores[f"tt_precision_{t}mm"], scores[f"tt_recall_{t}mm"])
-        )
+        assert scores[f"completeness_{t}mm"] == pytest.approx(recall, abs=0.5)
+        # Voxels count floaters, each alone in its own, for more.
+        assert precision < scores[f"accuracy_{t}mm"] < precision + 4.0
 
 
 def test_observable_part_is_scored_backwards_on_all_surface():

@@ -25,7 +25,7 @@ def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
     assert objective.outcome("ok", {"observable": {"f_score_48mm": None}})[0] is None
     assert Objective("observable.list").outcome("ok", metrics)[0] is None
     assert Objective(direction="minimise").sign == -1
-    assert direction_of("observable.tt_f_score_48mm") == "maximise"
+    assert direction_of("observable.accuracy_48mm") == "maximise"
     with pytest.raises(UserError, match="unknown direction"):
         Objective(direction="up")  # type: ignore[arg-type]
 
