@@ -63,6 +63,9 @@ _CORE_SCHEMA = {
 }
 
 
+_CORE_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str", "seq", "map")}
+
+
 class CoreLoader(_SafeLoader):  # type: ignore[misc]
     """SafeLoader with YAML 1.2's core schema that refuses a key given twice, where YAML would keep the last one silently."""
 
@@ -85,8 +88,11 @@ def _whole_number(loader: Any, node: yaml.ScalarNode) -> int:
 
 def _unique_mapping(loader: Any, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
     seen: set[Any] = set()
-    for key_node, _ in node.value:
+    for key_node, value in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
+            if isinstance(value, yaml.ScalarNode):
+                problem = "the key << takes in another mapping (<<: *NAME), and no mapping follows"
+                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             continue
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, (list, dict)):
@@ -100,6 +106,9 @@ def _unique_mapping(loader: Any, node: yaml.MappingNode, deep: bool = False) -> 
 
 CoreLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
 CoreLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+CoreLoader.add_constructor(
+    "tag:yaml.org,2002:merge", _SafeLoader.construct_scalar
+)  # << that is no key is a text
 
 
 def require(count: float, limit: float, what: str) -> None:
@@ -433,6 +442,11 @@ def _check_events(text: str, source: str) -> None:
         levels[-1] = (anchor, size + count)
 
     for event in yaml.parse(text, Loader=_SafeLoader):
+        tag = getattr(event, "tag", None) or "!"
+        if tag != "!" and tag not in _CORE_TAGS:
+            named = tag.replace("tag:yaml.org,2002:", "!!")[:40]
+            line = f" line {event.start_mark.line + 1}" if event.start_mark is not None else ""
+            raise UserError(f"{source}{line}: the tag {named} is not read; give a plain value without it")
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
                 raise UserError(f"{source}: alias *{event.anchor} stands for nothing, or for itself; mend it")

@@ -33,46 +33,43 @@ FORMATS = (
     "JPEG",
     "PNG",
     "TIFF",
-)  # whatever the suffix; JPEG: of several pictures in one file the first counts
+)  # whatever the suffix; of several pictures in one JPEG file the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
 DARKEST = (
-    64  # of 255: no photograph of a format is brighter anywhere where its bits are shifted, such as 12 in 16
+    64  # of 255: the brightest pixel of a format is below it where its bits are shifted, such as 12 in 16
 )
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 # What says that another lens, zoom or part of the sensor took a photograph.
-_LENS_TAGS = [
-    Base[name]
-    for name in [
-        "LensMake",
-        "LensModel",
-        "LensSerialNumber",
-        "LensSpecification",
-        "BodySerialNumber",
-        "FocalLength",
-        "DigitalZoomRatio",
-        "FocalLengthIn35mmFilm",
-        "FocalPlaneXResolution",
-        "FocalPlaneYResolution",
-    ]
-]
-Turn = Image.Transpose
-_TURNS = dict(  # EXIF's orientation: how stored pixels come upright
-    zip(
-        range(2, 9),
-        (
-            Turn.FLIP_LEFT_RIGHT,
-            Turn.ROTATE_180,
-            Turn.FLIP_TOP_BOTTOM,
-            Turn.TRANSPOSE,
-            Turn.ROTATE_270,
-            Turn.TRANSVERSE,
-            Turn.ROTATE_90,
-        ),
-    )
+_LENS_TAGS = (
+    Base.LensMake,
+    Base.LensModel,
+    Base.LensSerialNumber,
+    Base.LensSpecification,
+    Base.BodySerialNumber,
+    Base.FocalLength,
+    Base.DigitalZoomRatio,
+    Base.FocalLengthIn35mmFilm,
+    Base.FocalPlaneXResolution,
+    Base.FocalPlaneYResolution,
 )
+# What cameras write into a text that they do not know, without spaces and punctuation.
+_UNKNOWN = re.compile(
+    r"0*(mm)?f?0*|1|unknown.*|undefined|unspecified|none|null|na|notavailable|nolens.*|default"
+)
+Turn = Image.Transpose
+# By EXIF's orientation, how stored pixels come upright.
+_TURNS = {
+    2: Turn.FLIP_LEFT_RIGHT,
+    3: Turn.ROTATE_180,
+    4: Turn.FLIP_TOP_BOTTOM,
+    5: Turn.TRANSPOSE,
+    6: Turn.ROTATE_270,
+    7: Turn.TRANSVERSE,
+    8: Turn.ROTATE_90,
+}
 _INVERSE = {turn: turn for turn in Turn} | {Turn.ROTATE_90: Turn.ROTATE_270, Turn.ROTATE_270: Turn.ROTATE_90}
 MIRRORED = (2, 4, 5, 7)  # of EXIF's orientations: the stored pixels are a mirror image
 Progress = Callable[[str, int, int], None]  # what is done, how many of them, of how many
@@ -130,15 +127,17 @@ def read_folder(
     found: list[SourcePhotograph] = []
     damaged: list[str] = []
     brightest: dict[str, int] = defaultdict(int)  # value of 255 in all files of a format
+    transparent = 0
     for index, path in enumerate(paths):
         progress("reading photographs", index, len(paths))
         try:
-            photograph, kind, peak = _read(path)
+            photograph, kind, peak, clear = _read(path)
         except UserError as error:
             damaged.append(f"{_readable(path.name)} ({error})")
             continue
         found.append(photograph)
         brightest[kind] = max(brightest[kind], peak)
+        transparent += clear
     if damaged:
         raise UserError(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
@@ -150,6 +149,11 @@ def read_folder(
                 f"no pixel of the {kind} files in {folder} is brighter than {peak} of 255, as with 12 bits in 16; "
                 "spread their values over all bits, for example: mogrify -evaluate multiply 16 *.tif"
             )
+    if transparent:
+        notes.append(
+            f"{transparent} photographs have transparent parts, which are read as opaque; to leave them out, give masks "
+            "(--masks), whose alpha channel is read"
+        )
     unique = {photograph.sha256: photograph for photograph in reversed(found)}
     if len(unique) < len(found):
         notes.append(f"left out {len(found) - len(unique)} files that are copies of others")
@@ -247,7 +251,7 @@ def _load_heic() -> None:
     try:
         importlib.import_module("pillow_heif").register_heif_opener()
     except ImportError as error:
-        raise UserError("HEIC needs another library; install it: pip install pillow-heif") from error
+        raise UserError("HEIC needs another library; install it: pip install 'gatetune[heic]'") from error
 
 
 @contextmanager
@@ -278,8 +282,8 @@ def _eight_bit(picture: Image.Image) -> Image.Image:
     return picture.convert("RGB")
 
 
-def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
-    """What a file says of itself, its format, and its brightest value of 255."""
+def _read(path: Path) -> tuple[SourcePhotograph, str, int, bool]:
+    """What a file says of itself, its format, its brightest value of 255, and whether a part of it is transparent."""
     with _opened(path) as (picture, data):
         width, height = picture.size
         exif = picture.getexif()
@@ -292,6 +296,7 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
             width, height = height, width  # Pillow's are of the turned picture
         picture.draft("RGB", (width // 8, height // 8))  # reads all of the file, decodes little of it
         peak = int(np.asarray(_eight_bit(picture)).max())
+        clear = picture.has_transparency_data and np.asarray(picture.convert("RGBA"))[..., 3].min() < 255
     lens = (f"{tag.name} {told}" for tag in _LENS_TAGS if (told := _told(details.get(tag))))
     photograph = SourcePhotograph(
         path=path,
@@ -304,17 +309,17 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int]:
         time="{}-{}-{}T{}".format(*date.groups()) if date else None,
         gps=_position(gps),
     )
-    return photograph, str(picture.format), peak
+    return photograph, str(picture.format), peak, bool(clear)
 
 
 def _told(value: Any) -> str:
-    """A tag's value as text; "" where it means nothing: absent, 0, 1, all bits set, not a number, no letter or digit."""
+    """A tag's value as text; "" where it means nothing: absent, 0, 1, all bits set, not a number, "Unknown", "N/A", "----"."""
     if isinstance(value, tuple):
         return " ".join(filter(None, map(_told, value)))
     if isinstance(value, str | bytes):
         text = value.decode("latin-1") if isinstance(value, bytes) else value
         text = " ".join(text.replace("\0", " ").split())
-        return text if any(map(str.isalnum, text)) and text not in ("0", "1") else ""
+        return "" if _UNKNOWN.fullmatch(re.sub(r"[\W_]", "", text).lower()) else text
     number = _number(value)
     return "" if number in (None, 1.0, 65535.0) else f"{number:.6g}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from nbv.photographs.import_source import ImportSource
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
 
+_SIZES = ("upright_size_px", "size_px")  # of a photograph that is turned as EXIF says, and as stored
 _SAME_RATIO = 0.02  # of sides, relative, of a camera and its photograph
 _MAX_MODEL_BYTES = 2 * 2**30
 _MAX_SIDE_PX = 100_000
@@ -29,6 +30,17 @@ _PERSPECTIVE = ("", "PERSPECTIVE", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL",
 _POSE_KEYS = {"file_path", "transform_matrix", "frames", "camera_model", "is_fisheye"}
 _FOCAL = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"}
 _SAME_FOCAL = 0.02  # relative, of fl_x and what camera_angle_x says
+FOCAL_SIDES = (0.05, 200.0)  # focal lengths that lenses have, in long sides of the picture
+FOCAL_RATIO = 2.5  # of fl_x and fl_y, at most: pixels of anamorphic lenses
+_HARMLESS = (
+    "perspective",
+    "false",
+    "no",
+    "off",
+    "none",
+    "null",
+    "pinhole",
+)  # values that say nothing of a plain camera
 # Keys that may change where a point is seen: they are used, or they are refused.
 _LENS_KEY = re.compile(
     r"(k|p|b|s|sx|sy|c|d)_?\d*|skew|alpha|beta|xi|omega|.*(fov|radial|tangential|distort|dist_|lens|fish|theta|omni|spher|equirect|latlong|"
@@ -60,15 +72,28 @@ def read_model(path: Path, source: ImportSource) -> tuple[list[tuple[SolvedModel
             f"{path} is neither transforms.json nor a COLMAP model; export one and give its folder (Metashape: File > "
             "Export > Export Cameras as Colmap; OpenSfM: bin/opensfm export_colmap DATASET)"
         )
+    answers: list[tuple[SolvedModel, ImportSource]] = []
     try:
-        model, unread = _transforms(tree)
+        images = [str(frame["file_path"]) for frame in tree["frames"]]
+        if not (files := files_of_photographs(images, source.photographs, str(path))):
+            raise _of_others(path, images)
+        turned = {size: {f: getattr(source.by_name[n], size) for n, f in files.items()} for size in _SIZES}
+        sized = all({"w", "h"} <= tree.keys() | frame.keys() for frame in tree["frames"])
+        wrong: ValueError | None = None
+        for size in _SIZES[: 1 if sized or turned[_SIZES[0]] == turned[_SIZES[1]] else None]:
+            try:
+                model, unread = _transforms(tree, turned[size])
+                answers += _of_photographs(model, path, source)
+            except ValueError as error:  # such as pixels outside a picture that is held the other way
+                wrong = wrong or error
+        if wrong is not None and not answers:
+            raise wrong
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(
-            f"{path} cannot be read as a model ({reason[:120]}); export it again, or leave --model out"
+            f"{path} cannot be read as a model ({reason[:160]}); export it again, or leave --model out"
         ) from error
-    notes = [f"{path.name}: not read: {', '.join(sorted(unread))}"] if unread else []
-    return _of_photographs(model, path, source), notes
+    return answers, [f"{path.name}: not read: {', '.join(sorted(unread))}"] if unread else []
 
 
 def _of_photographs(
@@ -78,10 +103,7 @@ def _of_photographs(
     images = {model.image(i).name: model.image(i) for i in sorted(model.reg_image_ids())}
     found = files_of_photographs(images, source.photographs, str(path))
     if not found:
-        raise UserError(
-            f"{path} is a model of other photographs: none of its {len(images)} images "
-            f"({', '.join(list(images)[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
-        )
+        raise _of_others(path, list(images))
     name_of = {file: name for name, file in found.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
     for name, camera in cameras.items():
@@ -111,6 +133,13 @@ def _of_photographs(
     )
 
 
+def _of_others(path: Path, images: Sequence[str]) -> UserError:
+    return UserError(
+        f"{path} is a model of other photographs: none of its {len(images)} images "
+        f"({', '.join(images[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
+    )
+
+
 def _wrong(camera: pycolmap.Camera) -> str:
     """What keeps a camera from being one, or nothing."""
     size = f"{camera.width} x {camera.height} px"
@@ -120,8 +149,13 @@ def _wrong(camera: pycolmap.Camera) -> str:
         return f"a camera {camera.model_name}, of which no perspective picture can be made"
     if not np.isfinite(camera.params).all() or not camera.verify_params():
         return f"a camera {camera.model_name} with numbers that are not finite"
-    if not min(camera.params[i] for i in camera.focal_length_idxs()) > 0:
-        return f"a camera of {size} with focal length {camera.mean_focal_length():g}"
+    focal = [float(camera.params[i]) for i in camera.focal_length_idxs()]
+    low, high = (sides * max(camera.width, camera.height) for sides in FOCAL_SIDES)
+    if not (low <= min(focal) and max(focal) <= min(high, FOCAL_RATIO * min(focal))):
+        return f"a camera of {size} with focal length {' and '.join(f'{f:g}' for f in focal)} px"
+    x, y = (float(camera.params[i]) for i in camera.principal_point_idxs())
+    if not (0 < x < camera.width and 0 < y < camera.height):
+        return f"a camera of {size} with its principal point at ({x:g}, {y:g}), outside the picture"
     return ""
 
 
@@ -190,11 +224,20 @@ def _check_counts(path: Path) -> None:
         raise ValueError(f"{path.name} counts more than its {len(data)} bytes hold") from error
 
 
-def _transforms(tree: Mapping[str, Any]) -> tuple[pycolmap.Reconstruction, set[str]]:
-    """NeRF's ``transforms.json``, and which of its keys were not read: model_from_camera with OpenGL's axes (y up, z backward)."""
+def _transforms(
+    tree: Mapping[str, Any], size_px: Mapping[str, tuple[int, int]]
+) -> tuple[pycolmap.Reconstruction, set[str]]:
+    """NeRF's ``transforms.json``, and which of its keys were not read: model_from_camera with OpenGL's axes (y up, z backward).
+
+    ``size_px`` are the sizes of the photographs that its files are, for frames without ``w`` and ``h``.
+    """
     model, unread = pycolmap.Reconstruction(), set[str]()
     for number, frame in enumerate(tree["frames"], start=1):
         values = _values(tree, frame)
+        if not {"w", "h"} <= values.keys():
+            if frame["file_path"] not in size_px:
+                continue  # of another photograph
+            values["w"], values["h"] = size_px[frame["file_path"]]
         camera, used = _camera(values)
         camera.camera_id = number
         unread |= {key for key in values if key not in used | _POSE_KEYS}
@@ -273,7 +316,10 @@ def _camera(values: Mapping[str, Any]) -> tuple[pycolmap.Camera, set[str]]:
     ]
     camera.params = np.pad(params, (0, len(camera.params) - len(params)))
     used = {*names, "w", "h"} - {"f", "fx", "fy"} | _FOCAL | ({"k1"} if "k" in names else set())
+    bent = any(v for n, v in zip(names, params, strict=True) if n[0] in "kps")
     for key, value in values.items():
+        if full and str(value).lower() in _HARMLESS[: 4 if bent and "dist" in key.lower() else None]:
+            continue
         if key not in used | _POSE_KEYS and _LENS_KEY.fullmatch(key.lower()) and any(np.ravel(value)):
             raise ValueError(f"{key} is {str(value)[:40]}, and COLMAP's {kind} has no such parameter")
     if wrong := _wrong(camera):

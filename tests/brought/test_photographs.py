@@ -121,6 +121,7 @@ def tagged(folder: Path, index: int, tags: dict[int, object]) -> None:
 
 
 FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X, ISO = 0x920A, 0xA405, 0xA404, 0xA434, 0xA432, 0xA20E, 0x8827
+SERIAL = 0xA435
 
 
 @pytest.mark.parametrize(
@@ -135,6 +136,10 @@ FOCAL, FOCAL_35, ZOOM, LENS, SPEC, PLANE_X, ISO = 0x920A, 0xA405, 0xA404, 0xA434
         ({FOCAL: 18.8, FOCAL_35: 1}, {FOCAL: 18.8}, 1),
         ({FOCAL: 18.8, FOCAL_35: 0, ZOOM: 0.0, LENS: "----"}, {FOCAL: 18.8, ZOOM: 1.0, LENS: ""}, 1),
         ({FOCAL: 0.0}, {}, 1),
+        ({LENS: "Unknown"}, {LENS: "N/A"}, 1),
+        ({LENS: "----"}, {LENS: "0.0 mm f/0.0"}, 1),
+        ({SERIAL: "0000000"}, {}, 1),
+        ({SERIAL: "0000001"}, {SERIAL: "0000002"}, 2),
         ({FOCAL_35: 65535}, {}, 1),  # EXIF's word for unknown
         ({FOCAL: 18.8, ISO: 100}, {FOCAL: 29.5, ISO: 100}, 2),  # as TIFF/EP has it, without EXIF's block
     ],
@@ -222,6 +227,22 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
             ("PINHOLE", [80 / np.tan(0.5), 80 / np.tan(0.5), 81, 59]),
         ),
         ({**CAMERA, "frame": {"fl_x": 120.0}}, ("PINHOLE", [120, 120, 81, 59])),
+        ({k: v for k, v in CAMERA.items() if k not in "wh"}, ("PINHOLE", [130, 131, 81, 59])),
+        (
+            {**CAMERA, "distortion_model": "none", "camera_type": "perspective", "orthographic": False},
+            ("PINHOLE", [130, 131, 81, 59]),
+        ),
+        (
+            {**CAMERA, "k1": 0.1, "camera_type": "PERSPECTIVE", "rolling_shutter": "none"},
+            ("OPENCV", [130, 131, 81, 59, 0.1, 0, 0, 0]),
+        ),
+        ({**CAMERA, "k1": 0.1, "distortion_model": "none"}, "distortion_model is none, and"),
+        ({**CAMERA, "is_fisheye": True, "camera_type": "perspective"}, "camera_type is perspective, and"),
+        ({**CAMERA, "fl_y": 1e9}, "a camera of 160 x 120 px with focal length 130 and 1e+09 px"),
+        ({**CAMERA, "fl_x": 1e9, "fl_y": 1e9}, "focal length 1e+09 and 1e+09 px"),
+        ({**CAMERA, "fl_x": 0.01, "fl_y": 0.01}, "focal length 0.01 and 0.01 px"),
+        ({**CAMERA, "cx": 1e6}, "principal point at (1e+06, 59), outside the picture"),
+        ({**CAMERA, "cy": -3}, "principal point at (81, -3), outside the picture"),
         ({**CAMERA, "frame": {"w": 320, "h": 240}}, "has a size of its own, but no fl_x of its own"),
         ({**CAMERA, "camera_angle_x": 1.3}, "fl_x is 130, but camera_angle_x says 105.2"),
         ({**CAMERA, "radial": [0.1, 0.2]}, "radial is [0.1, 0.2]"),
@@ -249,10 +270,24 @@ def test_projection_models_of_transforms_json(tmp_path: Path, camera: dict, true
         assert true in refusal(read_model, path, source)
         return
     [(model, _)], notes = read_model(path, source)
-    assert notes == ["transforms.json: not read: aabb_scale"]
+    assert notes[0].startswith("transforms.json: not read: aabb_scale")
     expected = pycolmap.Camera(model=true[0], width=160, height=120, params=true[1])
     rays = np.column_stack([*np.random.default_rng(0).uniform(-0.5, 0.5, (2, 50)), np.ones(50)])
     assert np.allclose(model.cameras[0].img_from_cam(rays), expected.img_from_cam(rays), atol=1e-9)
+
+
+@pytest.mark.parametrize("of_stored", [False, True])
+def test_transforms_json_without_sizes_of_turned_photographs(tmp_path: Path, of_stored: bool) -> None:
+    """Sizes are the photographs': both ways to hold them are tried, and the principal point tells which is meant."""
+    source = source_of(ball.write_photographs(tmp_path / "photographs", orientation=6))
+    path = tmp_path / "transforms.json"
+    camera = {"fl_x": 130.0, **({"cx": 59.0, "cy": 150.0} if of_stored else {"cx": 150.0, "cy": 59.0})}
+    path.write_text(json.dumps({**camera, "frames": frames()}))
+    [(model, seen)], _ = read_model(path, source)
+    assert seen.upright != of_stored
+    assert (model.cameras[0].width, model.cameras[0].height) == ((120, 160) if of_stored else (160, 120))
+    path.write_text(json.dumps({"fl_x": 130.0, "frames": frames()}))
+    assert len(read_model(path, source)[0]) == 2
 
 
 def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_path: Path) -> None:
@@ -350,6 +385,17 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
             continue
         whole = source_of(folder, max_size_px=64).pixels("full")
         assert (whole[..., 0] == (deep * 16) >> 8).all()
+
+
+@pytest.mark.parametrize(
+    ("clear", "said"), [(0, []), (3, ["3 photographs have transparent parts, which are read as opaque"])]
+)
+def test_transparent_parts_of_photographs_are_told(tmp_path: Path, clear: int, said: list[str]) -> None:
+    for index in range(9):
+        rgba = np.full((8, 8, 4), (*[20 * index] * 3, 255), np.uint8)
+        rgba[:4, :, 3] -= index < clear
+        Image.fromarray(rgba).save(tmp_path / f"{index}.png")
+    assert [note.partition(";")[0] for note in read_folder(tmp_path, silent)[1]] == said
 
 
 @pytest.mark.parametrize("orientation", [1, 3, 6])

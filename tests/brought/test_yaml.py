@@ -7,6 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nbv.errors import UserError
 from nbv.safe_files import parse_yaml, to_yaml
 from tuner.commands.console import parse_overrides
 
@@ -26,6 +27,14 @@ VALUES = {
     "~": None,
     "Null": None,
     "'1e-6'": "1e-6",
+    "<<": "<<",
+}
+REFUSED = {
+    "a: !!binary aGk=": "line 1: the tag !!binary is not read; give a plain value without it",
+    "a: 1\nb: !!timestamp 2001-01-01": "line 2: the tag !!timestamp is not read",
+    "a: !!python/object:os.system x": "the tag !!python/object:os.system is not read",
+    "a: !mine 3": "the tag !mine is not read",
+    "<<: 3": "line 1: the key << takes in another mapping (<<: *NAME), and no mapping follows",
 }
 
 
@@ -37,6 +46,14 @@ def test_a_plain_value_is_what_yaml_1_2_says(text: str, value: object) -> None:
         parse_overrides([f"a={text}"])["a"],
     ):
         assert read == value and type(read) is type(value)
+
+
+@pytest.mark.parametrize("text, words", REFUSED.items())
+def test_what_is_no_plain_value_is_one_line(text: str, words: str) -> None:
+    with pytest.raises(UserError) as told:
+        parse_yaml(text, "it")
+    assert words in str(told.value) and "\n" not in str(told.value)
+    assert parse_yaml("base: &b {x: 1}\na: {<<: *b, y: 2}", "it")["a"] == {"x": 1, "y": 2}
 
 
 @given(

@@ -75,7 +75,7 @@ def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
 def test_heic_without_its_library_names_the_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "9.heic").write_bytes(b"\0\0\0\x18ftypheic")
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    assert refusal(folder).endswith("install it: pip install pillow-heif")
+    assert refusal(folder).endswith("install it: pip install 'gatetune[heic]'")
 
 
 def test_too_few_and_copies(folder: Path) -> None:
