@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
 
-from nbv.cache import Arrays, cached, digest
+from nbv.cache import Arrays, cache_key, cached
+from nbv.config import SparseConfig
 from nbv.errors import UserError
-from nbv.photographs.correspond import Correspondences, correspondences
-from nbv.photographs.folder import Progress, shrunk_size
+from nbv.photographs.folder import shrunk_size
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.sparse.colmap import files_of, model_of
+from nbv.sparse.features import extract_features
+from nbv.sparse.matching import match_pair
 
 FEWEST_REGISTERED = 6
 WORST_MEDIAN_PX = 4.0
@@ -28,6 +33,13 @@ SMALLEST_MODEL = 6
 SECOND_OBJECT = 0.25  # of the photographs in a second model, and they are of two objects
 WORKERS = 2
 _BLUR_PX = 2.0
+MAX_FEATURES = 8192  # the largest: where there are more they are small and repeat
+# Preemptive matching (Wu 2013, "Towards linear-time incremental structure from motion", section 3): the largest features
+# tell which photographs are worth matching with all.
+FIRST_FEATURES, FIRST_MATCHES = 800, 4
+PARTNERS = 30  # at most, best first
+IN_ORDER = 2  # photographs before and after, whatever the largest features say
+AT_ONCE = 200  # pairs that are matched between two reports of progress
 
 
 def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, ImportSource, list[str]]:
@@ -102,25 +114,23 @@ def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
     total = len(source.photographs)
     cameras, camera_ids = _cameras(source)
     names = [p.name for p in source.photographs]
-    found = correspondences(source, names, [cameras[i] for i in camera_ids])
-    if not found.pairs:
-        raise UserError(
-            f"no two of the {total} photographs show the same thing; photographs of one object must overlap"
-        )
-    matches = digest(*(part for ids, p in sorted(found.pairs.items()) for part in (list(ids), p.matches)))
     entry = dict(
         cached(
             source.store,
             "photograph-models",
-            lambda: _largest_model(cameras, camera_ids, found, source.progress),
+            lambda: _largest_model(source, names, cameras, camera_ids),
             code=__name__,
-            inputs=[names, camera_ids, [f.digest for f in found.features], matches],
+            inputs=_inputs(source, names, cameras, camera_ids),
         )
     )
-    counts = entry.pop("counts").tolist()
+    pairs, *counts = entry.pop("counts").tolist()
+    if not pairs:
+        raise UserError(
+            f"no two of the {total} photographs show the same thing; photographs of one object must overlap"
+        )
     if not counts:
         raise UserError(
-            f"the {total} photographs overlap too little for a model ({len(found.pairs)} pairs match); "
+            f"the {total} photographs overlap too little for a model ({pairs} pairs match); "
             "photographs of one object must overlap, neighbours by two thirds"
         )
     if len(counts) > 1 and counts[1] >= max(SMALLEST_MODEL, SECOND_OBJECT * total):
@@ -130,8 +140,8 @@ def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
         )
     model = model_of({name: content.tobytes() for name, content in entry.items()})
     plural = "s" if len(cameras) > 1 else ""
-    note = f"{len(cameras)} camera{plural}, {len(found.pairs)} pairs of photographs match"
-    return solved_from_colmap(model, {name: name for name in names}, source), [note]
+    note = f"{len(cameras)} camera{plural}, {pairs} pairs of photographs match"
+    return solved_from_colmap(model, _named(names), source), [note]
 
 
 def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
@@ -139,27 +149,23 @@ def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
     row = {name: index for index, name in enumerate(model.names)}
     names = [p.name for p in source.photographs if p.name in row]
     cameras = {number: model.cameras[row[name]] for number, name in enumerate(names, start=1)}
-    for camera_id, camera in cameras.items():
-        camera.camera_id = camera_id
+    posed = pycolmap.Reconstruction()
+    for number, camera in cameras.items():
+        camera.camera_id = number
         camera.has_prior_focal_length = True
-    found = correspondences(source, names, list(cameras.values()))
-    source.progress("triangulating points", 0, 1)
-    reconstruction = pycolmap.Reconstruction()
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads, options.random_seed = 1, 0
-    cache = found.cache(cameras, list(cameras))
-    mapper = pycolmap.IncrementalMapper(cache)
-    mapper.begin_reconstruction(reconstruction)
-    for image_id, name in enumerate(names, start=1):
-        image = reconstruction.image(image_id)
-        image.frame.set_cam_from_world(image.camera_id, pycolmap.Rigid3d(model.poses[row[name], :3]))
-        reconstruction.register_frame(image.frame_id)
-    for image_id in cameras:
-        mapper.triangulate_image(options.get_triangulation(), image_id)
-    mapper.complete_and_merge_tracks(options.get_triangulation())
-    mapper.filter_points(options.get_mapper())
-    mapper.end_reconstruction(discard=False)
-    return solved_from_colmap(reconstruction, {name: name for name in names}, source)
+        posed.add_camera_with_trivial_rig(camera)
+        image = pycolmap.Image(name=str(number), camera_id=number, image_id=number)
+        pose = model.poses[row[names[number - 1]], :3]
+        posed.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
+    with _matches(source, names, cameras, list(cameras)) as database, tempfile.TemporaryDirectory() as out:
+        source.progress("triangulating points", 0, 1)
+        found = pycolmap.triangulate_points(posed, database, out, out, options=_options(1))
+    return solved_from_colmap(found, _named(names), source)
+
+
+def _named(names: Sequence[str]) -> dict[str, str]:
+    """The photographs' names by those that their images have in COLMAP's database."""
+    return {str(number): name for number, name in enumerate(names, start=1)}
 
 
 def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int]]:
@@ -185,28 +191,136 @@ def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int
 
 
 def _largest_model(
-    cameras: dict[int, pycolmap.Camera], camera_ids: list[int], found: Correspondences, progress: Progress
+    source: ImportSource, names: list[str], cameras: dict[int, pycolmap.Camera], camera_ids: list[int]
 ) -> Arrays:
-    """The largest model as COLMAP's files, and how many photographs each model has, most first."""
-    pycolmap.set_random_seed(0)
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads, options.random_seed = WORKERS, 0
+    """The largest model as COLMAP's files, and how many pairs match and photographs each model has, most first."""
+    options, registered = _options(WORKERS), 0
     options.extract_colors = False
     options.min_model_size = SMALLEST_MODEL
     # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
     options.ba_global_function_tolerance = options.ba_local_function_tolerance = 1e-6
-    manager = pycolmap.ReconstructionManager()
-    pipeline = pycolmap.IncrementalPipeline(options, found.cache(cameras, camera_ids), manager)
-    registered = 0
 
     def one_more() -> None:
         nonlocal registered
         registered += 1
-        progress("placing photographs", min(registered, len(found.names)), len(found.names))
+        source.progress("placing photographs", min(registered, len(names)), len(names))
 
-    pipeline.add_callback(pycolmap.IncrementalPipelineCallback.INITIAL_IMAGE_PAIR_REG_CALLBACK, one_more)
-    pipeline.add_callback(pycolmap.IncrementalPipelineCallback.NEXT_IMAGE_REG_CALLBACK, one_more)
-    pipeline.run()
-    models = sorted(map(manager.get, range(manager.size())), key=lambda m: m.num_reg_images(), reverse=True)
-    files = {name: np.frombuffer(data, np.uint8) for m in models[:1] for name, data in files_of(m).items()}
-    return {"counts": np.array([m.num_reg_images() for m in models], dtype=np.int64), **files}
+    pycolmap.set_random_seed(0)
+    with _matches(source, names, cameras, camera_ids) as database, tempfile.TemporaryDirectory() as out:
+        with pycolmap.Database.open(database) as opened:
+            pairs = np.count_nonzero(opened.read_two_view_geometry_num_inliers()[1])
+        models = pycolmap.incremental_mapping(
+            database, out, out, options, initial_image_pair_callback=one_more, next_image_callback=one_more
+        )
+    found = sorted(models.values(), key=lambda m: m.num_reg_images(), reverse=True)
+    files = {name: np.frombuffer(data, np.uint8) for m in found[:1] for name, data in files_of(m).items()}
+    return {"counts": np.array([pairs, *(m.num_reg_images() for m in found)], dtype=np.int64), **files}
+
+
+def _options(workers: int) -> pycolmap.IncrementalPipelineOptions:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = workers, 0
+    return options
+
+
+def _inputs(
+    source: ImportSource,
+    names: Sequence[str],
+    cameras: Mapping[int, pycolmap.Camera],
+    camera_ids: Sequence[int],
+) -> list[object]:
+    """What decides features and matches."""
+    told = [f"{c.model_name} {c.params_to_string()} {c.has_prior_focal_length}" for c in cameras.values()]
+    sizes = [list(source.size_px(name)) for name in names]
+    return [
+        [source.by_name[n].sha256 for n in names],
+        list(names),
+        sizes,
+        source.upright,
+        told,
+        list(camera_ids),
+    ]
+
+
+@contextmanager
+def _matches(
+    source: ImportSource,
+    names: Sequence[str],
+    cameras: Mapping[int, pycolmap.Camera],
+    camera_ids: Sequence[int],
+) -> Iterator[Path]:
+    """COLMAP's database of the photographs with features and verified matches; in the store, where there is one, so that an import can go on.
+
+    Images are called by their ids, which count from 1 in the order of ``names``, in which the photographs were taken.
+    """
+    with tempfile.TemporaryDirectory(prefix="nbv-matches-") as folder:
+        path = Path(folder) / "database.db"
+        if source.store is not None:
+            key = cache_key(__name__, *_inputs(source, names, cameras, camera_ids))
+            path = source.store.root / "photograph-matches" / key[:2] / key
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with pycolmap.Database.open(path) as database:
+            _write_features(database, source, names, cameras, camera_ids)
+            pairs = _pairs(database, source)
+        listed = Path(folder) / "pairs.txt"
+        matching = pycolmap.FeatureMatchingOptions(num_threads=WORKERS, use_gpu=False)
+        verifying = pycolmap.TwoViewGeometryOptions()
+        verifying.detect_watermark = False  # borders that are alike are no reason to give a pair up
+        verifying.ransac.random_seed = 0
+        for start in range(0, len(pairs), AT_ONCE):
+            source.progress("matching photographs", start, len(pairs))
+            some = pairs[start : start + AT_ONCE]
+            listed.write_text("".join(f"{a} {b}\n" for a, b in some))
+            pairing = pycolmap.ImportedPairingOptions(match_list_path=str(listed))
+            pycolmap.match_image_pairs(path, matching, pairing, verifying, pycolmap.Device.cpu)
+        yield path
+
+
+def _write_features(
+    database: pycolmap.Database,
+    source: ImportSource,
+    names: Sequence[str],
+    cameras: Mapping[int, pycolmap.Camera],
+    camera_ids: Sequence[int],
+) -> None:
+    for camera_id, camera in cameras.items():
+        if not database.exists_rig(camera_id):
+            with pycolmap.DatabaseTransaction(database):
+                database.write_camera(camera, use_camera_id=True)
+                rig = pycolmap.Rig(rig_id=camera_id)
+                rig.add_ref_sensor(camera.sensor_id)
+                database.write_rig(rig, use_rig_id=True)
+    for image_id, (name, camera_id) in enumerate(zip(names, camera_ids, strict=True), start=1):
+        source.progress("finding features", image_id - 1, len(names))
+        if database.exists_image(image_id):
+            continue
+        found = extract_features(source.pixels(name), SparseConfig(max_features=MAX_FEATURES))
+        # COLMAP's limit keeps the scale that reaches it whole.
+        largest = np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES]
+        image = pycolmap.Image(name=str(image_id), camera_id=camera_id, image_id=image_id)
+        frame = pycolmap.Frame(frame_id=image_id, rig_id=camera_id)
+        frame.add_data_id(image.data_id)
+        kind = pycolmap.FeatureExtractorType.SIFT
+        with pycolmap.DatabaseTransaction(database):
+            database.write_image(image, use_image_id=True)
+            database.write_frame(frame, use_frame_id=True)
+            database.write_keypoints(image_id, found.keypoints[largest])
+            database.write_descriptors(
+                image_id, pycolmap.FeatureDescriptors(kind, found.descriptors[largest])
+            )
+
+
+def _pairs(database: pycolmap.Database, source: ImportSource) -> list[tuple[int, int]]:
+    """Ids of the images that are worth matching with one another."""
+    ids = [image.image_id for image in database.read_all_images()]
+    largest = {i: np.array(database.read_descriptors(i).data)[:FIRST_FEATURES] for i in ids}
+    alike = np.zeros((len(ids) + 1,) * 2, dtype=np.int64)
+    for a in ids:
+        source.progress("comparing photographs", a - 1, len(ids))
+        for b in range(a + 1, len(ids) + 1):
+            alike[a, b] = alike[b, a] = len(match_pair(largest[a], largest[b]))
+    chosen = {(a, b) for a in ids for b in range(a + 1, min(a + IN_ORDER, len(ids)) + 1)}
+    for a in ids:
+        best = np.argsort(-alike[a], kind="stable")[:PARTNERS]
+        chosen |= {(min(a, b), max(a, b)) for b in best.tolist() if alike[a, b] >= FIRST_MATCHES}
+    return sorted(chosen)
