@@ -30,7 +30,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     Raises
     ------
     UserError
-        The directory holds something already or cannot be written; the storage cannot be used; there is nothing
+        The directory holds something already or cannot be written; there is nothing
         to learn from where ``settings`` says so.
     """
     if (directory / SETTINGS_FILE).exists():

@@ -5,7 +5,7 @@ conditions, are taken in turn, and missions share replicate numbers, so that con
 pairs. The run directory::
 
     campaign.yaml          what was asked for; a resume must agree with it
-    study.journal          the ledger (unless another storage was named)
+    study.journal          the ledger
     missions/NNNN_ROCK_rK  one directory per mission (NNNN_ROCK_CONDITION_rK where that is not ideal)
     recommendation.json    the current recommendation
     learned_from.json      the missions of earlier campaigns, where some were named

@@ -15,24 +15,16 @@ import contextlib
 import dataclasses
 import json
 import math
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import optuna
-from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
-from tuner.campaign.storage import (
-    JOURNAL_FILE,
-    CoordinatorLock,
-    Journal,
-    open_storage,
-    retry_while_unavailable,
-)
+from tuner.campaign.storage import JOURNAL_FILE, open_journal
 from tuner.missions.job import Trial, repeated
 from tuner.problem.instances import Instance, instances_of
 from tuner.problem.observations import Observation, Proposal
@@ -41,7 +33,6 @@ from tuner.samplers.optuna import distributions
 if TYPE_CHECKING:
     from tuner.campaign.settings import CampaignSettings
 
-T = TypeVar("T")
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
 _NO_LONGER = ("sampler_state", "directory")  # entered by earlier versions
@@ -54,10 +45,9 @@ class Ledger:
     Parameters
     ----------
     directory
-        The campaign's run directory, which holds the default storage.
+        The campaign's run directory, which holds the journal.
     settings
-        What is tuned and for what; the study's name is the campaign's, and ``storage`` None for ``study.journal`` in
-        ``directory``, otherwise the URL of a PostgreSQL database.
+        What is tuned and for what; the study's name is the campaign's.
     campaign_id
         The identity that tells the study from another campaign's of the same name.
     create
@@ -68,7 +58,7 @@ class Ledger:
     Raises
     ------
     UserError
-        Unknown or unreachable storage, missing study, or a study of another campaign.
+        The journal cannot be read, or holds another campaign's study or none.
     """
 
     def __init__(
@@ -85,32 +75,28 @@ class Ledger:
         self._distributions = distributions(settings.space)
         self._worlds = frozenset(instances_of(settings.instances))
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
-        self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
-        self._shown = shown = settings.storage or str(directory / JOURNAL_FILE)
+        self._shown = shown = str(directory / JOURNAL_FILE)
         # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
         begun = not create and (read_only or (directory / "missions").exists())
-        self._storage = open_storage(settings.storage, directory, must_exist=begun, heal=not read_only)
+        self._storage = open_journal(directory, must_exist=begun, heal=not read_only)
         direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
 
-        def opened(_: bool) -> optuna.Study:
-            if begun:
-                return optuna.load_study(study_name=settings.name, storage=self._storage)
-            study = optuna.create_study(
-                study_name=settings.name,
-                storage=self._storage,
-                direction=direction,
-                load_if_exists=not create,
-            )
-            if _CAMPAIGN_ID not in study.user_attrs and not study.get_trials():
-                study.set_user_attr(_CAMPAIGN_ID, campaign_id)
-            return study
-
         try:
-            self._study = retry_while_unavailable(shown, opened)
+            if begun:
+                self._study = optuna.load_study(study_name=settings.name, storage=self._storage)
+            else:
+                self._study = optuna.create_study(
+                    study_name=settings.name,
+                    storage=self._storage,
+                    direction=direction,
+                    load_if_exists=not create,
+                )
+                if _CAMPAIGN_ID not in self._study.user_attrs and not self._study.get_trials():
+                    self._study.set_user_attr(_CAMPAIGN_ID, campaign_id)
         except optuna.exceptions.DuplicatedStudyError as error:
             raise UserError(
-                f"{shown} already holds a study {settings.name!r}; choose another campaign name or storage"
+                f"{shown} already holds a study {settings.name!r}; choose another campaign name"
             ) from error
         except KeyError as error:
             raise UserError(
@@ -121,12 +107,10 @@ class Ledger:
         if self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
                 f"the study {settings.name!r} in {shown} belongs to another campaign; "
-                "choose another name or storage"
+                "restore the ledger of this one"
             )
         if not create:
             self._require_all_there()
-        shared = isinstance(self._storage, RDBStorage)
-        self._lock = CoordinatorLock(self._storage, self._study_id, settings.name) if shared else None
 
     def _require_all_there(self) -> None:
         """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
@@ -143,25 +127,17 @@ class Ledger:
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Hold the ledger while this campaign runs; ``UserError`` where another coordinator does.
-
-        A journal goes with its run directory, which is locked; a database is for several campaigns, each with one
-        coordinator, on whatever machine.
-        """
-        with contextlib.nullcontext() if self._lock is None else self._lock.held():
-            self.trials()
-            self._alone = True
-            try:
-                yield
-            finally:
-                self._alone = False
+        """Trust what is known while this process alone, which holds the run directory's lock, writes."""
+        self.trials()
+        self._alone = True
+        try:
+            yield
+        finally:
+            self._alone = False
 
     def batch(self) -> contextlib.AbstractContextManager[None]:
-        """Enter several missions, or their ends, in one synchronised write, which happens when the context ends.
-
-        A database takes them one by one.
-        """
-        return self._storage.batch() if isinstance(self._storage, Journal) else contextlib.nullcontext()
+        """Enter several missions, or their ends, in one synchronised write, which happens when the context ends."""
+        return self._storage.batch()
 
     def start(
         self,
@@ -203,21 +179,15 @@ class Ledger:
             state=TrialState.RUNNING, params=params, distributions=self._distributions, user_attrs=entry
         )
 
-        def enter(again: bool) -> int:
-            self._require_ours()
-            known = self._storage.get_all_trials(self._study_id, deepcopy=False) if again else []
-            if len(known) == number + 1 and known[-1].user_attrs.get(CHECKSUM) == entry[CHECKSUM]:
-                return known[-1]._trial_id  # the answer to the first try was lost
-            return self._storage.create_new_trial(self._study_id, trial)
-
-        entered = self._trial(self._read_back(self._patiently(enter)))
+        entered = self._trial(
+            self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial))
+        )
         if entered.number != number or (entered.instance, entered.replicate) != (instance, replicate):
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return entered
 
     def finish(self, number: int, ended: Trial) -> Trial:
         """Enter how a mission ended, once per mission, with the objectives' values."""
-        self._patiently(lambda _: self._require_ours())
         self.trials()
         frozen, asked = self._known[number]
         if frozen.state.is_finished():
@@ -235,18 +205,12 @@ class Ledger:
         constraints = {} if value is None else self._constraints(also)
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
 
-        def tell(again: bool) -> None:
-            self._require_ours()
-            if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
-                return  # the answer to the first try was lost
-            with self.batch():  # the attributes before the state: finished trials are frozen
-                for key, constraint in constraints.items():
-                    self._storage.set_trial_system_attr(frozen._trial_id, key, constraint)
-                self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
-                self._storage.set_trial_state_values(frozen._trial_id, state, values)
-
-        self._patiently(tell)
-        return self._trial(self._read_back(frozen._trial_id))
+        with self.batch():  # the attributes before the state: finished trials are frozen
+            for key, constraint in constraints.items():
+                self._storage.set_trial_system_attr(frozen._trial_id, key, constraint)
+            self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
+            self._storage.set_trial_state_values(frozen._trial_id, state, values)
+        return self._trial(self._storage.get_trial(frozen._trial_id))
 
     def _constraints(self, measured: float | None) -> dict[str, Any]:
         """Return the limit on the second objective as system attributes of a trial that measured so much of it."""
@@ -263,23 +227,13 @@ class Ledger:
         asked = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
         return checksum_of([self._campaign_id, number, params, asked, *ending])
 
-    def _require_ours(self) -> None:
-        if self._lock is not None:
-            self._lock.require()
-
-    def _read_back(self, trial_id: int) -> FrozenTrial:
-        return self._patiently(lambda _: self._storage.get_trial(trial_id))
-
-    def _patiently(self, step: Callable[[bool], T]) -> T:
-        return retry_while_unavailable(self._shown, step, self.pause)
-
     # -- reading ---------------------------------------------------------------------------------------------
 
     def trials(self) -> list[Trial]:
         """Return all missions in trial order."""
         if self._alone:
             return [trial for _, trial in self._known.values()]
-        found = self._patiently(lambda _: self._study.get_trials(deepcopy=False))
+        found = self._study.get_trials(deepcopy=False)
         return [self._trial(trial) for trial in found]
 
     def _trial(self, row: FrozenTrial) -> Trial:

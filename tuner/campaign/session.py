@@ -124,7 +124,7 @@ class _Session:
         self.prefetch = ProposalPrefetch(campaign)
 
     def run(self, stop: Stop) -> CampaignSummary:
-        self._stop, self._ledger.pause = stop, stop.wait
+        self._stop = stop
         self._recover()
         run_jobs(self, self.executor, stop)
         repeats_in_row = self._repeats_in_row  # of the search: what simplifies its outcome repeats on purpose

@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import functools
 import itertools
-import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +47,6 @@ from tuner.problem.space_files import available_search_spaces, load_search_space
 from tuner.samplers.base import SAMPLERS
 from tuner.samplers.design import initial_design_size
 
-PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"  # of the environment
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, how it searches", "Execution"
 _DEFAULT_SPACE = "gate_weights_and_pool"
@@ -237,11 +235,6 @@ class CampaignSettings:
         option="--keep",
         panel=WHERE,
     )
-    storage: str | None = setting(
-        None,
-        "PostgreSQL database with the ledger, postgresql+psycopg://USER@HOST/DB",
-        shown="a file in the run directory",
-    )
     in_step: int | None = setting(
         None,
         "N: each proposal waits for, and learns from, all missions before it but the last N - 1, so that the campaign "
@@ -274,7 +267,6 @@ class CampaignSettings:
                 f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
             )
         require_fidelity(self.fidelity)
-        require_no_password(self.storage)
         self._check_mission()
         self._check_options()
         self.default_values()  # the space must fit the preset
@@ -483,19 +475,3 @@ class CampaignSettings:
         known = settings_of(type(self))
         tree = {name: declared.to_yaml(getattr(self, name)) for name, declared in known.items()}
         return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}
-
-
-def require_no_password(storage: str | None) -> None:
-    """Raise `UserError`, without showing it, where a storage's URL holds a password: settings are kept and shown."""
-    if storage is None or "://" not in storage:
-        return
-    # As SQLAlchemy reads it, to which / ? and # before the first @ are part of a password.
-    place = storage.partition("://")[2]
-    user, at, _ = place.partition("@")
-    names = [name.lower() for name, _ in urllib.parse.parse_qsl(place.partition("?")[2])]
-    in_query = any("pass" in name and name != "passfile" for name in names)
-    if in_query or (at and user.partition(":")[2] and not place.startswith("/")):
-        raise UserError(
-            f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
-            "in the environment, also for a resume"
-        )

@@ -36,6 +36,7 @@ from tuner.problem.search_space import builtin
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
 _READ_BY = "42627bd"  # the last commit that reads format 2
+_READS_DATABASES = "409a733"  # the last one
 SETTINGS = settings_of(CampaignSettings)
 # `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison.
 QUICK: dict[str, Any] = {
@@ -66,10 +67,14 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 
 def _checked(tree: Any, source: str) -> dict[str, Any]:
     """Return ``tree`` as a dictionary; raise `UserError` for an unknown setting."""
-    if (
-        isinstance(tree, Mapping) and tree.get("risk") == "mean"
-    ):  # an earlier version's only other choice is gone
-        tree = {name: value for name, value in tree.items() if name != "risk"}
+    if isinstance(tree, Mapping):  # what earlier versions wrote for settings that are gone
+        if tree.get("storage") is not None:
+            raise UserError(
+                f"{source}: a ledger in a database is read by commit {_READS_DATABASES}; leave storage out for a file in the "
+                "run directory"
+            )
+        gone = {"risk": "mean", "storage": None}
+        tree = {name: value for name, value in tree.items() if name not in gone or value != gone[name]}
     require_settings(CampaignSettings, tree, source)
     return dict(tree)
 

@@ -330,25 +330,6 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
     assert run_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
 
 
-@pytest.mark.parametrize(
-    "storage",
-    [
-        "nonsense",
-        "sqlite:///missions.db",
-        "redis://h:6379/0",
-        "postgresql+psycopg://nobody@/none?host=/no/dir",
-    ],
-)
-def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
-    with pytest.raises(UserError, match=r"give postgresql\+psycopg|cannot open storage"):
-        begin_campaign(tmp_path / "run", settings(storage=storage))
-    assert not (tmp_path / "run").exists()  # nothing is left behind
-    (tmp_path / "mine").mkdir()
-    with pytest.raises(UserError):
-        begin_campaign(tmp_path / "mine", settings(storage=storage))
-    assert (tmp_path / "mine").is_dir()  # an empty directory of the user's own stays
-
-
 def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -> None:
     """An upgraded surrogate may prefer another configuration; an evaluation under way must not change its mind."""
     campaign = run(tmp_path / "run", budget=6)

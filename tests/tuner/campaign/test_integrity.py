@@ -19,7 +19,6 @@ from tuner.campaign import reproducibility_check
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
-from tuner.campaign.storage import PASSWORD_VARIABLE, open_storage
 from tuner.missions.job import MissionJob, load_trial
 
 FIDELITY = fake_campaigns.FIDELITY
@@ -182,33 +181,3 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
     else:
         campaign = begin_campaign(directory, asked)
     assert run_campaign(campaign, InProcessExecutor()).status.complete == 2
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "redis://:s3cret@h/0",
-        "postgresql://u:s3cret@h/d",
-        "postgresql+psycopg://u:0/s3cret?#@h/d",
-        "mysql://h/d?password=s3cret",
-    ],
-)
-def test_a_password_in_a_storage_url_is_refused_unseen(url):
-    with pytest.raises(UserError, match=PASSWORD_VARIABLE) as caught:
-        fake_campaigns.settings(storage=url)
-    assert "s3cret" not in str(caught.value)
-
-
-def test_a_password_of_the_environment_is_used_and_not_shown(monkeypatch):
-    given = []
-
-    def refuse(url):
-        given.append(url)
-        raise RuntimeError(f"cannot connect to {url} with s3/cret")
-
-    monkeypatch.setenv(PASSWORD_VARIABLE, "s3/cret")
-    monkeypatch.setattr("optuna.storages.RDBStorage", refuse)
-    with pytest.raises(UserError) as caught:
-        open_storage("postgresql+psycopg://u@h/d", Path())
-    assert given == ["postgresql+psycopg://u:s3%2Fcret@h/d"]
-    assert "cret" not in str(caught.value) and caught.value.__cause__ is None
