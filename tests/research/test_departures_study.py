@@ -55,14 +55,14 @@ def test_alone_each_changes_what_the_public_code_changes():
 
 def test_every_distinct_mission_is_flown_once(evaluated):
     s = settings()
-    runs = list(evaluated.glob("evaluation/missions/*/*/flown.txt"))
+    runs = list(evaluated.glob("evaluation/missions/*/*/run.txt"))
     names = {path.parent.parent.name for path in runs}
     assert len(runs) == s.plan().missions == len(names) * len(ROCKS) * 2
     # Read from the base's missions, or from another arm's.
     assert "whole-surface" not in names
     assert {"base-hyb-h", "base-hyb-o", "alphas", "frustum-oracle", "paper-code"} < names
     run_jobs(s, evaluated, InProcessExecutor())
-    assert all(path.read_text() == "flown\n" for path in runs)
+    assert all(path.read_text() == "run\n" for path in runs)
 
 
 def test_a_known_effect_is_found_on_common_slots(findings):

@@ -132,7 +132,7 @@ def test_every_world_is_flown_once_and_goes_on(flown, settings):
     distinct = len({config.digest() for config in settings.configurations.values()})
     assert found.missions == found.expected == settings.missions == 2 * distinct * 2 * 2
     assert fly(settings, flown, InProcessExecutor())
-    assert all(path.read_text() == "flown\n" for path in flown.rglob("flown.txt"))
+    assert all(path.read_text() == "run\n" for path in flown.rglob("run.txt"))
     tuned = found.worlds[0].configuration("tuned")
     hyb_h = found.worlds[0].configuration("hyb-h")
     assert tuned.difference.interval.mean == pytest.approx(tuned.mean.mean - hyb_h.mean.mean)

@@ -46,8 +46,8 @@ def rock_shift(rock: str) -> tuple[float, float]:
 def note_flight(directory: Path | None) -> None:
     """One line per flight: shows repeats."""
     if directory is not None:
-        with (directory / "flown.txt").open("a") as file:
-            file.write("flown\n")
+        with (directory / "run.txt").open("a") as file:
+            file.write("run\n")
 
 
 def well_flown(

@@ -185,7 +185,7 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cuda", "asked", "run"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
+    ("cuda", "asked", "evaluated"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
 )
 def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, evaluated):
     monkeypatch.setattr("nbv.dense.reconstruct.patchmatch_runs", lambda: cuda)
