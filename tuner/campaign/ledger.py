@@ -179,9 +179,7 @@ class Ledger:
             state=TrialState.RUNNING, params=params, distributions=self._distributions, user_attrs=entry
         )
 
-        entered = self._trial(
-            self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial))
-        )
+        entered = self._trial(self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial)))
         if entered.number != number or (entered.instance, entered.replicate) != (instance, replicate):
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return entered
