@@ -113,8 +113,10 @@ def gate_result(campaign: Campaign) -> GateResult | None:
     )
     for held_out, name in ((True, HELD_OUT), (False, TRAINING)):
         found = [_block(path.parent, held_out) for path in _plans(campaign, name, tuned)]
-        if found:  # the one with the most rocks stands for all
-            sources.append(max(found, key=lambda pair: (len(pair[0].rocks), pair[0].replicates)))
+        if found:  # the complete one with the most rocks stands for all
+            sources.append(
+                max(found, key=lambda pair: (pair[0].complete, len(pair[0].rocks), pair[0].replicates))
+            )
             blocks.append(sources[-1][0])
     if not blocks:
         return None
@@ -205,6 +207,10 @@ def _what_earned_it(block: ResultBlock, records: list[Trial], best: Recommendati
     """Return the gain step by step, and which of the paper's two suspects it is: thresholds, or weights shared by the scorers."""
     names = [row.strategy for row in block.rows]
     steps = measured_steps(records, names, "hyb-h", _ROWS["F 48"], best.changed)
+    if missing := [label(step.strategy) for step in steps if step.difference is None]:
+        return [
+            f"What earned it is not known yet: {' and '.join(missing)} did not run on these rocks to the end."
+        ]
     parts = [f"{step.what} {_interval(step.difference)}" for step in steps]
     said = [f"What earned it, one step after the other: {'; '.join(parts)}."]
     groups = grouped(best.changed)

@@ -110,6 +110,18 @@ def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
     assert gate_result(Campaign.open(run, read_only=True)) == kept
 
 
+def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
+    """An evaluation that ended early has no verdict on the paper's two suspects, and gives way to a complete one."""
+    run = tmp_path / "gate"
+    shutil.copytree(ended[0] / "runs/gate", run)
+    for arm in ("hyb-h-tuned-pool", "tuned-paper-thresholds"):
+        shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
+    said = " ".join(gate_result(Campaign.open(run, read_only=True)).sentences)
+    assert "What earned it is not known yet" in said and "is shown to be one" not in said and "–" not in said
+    shutil.copytree(ended[0] / "runs/gate/evaluation", run / "evaluation-2")
+    assert gate_result(Campaign.open(run, read_only=True)).blocks[0].directory == "evaluation-2"
+
+
 def test_a_later_evaluation_rewrites_the_page(ended, tmp_path):
     run = tmp_path / "gate"
     shutil.copytree(ended[0] / "runs/gate", run)
