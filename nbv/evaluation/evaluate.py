@@ -53,22 +53,6 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
 
     Where telemetry errs the metrics also hold ``registered``: the same scores of the cloud after the similarity that
     fits it best to the true surface (`nbv.evaluation.registration`), and that similarity in numbers.
-
-    Parameters
-    ----------
-    cloud
-        (N, 3) points in the world frame.
-    rock
-        The truth.
-    config
-        How to clean and to measure.
-    store
-        Where ground truth and floors are kept; nowhere where left out.
-
-    Raises
-    ------
-    MissionFailure
-        Nothing is left after cleaning.
     """
     cleaned, report = clean_for_evaluation(cloud, config)
     truth = ground_truth(rock, config, store)

@@ -34,15 +34,6 @@ def rock_floors(
     cut away with the ground, and gaps of about a voxel; of ``cloud_to_gt``, what averaging in voxels moves off
     a curved surface. A real reconstruction needs more than two views of a place, so the floor is a lower
     bound, not a promise. Empty dictionaries if nothing at all is observable above the ground cut.
-
-    Parameters
-    ----------
-    rock, truth
-        The rock, and its samples from `nbv.evaluation.ground_truth`.
-    config
-        Voxels of the fusion, and how much cleaning takes for ground.
-    store
-        Where floors are kept; nowhere where left out.
     """
 
     def make() -> dict[str, dict[str, float]]:

@@ -41,8 +41,6 @@ def compute_metrics(
     ----------
     cloud
         (N, 3) points in the world frame.
-    truth
-        Samples of the whole surface and the observable mask.
     target_m
         Axis of the azimuth sectors (x and y are used).
     to_surface_m

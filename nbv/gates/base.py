@@ -53,8 +53,6 @@ class Gate(ABC):
     ----------
     config
         What the vehicle believes; the gate's own settings are in its ``gate``.
-    rock_sha256, replicate
-        Key of a gate's random stream.
     oracle
         The ground truth, for a gate that says ``sees_ground_truth``, and for no other.
     """
@@ -118,11 +116,6 @@ def make_gate(
     config: MissionConfig, rock_sha256: str = "", replicate: int = 0, oracle: Oracle | None = None
 ) -> Gate:
     """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
-
-    Parameters
-    ----------
-    config, rock_sha256, replicate, oracle
-        As in `Gate`.
 
     Raises
     ------

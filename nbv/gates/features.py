@@ -34,13 +34,7 @@ FEATURE_NAMES = (
 
 
 def gate_features(state: PlanningState, config: MissionConfig) -> dict[str, float]:
-    """The features of one state, by `FEATURE_NAMES`.
-
-    Raises
-    ------
-    MissionFailure
-        ``no_points_in_box``: the model has no tracked point near the target.
-    """
+    """The features of one state, by `FEATURE_NAMES`."""
     box = box_points(state.model, config)
     if len(box.points_m) == 0:
         raise MissionFailure(

@@ -171,17 +171,6 @@ def oracle_rewards(
     """The gain of each ranking's top candidate, by scorer name: for oracle gates and off-policy logs.
 
     Reads the ground truth; never feed the result to a deployable gate.
-
-    Parameters
-    ----------
-    oracle
-        The truth.
-    state
-        Before the next view.
-    pool
-        What may be flown next.
-    rankings
-        Of that pool, by scorer.
     """
     coverage = oracle.coverage(state)
     return {name: oracle.gain(pool.positions_m[r.top], coverage) for name, r in rankings.items()}

@@ -68,5 +68,5 @@ class GeometricFidelity(Fidelity):
         run.write_json("metrics.json", {"metrics": metrics})
 
 
-# Fly one mission without images and predict its completeness: a `nbv.mission.MissionFunction`.
+# Run one mission without images and predict its completeness: a `nbv.mission.MissionFunction`.
 run_geometric_mission = GeometricFidelity.run

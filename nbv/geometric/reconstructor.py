@@ -46,14 +46,8 @@ class GeometricReconstructor(Reconstructor):
 
     Parameters
     ----------
-    world
-        Landmarks and surface samples of the rock, and what each viewpoint sees of them.
-    config
-        The mission's configuration.
     aim_m
         (3,) what photographs are aimed at.
-    rock_sha256, replicate
-        Key of all random draws.
     """
 
     def __init__(

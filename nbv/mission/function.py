@@ -1,4 +1,4 @@
-"""Functions that fly whole missions: the signature that all fidelities share, photogrammetric, geometric and others."""
+"""Functions that run whole missions: the signature that all fidelities share, photogrammetric, geometric and others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def no_log(event: str, facts: dict[str, Any]) -> None:
 
 
 class MissionFunction(Protocol):
-    """A function that flies one mission and measures it; it may take further options.
+    """A function that runs one mission and measures it; it may take further options.
 
     The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these.
     """
@@ -26,7 +26,7 @@ class MissionFunction(Protocol):
     def __call__(
         self, config: MissionConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep
     ) -> MissionResult:
-        """Fly, and return what became of it.
+        """Run the mission and return its outcome.
 
         Parameters
         ----------

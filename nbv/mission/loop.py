@@ -25,12 +25,8 @@ class AdaptiveMission:
     ----------
     config
         What the vehicle believes.
-    flight, camera, reconstructor, gate
-        The parts of the mission.
     recorder
         It sees every step and changes none.
-    viewpoints
-        Where photographs may be taken.
     """
 
     def __init__(

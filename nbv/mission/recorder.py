@@ -28,14 +28,10 @@ class Recorder:
         What the vehicle plans by.
     flight
         The mission's own, for the length of each leg.
-    stopwatch
-        It counts the stages' seconds.
     run
         Where photographs, planning states and the trace are written as they come; ``None`` writes nothing.
     oracle
         Simulation only: what it would have thought of both scorers' choices is recorded with every decision.
-    log
-        Called with every event.
     """
 
     def __init__(

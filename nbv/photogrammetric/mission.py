@@ -79,5 +79,5 @@ class PhotogrammetricFidelity(Fidelity):
             return make_renderer(scene, config.scene.backend)
 
 
-# Fly one complete mission with photographs and measure its cloud: a `nbv.mission.MissionFunction`.
+# Run one complete mission with photographs and measure its cloud: a `nbv.mission.MissionFunction`.
 run_photogrammetric_mission = PhotogrammetricFidelity.run

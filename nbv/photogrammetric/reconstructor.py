@@ -43,8 +43,6 @@ class PhotogrammetricReconstructor(Reconstructor):
 
     Parameters
     ----------
-    config
-        What the vehicle believes.
     store
         Where features, pairs and models are kept, and which clouds there are.
     keep_sparse
@@ -52,8 +50,6 @@ class PhotogrammetricReconstructor(Reconstructor):
         known, with all features and matches, since fusion decides how much memory a mission takes.
     half_extents_m
         Of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by default the crop.
-    stopwatch
-        Counts the seconds of the sparse stages.
     """
 
     def __init__(

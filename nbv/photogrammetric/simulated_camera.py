@@ -25,12 +25,6 @@ class SimulatedCamera(Camera):
 
     Parameters
     ----------
-    make_renderer
-        Makes the renderer for a pinhole camera; called when the first photograph needs it.
-    rock
-        What is photographed, and key of all random draws.
-    replicate
-        Which draw of telemetry errors and sensor noise.
     config
         As the vehicle believes it: the gimbal aims at its target.
     store

@@ -67,23 +67,7 @@ def build_scene(
     store: Store | None = None,
     surroundings: Surroundings | None = None,
 ) -> Scene:
-    """Bake the light on a rock, its ground and its surroundings, or read it from ``store``.
-
-    Parameters
-    ----------
-    rock
-        What is photographed.
-    config
-        Sun, sky and ground.
-    camera
-        What photographs it.
-    ground
-        Size of the ground's textures.
-    store
-        Where baked light is kept; nowhere where left out.
-    surroundings
-        Relief and neighbouring rocks.
-    """
+    """Bake the light on a rock, its ground and its surroundings, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
     solid = _Solid.of(rock, surroundings)
@@ -218,12 +202,8 @@ def vertex_radiance(
         (V, 3) linear.
     vertices, faces
         (V, 3) in metres and (F, 3).
-    config
-        Strength of sun and sky.
     to_sun
         (3,) unit vector.
-    caster
-        What casts shadows.
     """
     normals = vertex_normals(vertices.astype(np.float64), faces.astype(np.int64))
     cosine = np.maximum(normals @ to_sun, 0)

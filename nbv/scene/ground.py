@@ -65,12 +65,8 @@ def synthesise_ground(
 
     Parameters
     ----------
-    seed
-        Of the whole landscape.
     to_sun
         (3,) unit vector with z > 0.
-    spec
-        Size of the textures.
     relief
         What is modelled of the ground's height; flat where left out.
     """

@@ -97,8 +97,6 @@ def repair(
         (P, C) which points each candidate sees.
     weak
         (P,) weakness of the points (Eq. 6).
-    candidates_m, box, config
-        As in `geometry_gain`.
     """
     gain = geometry_gain(candidates_m, box, config)
     gain *= visible

@@ -112,8 +112,6 @@ def expected_gain_percent(
         (N, 3) sparse points, around which the surface is believed.
     candidate_m, visited_m
         (3,) the view, and (V, 3) the views so far.
-    config
-        As in `views_gained`.
     """
     surface = proxy_surface(points_m, config)
     gained, _ = views_gained(surface, candidate_m.reshape(1, 3), visited_m, config)
@@ -123,18 +121,9 @@ def expected_gain_percent(
 def views_gained(
     surface: ProxySurface, candidates_m: Floats, visited_m: Floats, config: MissionConfig
 ) -> tuple[Floats, int]:
-    """(C,) matchable views that each candidate would add over all samples, and how many are missing.
+    """(C,) matchable views that each candidate (C, 3) would add to those visited (V, 3) over all samples, and how many are missing.
 
     What a sample has is counted in `nbv.geometry.matchability`; it needs ``matchable.views``.
-
-    Parameters
-    ----------
-    surface
-        What is to be seen.
-    candidates_m, visited_m
-        (C, 3) and (V, 3) positions.
-    config
-        Camera, target and the angles that can be matched.
     """
     need = config.matchable.views
     n_visited = len(visited_m)

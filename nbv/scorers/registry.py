@@ -38,11 +38,6 @@ def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionCo
     """Rankings of the same pool by scorer: ``covis``, ``b-aware``, others on demand.
 
     The pool must not be empty; the mission ends before scoring if it is.
-
-    Raises
-    ------
-    MissionFailure
-        ``no_points_in_box``: there is nothing to plan from.
     """
     if len(pool) == 0:
         raise ValueError("rank_candidates: the candidate pool is empty")

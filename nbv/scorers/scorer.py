@@ -129,18 +129,9 @@ def movement(pool: CandidatePool, state: PlanningState, d_travel_m: float) -> Fl
 def angular_penalty(
     candidates_m: Floats, visited_m: Floats, target_m: Floats, theta_min_deg: float
 ) -> Floats:
-    """Eq. 4: (C,) 1 for a viewing direction already visited, falling to 0 at ``theta_min_deg``.
+    """Eq. 4: (C,) 1 for a viewing direction already visited (V, 3), falling to 0 at ``theta_min_deg``.
 
     A viewing direction is the unit vector from a viewpoint towards the target.
-
-    Parameters
-    ----------
-    candidates_m, visited_m
-        (C, 3) and (V, 3) positions.
-    target_m
-        (3,).
-    theta_min_deg
-        From this angle on there is no penalty.
     """
     if len(visited_m) == 0:
         return np.zeros(len(candidates_m))

@@ -149,15 +149,6 @@ def turned_by_attitude(
 
     Least squares in the chordal metric, ``|R - R_i|^2 = 2 angle^2``: orthogonal Procrustes on the weighted sum of both
     kinds of residuals, at the scale of ``world_from_model``; then scale and translation for that rotation.
-
-    Parameters
-    ----------
-    world_from_model
-        The similarity that fits the centres alone.
-    camera_from_model, camera_from_world
-        (M, 4, 4) poses in the model, and as telemetry reports them.
-    telemetry
-        Its variances are the weights.
     """
     source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
     x, y = source - source.mean(0), target - target.mean(0)

@@ -31,10 +31,6 @@ def database_cache(
         Of the images; their ids count from 1 in this order.
     keypoints_px
         (K, 2) of each image.
-    cameras
-        By id.
-    camera_ids
-        Of each image.
     pairs
         By image ids, the smaller first.
     """

@@ -60,17 +60,7 @@ def sift(
     *,
     upright: bool = False,
 ) -> Features:
-    """As `extract_features`.
-
-    Parameters
-    ----------
-    image
-        (H, W, 3) or (H, W).
-    max_features, first_octave, peak_threshold
-        SIFT's limits, as in `SparseConfig`.
-    upright
-        No orientation is sought.
-    """
+    """SIFT features of an image (H, W, 3) or (H, W); ``upright``: no orientation is sought. Limits are `SparseConfig`'s."""
     bitmap = pycolmap.Bitmap.from_array(np.ascontiguousarray(image))
     if not bitmap.is_grey:
         bitmap = bitmap.clone_as_grey()

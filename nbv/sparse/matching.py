@@ -77,8 +77,6 @@ def match_pair(
 
     Parameters
     ----------
-    a, b
-        (Ka, 128) and (Kb, 128) descriptors.
     max_ratio
         Largest ratio of the nearest to the second-nearest distance.
     max_distance_rad
@@ -109,17 +107,6 @@ def verify_pair(
     """Keep the matches (M, 2) that fit one two-view geometry with known intrinsics (COLMAP's RANSAC).
 
     The random seed is fixed, so the result is a function of the arguments alone.
-
-    Parameters
-    ----------
-    a, b
-        Features of the two photographs.
-    matches
-        (M, 2) indices of keypoints in ``a`` and in ``b``.
-    camera
-        Known intrinsics of both.
-    config
-        Its ``min_inliers`` and ``min_ransac_trials``.
     """
     colmap = colmap_camera(camera)
     estimate = pycolmap.estimate_calibrated_two_view_geometry
@@ -138,10 +125,6 @@ def matches_of_one_motion(
 
     Parameters
     ----------
-    a, b, matches, config
-        As in `verify_pair`.
-    cameras
-        Of the two photographs.
     estimate
         ``pycolmap.estimate_calibrated_two_view_geometry`` where the cameras are known, else
         ``pycolmap.estimate_two_view_geometry``.

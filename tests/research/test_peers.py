@@ -72,7 +72,7 @@ def test_the_peer_chooses_the_rock_and_hears_each_mission_once() -> None:
         proposal = sampler.ask(history, [])
         assert told(proposal.values) == expected
         assert (proposal.rock, proposal.replicate) == ("r3", 7)
-        assert proposal.why["phase"] == "model" and proposal.why["peer_cpu_s"] >= 0
+        assert proposal.metadata["phase"] == "model" and proposal.metadata["peer_cpu_s"] >= 0
         history.append(synthetic.observe(len(history), proposal.values, "r3", 0.05, np.random.default_rng(0)))
 
 
@@ -93,7 +93,7 @@ def test_another_past_is_not_mixed_with_the_one_told_before() -> None:
     sampler.ask(synthetic.random_design(9, 0.05, 0), [])
     assert told(sampler.ask(synthetic.random_design(5, 0.05, 1), []).values) == 5
     failed = [Observation(i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(6)]
-    assert sampler.ask(failed, []).why["phase"] == "initial design"  # nothing to learn from
+    assert sampler.ask(failed, []).metadata["phase"] == "initial design"  # nothing to learn from
 
 
 def test_a_peer_that_was_killed_is_started_again() -> None:
@@ -182,7 +182,7 @@ def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
     units = [MIXED.to_unit(p.values) for p in proposals]
     for proposal in proposals:
         assert all(p.contains(proposal.values[p.path]) for p in MIXED.parameters)
-        assert proposal.why["phase"] == "model"
+        assert proposal.metadata["phase"] == "model"
         assert proposal.rock in (None, "r0", "r1") and proposal.replicate in (None, 0, 1)
     np.testing.assert_allclose(units[0], units[1], atol=1e-6)  # the same history, told to two samplers
 

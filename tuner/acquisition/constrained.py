@@ -37,7 +37,7 @@ Outcome = InstanceMeanGP | DeterministicOutcome
 def two_models(
     space: SearchSpace,
     observations: Sequence[Observation],
-    places: Sequence[InstanceLike],
+    instances: Sequence[InstanceLike],
     settings: SurrogateSettings | None = None,
     exact: DeterministicMetrics | None = None,
 ) -> tuple[Outcome, Outcome]:
@@ -45,29 +45,16 @@ def two_models(
 
     An objective that the configuration decides is computed, but one of the two is always a surrogate: where both are decided,
     the second one. ``ValueError`` means that there are no such missions.
-
-    Parameters
-    ----------
-    space
-        The search space.
-    observations
-        Finished missions.
-    places
-        The training instances.
-    settings
-        What the surrogates are made of; None: by the search space.
-    exact
-        What of the objectives the configuration decides.
     """
     both = [o for o in observations if o.outcome is None or o.second is not None]
     exact = exact or DeterministicMetrics()
     if exact.first is not None:
-        second = InstanceMeanGP(space, modelled(both), places, settings)
+        second = InstanceMeanGP(space, modelled(both), instances, settings)
         return DeterministicOutcome(space, exact.first), second
-    first = InstanceMeanGP(space, both, places, settings)
+    first = InstanceMeanGP(space, both, instances, settings)
     if exact.second is not None:
         return first, DeterministicOutcome(space, exact.second)
-    return first, InstanceMeanGP(space, modelled(both), places, settings)
+    return first, InstanceMeanGP(space, modelled(both), instances, settings)
 
 
 @dataclass(frozen=True)
@@ -166,17 +153,6 @@ def propose_constrained(
     The improvement counts by the probability of keeping the limit (Gardner et al., ICML 2014, in BoTorch's logarithmic
     form); before anything keeps it, the search is for what does. What the configuration decides is computed: an exact
     objective at every point, and what breaks an exact limit is never proposed.
-
-    Parameters
-    ----------
-    first
-        The model of the first objective, or its known cost.
-    constraint
-        The limit of the second one.
-    pending
-        The configurations in flight.
-    seed
-        The seed of samples and starting points.
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
     running = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None

@@ -40,12 +40,6 @@ def draw(
     ----------
     models
         A surrogate of the objective, or of each of two, or a known cost; one is a surrogate.
-    constraint
-        The limit of the second objective, where there are two.
-    count
-        How many configurations.
-    seed
-        The seed of points and draws.
     """
     model = surrogate_of(models)
     with numerics(), torch.no_grad():

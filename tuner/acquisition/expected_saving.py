@@ -79,7 +79,7 @@ class LogExpectedSaving(AcquisitionFunction):
         if self._recent is not None:
             points = torch.cat([X, self._recent.expand(len(X), *self._recent.shape)], dim=1)
         q = points.shape[1]
-        means, covariance = self._gp.mean_over_worlds(points)
+        means, covariance = self._gp.mean_over_instances(points)
         mean, variance = means[:, 0], covariance[:, 0, 0]
         if q > 1:
             across = covariance[:, 1:, :1]

@@ -79,12 +79,6 @@ def maximise(
 
     Parameters
     ----------
-    model
-        The surrogate, for its space and what has run.
-    acquisition
-        The function to maximise.
-    seed
-        The seed of the starting points.
     near
         (n, d) positions around which to start, too; None: those run with the best posterior means.
     allowed
@@ -128,20 +122,9 @@ def maximise(
 def only_allowed(
     model: InstanceMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int
 ) -> Floats:
-    """Return those of the points that are allowed.
+    """Return those of the (n, d) unit positions that are ``allowed``.
 
     More points are looked at where hardly any is allowed, and all are returned where none is.
-
-    Parameters
-    ----------
-    model
-        The surrogate, for its space.
-    points
-        (n, d) unit positions.
-    allowed
-        Says of (n, d) positions which may be proposed.
-    seed
-        The seed of further points.
     """
     found = points[allowed(points)]
     if len(found) < FEW:
@@ -191,14 +174,6 @@ def starting_points(
 
     Parameters
     ----------
-    model
-        The surrogate, for its space and what has run.
-    seed
-        The seed of the points.
-    everywhere_count
-        How many global points.
-    count
-        How many local ones.
     near_to
         (m, d) positions around which local points lie; None: those run with the best posterior means.
     """

@@ -166,7 +166,7 @@ class Ledger:
             "condition": instance.condition,
             "replicate": replicate,
             "config_digest": config_digest,
-            "why": proposal.why,
+            "why": proposal.metadata,
             "code": code,
         }
         entry = json.loads(json.dumps(entry))  # as every storage gives it back

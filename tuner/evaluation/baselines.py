@@ -144,13 +144,7 @@ COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "hyb-o")
 
 
 def baseline(name: str) -> Baseline:
-    """The baseline called ``name``.
-
-    Raises
-    ------
-    UserError
-        There is none.
-    """
+    """The baseline called ``name``; `UserError` where there is none."""
     if name not in BASELINES:
         close = difflib.get_close_matches(name, BASELINES, n=1)
         hint = f"did you mean {close[0]}? " if close else ""

@@ -28,15 +28,7 @@ class GroupGain:
 
 
 def believed_gains(model: InstanceMeanGP, best: Recommendation) -> list[GroupGain]:
-    """Return what the model believes of every group of changes of the recommendation, alone and left out.
-
-    Parameters
-    ----------
-    model
-        The surrogate behind ``best``, larger is better.
-    best
-        A recommendation that changes something.
-    """
+    """Return what the model believes of every group of changes of the recommendation, alone and left out."""
     default, groups = best.default_values, grouped(best.changed)
     configurations: list[Values] = [default]
     for paths in groups.values():
@@ -71,19 +63,7 @@ def measured_steps(
     row: MetricRow,
     changed: Sequence[str],
 ) -> list[Step]:
-    """Return the gain over ``reference`` step by step: pool (with seeds and stop), weights, thresholds, as far as each was run.
-
-    Parameters
-    ----------
-    records, strategies
-        Of an evaluation.
-    reference
-        Hyb-H at the tuned number of photographs.
-    row
-        The metric.
-    changed
-        The parameters that the recommendation changes.
-    """
+    """Return the gain over ``reference`` step by step: pool (with seeds and stop), weights, thresholds, as far as each was run."""
     groups = grouped(changed)
     elsewhere = [name for name in groups if name not in CHOICE]
     weights = [name for name in groups if name in CHOICE and name != THRESHOLDS]

@@ -225,11 +225,6 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
 
     They show what was tuned for, at little cost: seeds, default and recommendation are known. `confirmation` has fresh
     replicates, and the controls are compared on the held-out rocks, where a gain counts.
-
-    Raises
-    ------
-    UserError
-        No mission has succeeded.
     """
     s, found = source.settings, source.recommended()
     strategies, notes = _against(source, found, COMPARISON, s.conditions, s.rocks)

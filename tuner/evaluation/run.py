@@ -89,11 +89,11 @@ def place_for(plan: EvaluationPlan, usual: Path) -> Path:
 
     A campaign goes on and recommends something else, other rocks are asked for: what was run before stays.
     """
-    place, number = usual, 1
-    while _holds_another(plan, place):
+    directory, number = usual, 1
+    while _holds_another(plan, directory):
         number += 1
-        place = usual.with_name(f"{usual.name}-{number}")
-    return place
+        directory = usual.with_name(f"{usual.name}-{number}")
+    return directory
 
 
 def _holds_another(plan: EvaluationPlan, directory: Path) -> bool:

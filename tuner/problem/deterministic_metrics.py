@@ -86,14 +86,10 @@ def deterministic_metric(
 
     Parameters
     ----------
-    space
-        The search space.
     config
         Makes the complete configuration of tuned values.
     default
         The default values; what is not tuned is read from their configuration.
-    objective
-        The metric and its direction.
     """
     base = config(default)
     if not isinstance(base, MissionConfig):

@@ -1,7 +1,7 @@
 """Where a mission is run: a rock under a condition.
 
-A place may be a family of rocks: ``any-cleft`` is another cleft with every replicate. A replicate of such a place is a rock, so
-what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has run is the mean
+The rock may be a family of rocks: ``any-cleft`` is another cleft with every replicate. A replicate of such an instance is a
+rock, so what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has run is the mean
 over the family.
 """
 
@@ -37,9 +37,9 @@ class Instance(NamedTuple):
 InstanceLike = Instance | str  # a rock's name alone: that rock under ``ideal``
 
 
-def instances_of(places: Iterable[InstanceLike]) -> tuple[Instance, ...]:
-    """Return ``places`` as instances; a rock's name alone means that rock under ``ideal``."""
-    return tuple(Instance(place) if isinstance(place, str) else place for place in places)
+def instances_of(given: Iterable[InstanceLike]) -> tuple[Instance, ...]:
+    """Return them as instances; a rock's name alone means that rock under ``ideal``."""
+    return tuple(Instance(one) if isinstance(one, str) else one for one in given)
 
 
 def instances_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[Instance, ...]:
@@ -62,22 +62,20 @@ def rocks_of(instances: Iterable[Instance]) -> tuple[str, ...]:
 
 
 def family_of(rock: str) -> str | None:
-    """Return the family of a place such as ``any-cleft``; None for a rock."""
+    """Return the family that a name such as ``any-cleft`` stands for; None for a rock."""
     prefix, _, family = rock.partition("-")
     return family if prefix == ANY and family in FAMILIES else None
 
 
 def with_families(rocks: Iterable[str]) -> list[str]:
-    """Return ``rocks`` with ``any`` as one place of every family.
+    """Return ``rocks`` with ``any`` as one name for every family.
 
     Raises
     ------
     UserError
         There is no such family, or some are rocks and some are families.
     """
-    found = [
-        place for rock in rocks for place in ([f"{ANY}-{f}" for f in FAMILIES] if rock == ANY else [rock])
-    ]
+    found = [name for rock in rocks for name in ([f"{ANY}-{f}" for f in FAMILIES] if rock == ANY else [rock])]
     for rock in found:
         if rock.startswith(f"{ANY}-") and not family_of(rock):
             raise UserError(
@@ -102,12 +100,12 @@ def require_rocks(rocks: Sequence[str]) -> None:
 
 
 def are_drawn(rocks: Sequence[str]) -> bool:
-    """Return whether the places are families."""
+    """Return whether the names are of families."""
     return any(family_of(rock) for rock in rocks)
 
 
 def training_rock(rock: str, replicate: int, seed: int) -> str:
-    """Return the rock of a place's replicate in a campaign of that seed, such as ``cleft-4711``; a rock is itself."""
+    """Return the rock that a replicate of a family is in a campaign of that seed, such as ``cleft-4711``; a rock is itself."""
     family = family_of(rock)
     return rock if family is None else f"{family}-{(seed * 1009 + replicate) % VALIDATION_FROM}"
 

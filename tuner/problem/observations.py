@@ -58,7 +58,7 @@ class Proposal:
     """What to run next; the campaign's schedule decides ``rock``, ``condition`` and ``replicate`` where they are None."""
 
     values: dict[str, Any]
-    why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
+    metadata: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
     rock: str | None = None
     replicate: int | None = None
     condition: str = IDEAL  # of ``rock``
@@ -95,22 +95,11 @@ def next_block(
 
     The instance visited least (ties: list order), so instances are taken in turn; in it the replicate used least among
     those this configuration has not run there. A configuration that has run them all gets a fresh number.
-
-    Parameters
-    ----------
-    instances
-        The training instances.
-    replicates
-        Replicates per instance.
-    missions
-        All missions so far, those in flight included.
-    proposal
-        The mission to place.
     """
     if proposal.instance is not None and proposal.replicate is not None:
         return proposal.instance, proposal.replicate
     visits = collections.Counter(t.instance for t in missions)
-    instance = proposal.instance or min(instances_of(instances), key=lambda place: visits[place])
+    instance = proposal.instance or min(instances_of(instances), key=lambda own: visits[own])
     if proposal.replicate is not None:
         return instance, proposal.replicate
     here = [t for t in missions if t.instance == instance]

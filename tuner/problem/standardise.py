@@ -47,10 +47,6 @@ class RockStandardiser:
 
         Parameters
         ----------
-        rocks
-            (n,) rock names.
-        outcomes
-            (n,) outcomes, larger is better.
         shrink_centres
             Without it each rock is centred on its own mean: for a model that infers what is left of the rock effect by itself.
         blocks
@@ -111,13 +107,6 @@ def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -
     The middle half of the deviations from the groups' medians is believed, and step by step the next one on either side, where
     its distance is at most `FAR` ranges of what is believed already. Where more lie beyond than one in `FEW`, they are believed
     on the good side, and on the bad one up to a distance that grows with the square of their number.
-
-    Parameters
-    ----------
-    groups
-        (n,) places whose outcomes have a level of their own.
-    outcomes
-        (n,) outcomes, larger is better.
     """
     y = np.asarray(outcomes, dtype=float)
     if len(y) == 0:

@@ -310,12 +310,8 @@ def fewest_changes(
 
     Parameters
     ----------
-    configurations
-        All configurations run.
     among
         Indices of those that may be taken; not empty. The default is taken only where it is among them.
-    default
-        The default values.
     belief
         The joint posterior of ``configurations``, in their order, and of the default behind them.
     noise_sd

@@ -33,12 +33,6 @@ def limit_of(
 
     Parameters
     ----------
-    data, goal
-        What the recommendation was made from.
-    values
-        The recommended configuration.
-    missions
-        Those that ran it.
     kept
         Whether any configuration run can be taken to keep the limit.
     no_worse

@@ -93,8 +93,8 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
     if number < settings.defaults:
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
     point = number - settings.defaults
-    why = {"sampler": sampler, "phase": "initial design", "point": point}
-    return Proposal(sobol_point(settings.space, settings.seed, point), why)
+    metadata = {"sampler": sampler, "phase": "initial design", "point": point}
+    return Proposal(sobol_point(settings.space, settings.seed, point), metadata)
 
 
 def in_flight(
@@ -103,17 +103,7 @@ def in_flight(
     running: Sequence[Observation],
     proposal: Proposal,
 ) -> Observation:
-    """Return a proposal as a pending mission, for the proposal after it.
-
-    Parameters
-    ----------
-    settings
-        The sampler's settings, for the training instances.
-    history, running
-        Finished missions, and those in flight before this one.
-    proposal
-        The mission that joins them.
-    """
+    """Return a proposal as a pending mission, for the proposal after it."""
     number = missions_asked(history, running)
     instance, replicate = next_block(settings.instances, settings.replicates, [*history, *running], proposal)
     return Observation(number, proposal.values, instance.rock, replicate, condition=instance.condition)
@@ -126,19 +116,7 @@ def ask_many(
     pending: Sequence[Observation],
     count: int,
 ) -> list[Proposal]:
-    """Return ``count`` proposals, each knowing those before; made at once where the sampler can.
-
-    Parameters
-    ----------
-    sampler
-        Makes the proposals.
-    settings
-        Its settings.
-    history, pending
-        Finished missions, and those in flight.
-    count
-        How many proposals.
-    """
+    """Return ``count`` proposals, each knowing those before; made at once where the sampler can."""
     if (at_once := getattr(sampler, "ask_many", None)) is not None:
         found: list[Proposal] = at_once(history, pending, count)
         return found

@@ -44,9 +44,11 @@ class BesideDefault:
                 found = ask_many(self.inner, s, history, running, (left + 1) // 2)
             else:
                 instance, replicate = missing
-                why = {"sampler": self.name, "phase": "beside the default"}
+                metadata = {"sampler": self.name, "phase": "beside the default"}
                 found = [
-                    Proposal(dict(s.default), why, instance.rock, replicate, condition=instance.condition)
+                    Proposal(
+                        dict(s.default), metadata, instance.rock, replicate, condition=instance.condition
+                    )
                 ]
             for proposal in found:
                 running.append(in_flight(s, history, running, proposal))

@@ -31,10 +31,6 @@ def initial_design_size(
 
     Parameters
     ----------
-    dimension
-        Number of parameters.
-    budget
-        Missions in all.
     trusted_default
         Whether the default can be trusted: then d + 2, at most a quarter of the budget, where half of the design stays near
         it, and at most a fifth of the budget where parameters are many.
@@ -74,17 +70,6 @@ def near_default(space: SearchSpace, default: Values, seed: int, index: int) -> 
 
     A default that somebody chose by hand is better than most of the space: where its neighbourhood is better still
     a handful of such points show it, before a space-filling design has found anything as good as the default.
-
-    Parameters
-    ----------
-    space
-        The search space.
-    default
-        The default values.
-    seed
-        The seed of the points.
-    index
-        Which of them.
     """
     rng = np.random.default_rng([seed, index, 77])
     smallest, largest = NEAR_SD

@@ -89,8 +89,8 @@ class GPSampler:
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number, exact.second)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
-                why = {"sampler": self.name, "phase": "exploration"}
-                proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), why)
+                metadata = {"sampler": self.name, "phase": "exploration"}
+                proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and s.at_least is not None:
@@ -112,7 +112,7 @@ class GPSampler:
                 gain = figures.get("expected_gain", math.inf)
                 repeat = self._verified(models, constraint, history, running, gain)
                 proposal = repeat or Proposal(values, {"sampler": self.name, "phase": "model"})
-                proposal = dataclasses.replace(proposal, why={**figures, **proposal.why})
+                proposal = dataclasses.replace(proposal, metadata={**figures, **proposal.metadata})
             proposals.append(proposal)
             running.append(in_flight(s, history, running, proposal))
         return proposals
@@ -165,16 +165,14 @@ class GPSampler:
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
         places = places_for_earlier(s.initial - s.defaults + 1)
         if number in places and s.earlier is not None and s.earlier.usable:
-            place = places.index(number)
-            best = s.earlier.best(place + 1)
-            if len(best) > place:
-                return Proposal(
-                    best[place], {"sampler": self.name, "phase": "earlier missions", "rank": place}
-                )
+            nth = places.index(number)
+            best = s.earlier.best(nth + 1)
+            if len(best) > nth:
+                return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
         if not stays_near_default(s.space.dimension, s.trusted_default):
             return initial_proposal(s, number + s.defaults - 1, self.name)
-        why: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
+        metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
         if number % 2 == 1:
             values = near_default(s.space, s.default, s.seed, number // 2)
-            return Proposal(values, {**why, "near": "default", "point": number // 2})
-        return Proposal(sobol_point(s.space, s.seed, rank), {**why, "point": rank})
+            return Proposal(values, {**metadata, "near": "default", "point": number // 2})
+        return Proposal(sobol_point(s.space, s.seed, rank), {**metadata, "point": rank})

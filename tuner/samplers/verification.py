@@ -54,8 +54,6 @@ def verification(
         What the best mission of the search promises, objective's unit.
     last
         Whether to verify whatever exploring promises.
-    constraint
-        A limit that the favourite has to keep.
     exact
         The objective, where the configuration decides it: run is then what that mission may save most by, where that is
         more than exploring promises.
@@ -84,11 +82,11 @@ def verification(
     missions: list[Observation] = [*history, *pending]
     own = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.instances, replicates, own, missions, values)
-    why = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
+    metadata = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
     if block is None:
         return None
     instance, replicate = block
-    return Proposal(values, why, instance.rock, replicate, condition=instance.condition)
+    return Proposal(values, metadata, instance.rock, replicate, condition=instance.condition)
 
 
 def _worth_confirming(

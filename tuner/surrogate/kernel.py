@@ -34,7 +34,7 @@ LENGTH_MEDIAN, LENGTH_SPREAD = 0.3, 0.8  # over the square root of the number of
 LENGTH_LEAST = 0.7  # of the median: with few parameters there are missions enough to say otherwise
 VARIANCE = (2.0, 1.0)  # of f
 # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
-WORLD_VARIANCE = (1.0, 1.0)
+INSTANCE_VARIANCE = (1.0, 1.0)
 # Wider still: measured blocks differ by anything from nothing to several times what parameters do.
 BLOCK_VARIANCE = (0.3, 1.5)
 OWN_VARIANCE = (0.6, 1.0)
@@ -83,7 +83,7 @@ def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
 def mission_kernel(
     ordered: Sequence[int],
     categorical: Sequence[int],
-    world_column: int,
+    instance_column: int,
     settings: SurrogateSettings,
     tau: float | None = None,
 ) -> Kernel:
@@ -93,7 +93,7 @@ def mission_kernel(
     ----------
     ordered, categorical
         Columns of the ordered parameters and of the choices.
-    world_column
+    instance_column
         The instance's column; the block's is the next one.
     settings
         Which parts there are.
@@ -101,12 +101,12 @@ def mission_kernel(
         Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
     """
     f = _landscape(ordered, categorical, tau)
-    instance = SharedLevel(active_dims=[world_column])
-    kernel = _scaled(f, *VARIANCE) + _scaled(instance, *WORLD_VARIANCE)
+    instance = SharedLevel(active_dims=[instance_column])
+    kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
     if settings.own_landscapes:
         kernel = kernel + _scaled(f * instance, *OWN_VARIANCE)
     if settings.blocks:
-        kernel = kernel + _scaled(SharedLevel(active_dims=[world_column + 1]), *BLOCK_VARIANCE)
+        kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
     if settings.trend and ordered:
         prior, mode = log_normal(*TREND_VARIANCE)
         constraint = _between(1 / _LARGEST, mode)

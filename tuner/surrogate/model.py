@@ -61,11 +61,9 @@ class InstanceMeanGP:
 
     Parameters
     ----------
-    space
-        The search space.
     observations
         Finished missions; failed ones tell the search alone, by `feasibility`. At least one must be feasible.
-    places
+    instances
         The training instances over which the mean is taken; a rock alone is that rock under ``ideal``.
     settings
         What the model is made of; None: by the number of parameters.
@@ -75,7 +73,7 @@ class InstanceMeanGP:
         self,
         space: SearchSpace,
         observations: Sequence[Observation],
-        places: Sequence[InstanceLike],
+        instances: Sequence[InstanceLike],
         settings: SurrogateSettings | None = None,
     ) -> None:
         self.settings = settings or surrogate_settings(space)
@@ -83,7 +81,7 @@ class InstanceMeanGP:
         if not feasible:
             raise ValueError("no feasible observation to learn from")
         self.space = space
-        self.instances = instances_of(places)
+        self.instances = instances_of(instances)
         self.observations = tuple(feasible)
         self.winsorised = outcomes = winsorised(
             [o.instance for o in feasible], [o.outcome or 0.0 for o in feasible]
@@ -98,7 +96,7 @@ class InstanceMeanGP:
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         # (n,), to a hundredth of the least noise: what a number's last digits round to proposes nothing
         self.targets = np.round(self.standardiser.standardise(rocks, outcomes), 4)
-        self._world_index = _levels([*self.instances, *(o.instance for o in feasible)])
+        self._instance_index = _levels([*self.instances, *(o.instance for o in feasible)])
         self._block_index = _levels(evaluated)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array(
@@ -133,31 +131,31 @@ class InstanceMeanGP:
         ]
         return fitted(kernels, x, y)
 
-    def levels(self, place: InstanceLike | None, block: float = NO_OFFSET) -> list[float]:
+    def levels(self, instance: InstanceLike | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's: instance and block.
 
-        ``place`` is a known instance, or None for none: there the offsets are 0, so configurations are compared by their
+        ``instance`` is a known one, or None for none: there the offsets are 0, so configurations are compared by their
         landscape alone.
         """
-        if place is None:
+        if instance is None:
             return [NO_OFFSET, block]
-        (instance,) = instances_of([place])
-        return [self._world_index[instance], block]
+        (known,) = instances_of([instance])
+        return [self._instance_index[known], block]
 
     def inputs(
-        self, unit: Floats, place: InstanceLike | None = None, block: float = NO_OFFSET
+        self, unit: Floats, instance: InstanceLike | None = None, block: float = NO_OFFSET
     ) -> torch.Tensor:
         """Return (m, d + 2) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
-        return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
+        return tensor(np.column_stack([unit, np.tile(self.levels(instance, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
         """Return the joint posterior of the mean over the training instances at the configurations."""
         x = self.inputs(np.array([self.space.to_unit(v) for v in values]))
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
-            mean, covariance = self.mean_over_worlds(x)
+            mean, covariance = self.mean_over_instances(x)
         return Posterior(mean.numpy(), covariance.numpy())
 
-    def mean_over_worlds(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def mean_over_instances(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (..., q) means and (..., q, q) covariance of the mean over the training instances; differentiable.
 
         ``x``: (..., q, d + 2) inputs, whose instance and block are replaced.
@@ -193,14 +191,14 @@ class InstanceMeanGP:
         chosen: Floats = seen[np.sort(np.argsort(-means)[:count])]
         return chosen
 
-    def predict_mission(self, values: Mapping[str, Any], place: InstanceLike) -> tuple[float, float]:
+    def predict_mission(self, values: Mapping[str, Any], instance: InstanceLike) -> tuple[float, float]:
         """Return ``(mean, sd)`` of the outcome of one new mission in a known instance, on a block nobody has run, its noise included."""
-        (instance,) = instances_of([place])
-        x = self.inputs(self.space.to_unit(values)[None], instance, float(len(self._block_index)))
+        (known,) = instances_of([instance])
+        x = self.inputs(self.space.to_unit(values)[None], known, float(len(self._block_index)))
         with torch.no_grad():
             mean, covariance = moments(self.model.posterior(x, observation_noise=True))
-        scale = self.standardiser.scale(instance.rock)
-        return self.standardiser.centre(instance.rock) + scale * float(mean[0]), scale * math.sqrt(
+        scale = self.standardiser.scale(known.rock)
+        return self.standardiser.centre(known.rock) + scale * float(mean[0]), scale * math.sqrt(
             covariance[0, 0]
         )
 
@@ -259,5 +257,5 @@ def blocks_identifiable(blocks: Sequence[tuple[Instance, int]]) -> bool:
     Some instance must have been run with two replicates, and some block twice in an instance that has another one.
     """
     missions = collections.Counter(blocks)
-    per_world = collections.Counter(instance for instance, _ in missions)
-    return any(count > 1 and per_world[instance] > 1 for (instance, _), count in missions.items())
+    replicates_of = collections.Counter(instance for instance, _ in missions)
+    return any(count > 1 and replicates_of[instance] > 1 for (instance, _), count in missions.items())

@@ -48,7 +48,7 @@ def test_one_condition_is_the_model_without_any() -> None:
     assert propose(plain, [], 3) == propose(other, [], 3)
 
 
-def test_the_mean_over_worlds_is_that_of_its_worlds() -> None:
+def test_the_mean_over_instances_is_that_of_its_worlds() -> None:
     model = InstanceMeanGP(synthetic.SPACE, missions(36, 1), WORLDS)
     values = synthetic.SPACE.from_unit([0.8, 0.4])
     by_world = [model.predict_mission(values, instance)[0] for instance in WORLDS]
