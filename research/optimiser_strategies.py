@@ -117,7 +117,7 @@ class OneRock:
     def ask(self) -> Request:
         """The sampler's proposal."""
         p = self.sampler.ask(self.history, [])
-        return Request(p.values, p.rock, p.replicate, p.why)
+        return Request(p.values, p.rock, p.replicate, p.metadata)
 
     def tell(self, observation: Observation) -> None:
         """Into the history."""
@@ -160,7 +160,7 @@ class OurDesign(OneRock):
             return Request(self._design.ask(self.history, []).values)
         mine = [dataclasses.replace(o, number=o.number + len(self._before)) for o in self.history]
         p = self.sampler.ask([*self._before, *mine], [])
-        return Request(p.values, why=p.why)
+        return Request(p.values, why=p.metadata)
 
 
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
@@ -225,7 +225,7 @@ class AllRocks:
         """The configuration at hand on its next rock."""
         if self._now is None:
             p = self.sampler.ask(self.means, [])
-            self._now = Request(p.values, why=p.why)
+            self._now = Request(p.values, why=p.metadata)
         replicate = len(self.means) % self.problem.replicates
         rock = self.problem.rocks[len(self._outcomes)]
         return Request(self._now.values, rock, replicate, self._now.why)

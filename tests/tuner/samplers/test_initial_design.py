@@ -64,12 +64,22 @@ def test_every_second_point_of_a_trusted_design_is_near() -> None:
         proposals.append(sampler.ask(history, []))
         history.append(Observation(number, proposals[-1].values, "r0", 0, 0.1 * number, 0.1 * number))
     assert proposals[0].values == synthetic.DEFAULT
-    assert ["near" in p.why for p in proposals] == [False, True, False, True, False, True, False, True, False]
+    assert ["near" in p.metadata for p in proposals] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+        True,
+        False,
+        True,
+        False,
+    ]
     sobol = [sobol_point(synthetic.SPACE, 0, i) for i in range(4)]
     assert [p.values for p in proposals[2::2]] == sobol
-    assert sampler.ask(history, []).why["phase"] == "model"
+    assert sampler.ask(history, []).metadata["phase"] == "model"
     other = dataclasses.replace(settings, trusted_default=False)
-    assert all("near" not in make_sampler("gp", other).ask(history[:n], []).why for n in range(1, 9))
+    assert all("near" not in make_sampler("gp", other).ask(history[:n], []).metadata for n in range(1, 9))
 
 
 def test_a_space_begins_where_it_says_after_the_default() -> None:
@@ -79,4 +89,4 @@ def test_a_space_begins_where_it_says_after_the_default() -> None:
     begun = dataclasses.replace(settings, space=dataclasses.replace(settings.space, begin=({path: low},)))
     history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
     proposal = make_sampler("gp", begun).ask(history, [])
-    assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.why["phase"] == "begin"
+    assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.metadata["phase"] == "begin"

@@ -34,17 +34,17 @@ def test_pending_missions_push_the_next_proposal_away() -> None:
     second = sampler.ask(history, running)
     apart = np.linalg.norm(synthetic.SPACE.to_unit(first.values) - synthetic.SPACE.to_unit(second.values))
     assert apart > 0.02
-    assert first.why["phase"] == "model" and np.isfinite(first.why["log_nei"])
+    assert first.metadata["phase"] == "model" and np.isfinite(first.metadata["log_nei"])
 
 
 def test_failed_missions_do_not_poison_the_model() -> None:
     history = synthetic.random_design(12, 0.02, 0)
     history += [Observation(12 + i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(3)]
     proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
-    assert proposal.why["phase"] == "model"
+    assert proposal.metadata["phase"] == "model"
     only_failed = [Observation(i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(9)]
     assert (
-        make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(only_failed, []).why["phase"]
+        make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(only_failed, []).metadata["phase"]
         == "initial design"
     )
 

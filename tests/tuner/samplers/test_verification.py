@@ -33,7 +33,7 @@ def model_of(history: list[Observation]) -> InstanceMeanGP:
 def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
     proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
-    assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
+    assert proposal is not None and proposal.values == GOOD and proposal.metadata["phase"] == "verification"
     assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been run once, 1 never
     blocks = [("r0", 0)]
     running: list[Observation] = []
