@@ -35,7 +35,6 @@ COMMAND_ORDER = (
     "cache",
     "doctor",
 )
-STUDIES = ("study",)
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 
 
@@ -53,7 +52,7 @@ def commands_page() -> str:
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
-    leaves = [leaf for leaf in _leaves(root, ()) if leaf[0][0] not in STUDIES]
+    leaves = _leaves(root, ())
     for path, command in sorted(leaves, key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]

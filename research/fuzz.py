@@ -198,7 +198,7 @@ def _command_line(path: Path) -> None:
     from tuner.cli import main
 
     arguments = [part.decode(errors="surrogateescape") for part in path.read_bytes().split(b"\0")]
-    if {"run", "evaluate", "reproduce", "study", "noise"} & set(arguments):  # no rock is made
+    if {"run", "evaluate", "reproduce"} & set(arguments):  # no rock is made
         arguments += ["--rock", "no-such-rock"] if arguments[0] != "mission" else []
     sys.argv = ["gatetune", *arguments]
     os.chdir(path.parent)
@@ -248,7 +248,6 @@ ARGUMENTS = [
     ["evaluate", "run", "--rock", "fin"],
     ["cache", "info"],
     ["cache", "prune", "--max-gb", "1"],
-    ["study", "noise", "--rock", "x"],
     ["--version"],
 ]
 

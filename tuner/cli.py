@@ -31,7 +31,6 @@ from tuner.commands import (  # noqa: E402
     photographs,
     plugin,
     rocks,
-    studies,
 )
 from tuner.commands.console import errors, only_json, output  # noqa: E402
 
@@ -89,7 +88,6 @@ app.command(
     name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
 )(evaluate.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
-app.add_typer(studies.app, name="study", help="How noisy missions are; which parameters matter.")
 app.add_typer(mission.app, name="mission", help="Run one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(

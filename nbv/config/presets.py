@@ -54,7 +54,7 @@ PRESETS = {
         "code",
         _PAPER_CODE,
     ),
-    # Chosen by `gatetune study noise` on training rocks.
+    # Chosen by the noise of missions on training rocks: docs/results/noise_floor.md.
     "campaign": Preset(
         "for tuning: few captures and strict agreement, so that configurations can be told apart",
         "ours",

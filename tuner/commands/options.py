@@ -27,10 +27,6 @@ TunedRocks = Annotated[
     list[str] | None,
     typer.Option("--rock", help="Rock that the campaign was tuned on, repeatable (default: all of them)."),
 ]
-TrainingRocks = Annotated[
-    list[str] | None,
-    typer.Option("--rock", help="Rock or mesh file, repeatable (default: the training rocks)."),
-]
 Conditions = Annotated[
     list[str] | None,
     typer.Option(

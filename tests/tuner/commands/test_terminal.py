@@ -57,7 +57,6 @@ def test_an_event_is_one_json_object() -> None:
     [
         (("confirm",), "--rock", "Rock that the campaign was tuned on, repeatable (default: all of them)."),
         (("reproduce",), "--condition", "repeatable (default: ideal)."),
-        (("study", "noise"), "--rock", "repeatable (default: the training rocks)."),
     ],
 )
 def test_help_names_the_default_that_the_command_has(path: tuple[str, ...], option: str, says: str) -> None:

@@ -1,1 +1,0 @@
-"""What a user asks before and after tuning: how noisy missions are, which parameters matter."""
