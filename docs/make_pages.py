@@ -48,14 +48,16 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made by `python docs/make_pages.py` from the program's own help, which also has an example of each.",
+        "Made by `python docs/make_pages.py` from the program's own help, which also has an example of each. "
+        "Where a command has `--json`, it prints one JSON document and nothing else; a campaign prints an object per event.",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
     leaves = _leaves(root, ())
     for path, command in sorted(leaves, key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
-        options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+        options = [p for p in command.params if p.param_type_name == "option"]
+        options = [p for p in options if p.name != "help" and "--json" not in p.opts]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
         purpose = " ".join(command.help.split()).partition(" Example: ")[0]
         lines += [f"## `{usage}`", "", purpose, ""]
