@@ -32,6 +32,7 @@ COMMAND_ORDER = (
     "photographs",
     "config",
     "metrics",
+    "plugin",
     "cache",
     "doctor",
 )
