@@ -17,7 +17,7 @@ from nbv.gates import Gate, bridge, make_gate
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
-from nbv.scorers.prediction import predict
+from nbv.scorers.prediction import Prediction, predict
 from nbv.scorers.registration import registrable
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
@@ -45,7 +45,7 @@ class Plan:
         return None if self.decision is None else self.pool.viewpoint(self.decision.ranking.top)
 
 
-def suffices(model: SparseModel, d95_m: float, config: MissionConfig) -> bool:
+def suffices(d95_m: float, prediction: Prediction | None, config: MissionConfig) -> bool:
     """Whether the photographs so far will do.
 
     ``knn`` and ``both``: the sparse cloud is dense enough (the paper's). ``predicted``: the dense cloud is predicted to
@@ -55,8 +55,7 @@ def suffices(model: SparseModel, d95_m: float, config: MissionConfig) -> bool:
     if stop.criterion in ("both", "knn"):
         return d95_m <= stop.knn_threshold_m
     if stop.criterion == "predicted":
-        prediction = predict(model.points_m, model.camera_centers_m, config)
-        return prediction.f_score_percent >= stop.predicted_percent
+        return prediction is not None and prediction.f_score_percent >= stop.predicted_percent
     return False
 
 
@@ -135,10 +134,13 @@ class Planner:
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
         pool = registrable(pool, model, self.config)
-        converged = suffices(model, state.d95_m, self.config)
+        prediction = None
+        if stop.criterion == "predicted":
+            prediction = predict(model.points_m, model.camera_centers_m, self.config)
+        converged = suffices(state.d95_m, prediction, self.config)
         if converged or len(pool) == 0:
             return Plan(state, converged, pool)
-        rankings = rank_candidates(state, pool, self.config)
+        rankings = rank_candidates(state, pool, self.config, prediction)
         decision = bridge(state, pool, rankings, self.config) if self.gate.bridges else None
         decision = decision or self.gate.decide(state, pool, rankings)
         if stop.min_gain_percent > 0:

@@ -171,7 +171,8 @@ def _log_odds(share: float) -> float:
 
 def mended_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
     """(C,) share of what will be missing that each candidate helps to mend."""
-    return predict(terms.box.points_m, terms.box.camera_centers_m, config).expected_gain(pool.positions_m)
+    made = terms.prediction or predict(terms.model.points_m, terms.model.camera_centers_m, config)
+    return made.expected_gain(pool.positions_m)
 
 
 # Its other weights are those of the other scorer of ours.

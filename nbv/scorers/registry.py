@@ -5,6 +5,7 @@ from __future__ import annotations
 from nbv.config import SCORERS, MissionConfig
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
+from nbv.scorers.prediction import Prediction
 from nbv.scorers.scorer import SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
@@ -34,11 +35,13 @@ class Rankings(dict[str, Ranking]):
         return ranking
 
 
-def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> Rankings:
+def rank_candidates(
+    state: PlanningState, pool: CandidatePool, config: MissionConfig, prediction: Prediction | None = None
+) -> Rankings:
     """Rankings of the same pool by scorer: ``covis``, ``b-aware``, others on demand.
 
     The pool must not be empty; the mission ends before scoring if it is.
     """
     if len(pool) == 0:
         raise ValueError("rank_candidates: the candidate pool is empty")
-    return Rankings(shared_terms(state, pool, config), pool, config)
+    return Rankings(shared_terms(state, pool, config, prediction), pool, config)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -17,11 +18,15 @@ from nbv.random_streams import keyed_rng
 from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
+if TYPE_CHECKING:
+    from nbv.scorers.prediction import Prediction
+
 
 @dataclass(frozen=True)
 class SharedTerms:
     """What all scorers need of one state and pool, computed once."""
 
+    model: SparseModel
     box: SparseModel  # its tracked points in the box
     visible: Bools  # (P, C) which of these points each candidate sees
     visited_m: Floats  # (V, 3)
@@ -29,6 +34,7 @@ class SharedTerms:
     move: Floats  # (C,)
     ang: Floats  # (C,)
     register: Floats | None  # (C,) chance to register; None where no scorer weighs it
+    prediction: Prediction | None  # of the dense cloud, where the planner has made one
 
     @property
     def rng(self) -> np.random.Generator:
@@ -74,7 +80,9 @@ def argsort_descending(scores: Floats) -> Ints:
     return np.argsort(-np.round(scores, 12), kind="stable").astype(np.int64)
 
 
-def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> SharedTerms:
+def shared_terms(
+    state: PlanningState, pool: CandidatePool, config: MissionConfig, prediction: Prediction | None = None
+) -> SharedTerms:
     """Box points, visibility and Eq. 2 to 4.
 
     Raises
@@ -92,6 +100,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
             f" {shared.box_half_extent_m} m of the target with {shared.min_track_length} or more views",
         )
     return SharedTerms(
+        model=state.model,
         box=box,
         visible=in_frustum(box.points_m, pool.positions_m, target, config.camera),
         visited_m=state.visited_m,
@@ -99,6 +108,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
         move=movement(pool, state, shared.d_travel_m),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
         register=registration_chance(state.model, pool.positions_m, config) if weighed else None,
+        prediction=prediction,
     )
 
 
