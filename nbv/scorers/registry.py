@@ -5,8 +5,7 @@ from __future__ import annotations
 from nbv.config import SCORERS, MissionConfig
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.prediction import Prediction
-from nbv.scorers.scorer import SharedTerms, shared_terms
+from nbv.scorers.scorer import HasExpectedGain, SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
 # Ranked in every mission, whatever it flies: the traces say what either would have chosen.
@@ -36,7 +35,10 @@ class Rankings(dict[str, Ranking]):
 
 
 def rank_candidates(
-    state: PlanningState, pool: CandidatePool, config: MissionConfig, prediction: Prediction | None = None
+    state: PlanningState,
+    pool: CandidatePool,
+    config: MissionConfig,
+    prediction: HasExpectedGain | None = None,
 ) -> Rankings:
     """Rankings of the same pool by scorer: ``covis``, ``b-aware``, others on demand.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -18,8 +18,13 @@ from nbv.random_streams import keyed_rng
 from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
-if TYPE_CHECKING:
-    from nbv.scorers.prediction import Prediction
+
+class HasExpectedGain(Protocol):
+    """A prediction of the dense cloud (`nbv.scorers.prediction`)."""
+
+    def expected_gain(self, candidates_m: Floats) -> Floats:
+        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to mend."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class SharedTerms:
     move: Floats  # (C,)
     ang: Floats  # (C,)
     register: Floats | None  # (C,) chance to register; None where no scorer weighs it
-    prediction: Prediction | None  # of the dense cloud, where the planner has made one
+    prediction: HasExpectedGain | None  # of the dense cloud, where the planner has made one
 
     @property
     def rng(self) -> np.random.Generator:
@@ -81,7 +86,10 @@ def argsort_descending(scores: Floats) -> Ints:
 
 
 def shared_terms(
-    state: PlanningState, pool: CandidatePool, config: MissionConfig, prediction: Prediction | None = None
+    state: PlanningState,
+    pool: CandidatePool,
+    config: MissionConfig,
+    prediction: HasExpectedGain | None = None,
 ) -> SharedTerms:
     """Box points, visibility and Eq. 2 to 4.
 
