@@ -67,14 +67,10 @@ class ReferenceMaker:
     )
 
     def cloud(self, views: Sequence[Photograph], what: str) -> PointCloud:
-        """What of the dense cloud of some photographs, which ``what`` names, is the object.
+        """The object's part of the dense cloud of some photographs; ``what`` names them in messages of progress.
 
-        More than `MAX_VIEWS` are reconstructed in several interleaved parts, whose clouds are put together.
-
-        Raises
-        ------
-        UserError
-            Hardly anything of the object can be reconstructed from them.
+        More than `MAX_VIEWS` are reconstructed in interleaved parts, whose clouds are joined. `UserError` where hardly anything of the
+        object can be reconstructed.
         """
         config = DenseConfig(
             backend="patchmatch" if patchmatch_runs() else "sgbm",
@@ -235,10 +231,7 @@ def _runs(marked: Bools) -> list[tuple[int, int]]:
 def surface_of(reference: Reference, name: str, height_m: float) -> Rock:
     """Screened Poisson reconstruction (Kazhdan and Hoppe 2013, Open3D's), cut off where there are no points.
 
-    Raises
-    ------
-    UserError
-        The reference is too small for a surface.
+    `UserError` where the reference is too small for a surface.
     """
     import open3d as o3d  # noqa: PLC0415  seconds to load
 

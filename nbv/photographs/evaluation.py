@@ -37,25 +37,10 @@ MASKS = 16  # of a set are asked, evenly picked
 def measure_cloud(
     cloud: Cloud, photographs: PhotographSet, reference: Reference, config: EvaluationConfig
 ) -> tuple[dict[str, Any], dict[str, float], PointCloud]:
-    """Metrics as `nbv.evaluation.metrics` has them, the cleaning report, and the cleaned cloud (set's frame).
+    """Metrics as `nbv.evaluation.metrics` has them, the cleaning report, and the cleaned cloud, of a mission's cloud in the set's frame.
 
-    Both surfaces, ``whole`` and ``observable``, are the reference: it is what the photographs have seen.
-
-    Parameters
-    ----------
-    cloud
-        Of the mission, in the set's frame.
-    photographs
-        The set: its object's height and target.
-    reference
-        The set's dense reference.
-    config
-        Samples, thresholds and cleaning.
-
-    Raises
-    ------
-    MissionFailure
-        Nothing is left after cleaning.
+    Both surfaces, ``whole`` and ``observable``, are the dense reference: it is what the photographs have seen. ``config`` has
+    samples, thresholds and cleaning. `MissionFailure` where nothing is left after cleaning.
     """
     truth_m = _picked(reference.points_m, config.gt_samples, photographs.name)
     low, high = reference.points_m.min(axis=0), reference.points_m.max(axis=0)

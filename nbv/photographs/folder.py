@@ -112,15 +112,11 @@ class SourcePhotograph:
 def read_folder(
     folder: str | Path, progress: Progress, masks: Path | None = None
 ) -> tuple[list[SourcePhotograph], list[str]]:
-    """The photographs in a folder and its folders, in the order in which they were taken, and notes on what was left out.
+    """The photographs in a folder and its subfolders, in the order in which they were taken, and notes on what was left out.
 
-    Masks are left out: the folder ``masks``, one of that name, and what is named as the mask of a photograph beside it.
-    Every file is decoded once, so that a truncated one is found before anything else is done.
-
-    Raises
-    ------
-    UserError
-        There is no such folder, nothing or far too much in it, a video, HEIC without its library, or damaged files.
+    Masks are left out: the folder ``masks``, one of that name, and files named as the mask of a photograph beside them. Every
+    file is decoded once. `UserError` where there is no such folder, nothing or far too much in it, a video, HEIC without its
+    library, or a damaged file.
     """
     folder = expanded(folder)
     paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
@@ -166,10 +162,7 @@ def read_folder(
 def read_pixels(path: Path, max_size_px: int, turns: Sequence[Turn] = ()) -> NDArray[np.uint8]:
     """(H, W, 3) RGB, shrunk to ``max_size_px`` on the long side; the stored pixels are transposed by ``turns`` in turn.
 
-    Raises
-    ------
-    UserError
-        The file is missing, damaged or too large.
+    `UserError` where the file is missing, damaged or too large.
     """
     with _opened(path) as (picture, _):
         width, height = picture.size
@@ -376,13 +369,9 @@ def files_of_photographs(
 ) -> dict[str, str]:
     """Which of ``files`` is of which photograph, by the photograph's name.
 
-    A file has the photograph's name, with suffix or without and in any case, plus one of ``endings``. Where there are
-    folders, those belong together whose paths have most names in common, counted from the end.
-
-    Raises
-    ------
-    UserError
-        Two files of ``what`` are as good for one photograph, or one for two.
+    A file has the photograph's name, with suffix or without and in any case, plus one of ``endings``. Where there are folders,
+    those belong together whose paths have most names in common, counted from the end. `UserError` where two files of ``what`` fit
+    one photograph equally well, or one file fits two.
     """
     of_file = {file: _parts(file) for file in files}
     of_mine = {p.name: _parts(str(p.path.absolute())) for p in photographs}
@@ -433,14 +422,10 @@ class Mask:
     sha256: str
 
     def read(self, size_px: tuple[int, int], turns: Sequence[Turn] = ()) -> Bools:
-        """(H, W) True on the object, transposed by ``turns``, at the photograph's width and height then.
+        """(H, W) True on the object, transposed by ``turns``, at the photograph's width and height after that.
 
-        White is 255 or, where nothing is above it, 1. An alpha channel that is not opaque everywhere is the mask.
-
-        Raises
-        ------
-        UserError
-            The file is damaged, its sides have another ratio, or what is neither black nor white is in it.
+        White is 255 or, where nothing is above it, 1. An alpha channel that is not opaque everywhere is the mask. `UserError` where the
+        file is damaged, its sides have another ratio, or it holds values that are neither black nor white.
         """
         try:
             with _opened(self.path) as (picture, _):
@@ -473,10 +458,7 @@ class Mask:
 def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Mask]:
     """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``, in folders as the photographs.
 
-    Raises
-    ------
-    UserError
-        There is no such folder, or no mask of any photograph in it.
+    `UserError` where there is no such folder, or no mask of any photograph in it.
     """
     folder = expanded(folder)
     if not folder.is_dir():

@@ -79,27 +79,10 @@ def import_photographs(
     *,
     force: bool = False,
 ) -> PhotographSet:
-    """Make a set of a folder of photographs; what it found is in the set's notes.
+    """Make the set ``name`` of a folder of photographs of one object; what the import found is in the set's notes.
 
-    Parameters
-    ----------
-    folder
-        Photographs of one object, densely taken.
-    name
-        Of the set; from then on it stands where a rock's name may stand.
-    options
-        A model, masks and scale.
-    progress
-        Told what is done.
-    store
-        Keeps features, pairs, the sparse model and clouds, so that an import can go on.
-    force
-        Replace a set of the same name.
-
-    Raises
-    ------
-    UserError
-        As `read_folder`, `solve`, `find_object` and their like: nothing has been written then.
+    ``store`` keeps matches, the sparse model and clouds, so that an import can go on; ``force`` replaces a set of the same name.
+    `UserError`, before anything is written, as `read_folder`, `solve` and `find_object` raise it.
     """
     check_name(name)
     if imported_path(name).exists():

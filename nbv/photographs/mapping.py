@@ -43,12 +43,9 @@ AT_ONCE = 200  # pairs that are matched between two reports of progress
 
 
 def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, ImportSource, list[str]]:
-    """A sparse model in a frame of its own, ours or another program's; its photographs as they are worked on; notes.
+    """A sparse model in a frame of its own, by COLMAP or of another program; its photographs as they are worked on; notes.
 
-    Raises
-    ------
-    UserError
-        The model is damaged or of other photographs; or the photographs do not overlap, or are of two objects.
+    `UserError` where the model is damaged or of other photographs, or the photographs do not overlap or show two objects.
     """
     total = len(source.photographs)
     if model_path is None:

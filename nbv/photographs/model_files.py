@@ -51,13 +51,8 @@ _LENS_KEY = re.compile(
 def read_model(path: Path, source: ImportSource) -> tuple[list[tuple[SolvedModel, ImportSource]], list[str]]:
     """A model of the photographs, with points where it has tracks, and the photographs as it may see them; notes.
 
-    A file does not say whether it is of photographs that were turned as EXIF says: where their sizes do not tell either,
-    there are several answers. ``path`` is COLMAP's folder or ``transforms.json``.
-
-    Raises
-    ------
-    UserError
-        It cannot be read, or is of other photographs.
+    ``path`` is COLMAP's folder or ``transforms.json``. A file does not say whether its photographs were turned as EXIF says: where
+    their sizes do not tell either, there are several answers. `UserError` where it cannot be read, or is of other photographs.
     """
     path = expanded(path)
     if path.is_dir():

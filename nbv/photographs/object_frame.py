@@ -63,13 +63,8 @@ class ObjectFrame:
 def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
-    ``model`` is in its own frame; so is ``up`` (3,), where control points say it. Masks, as `settled` has them, say what
-    is the object.
-
-    Raises
-    ------
-    UserError
-        The cameras look at no common place.
+    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks, as `settled` has them, mark the
+    object. `UserError` where the cameras look at no common place.
     """
     center = _looked_at(model)
     gaze = center - model.centers
@@ -99,14 +94,10 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
 
 
 def settled(model: SolvedModel, source: ImportSource) -> ImportSource:
-    """``source`` with its masks as they were drawn, on photographs that were turned as EXIF says or on others.
+    """``source`` with its masks as they were drawn: on photographs that were turned as EXIF says, or on stored pixels.
 
-    What tells is how much more of the points lies in them where the cameras look than farther away.
-
-    Raises
-    ------
-    UserError
-        The masks are white or black everywhere, white on what is not the object, or of another size.
+    The right way has more of the masked points where the cameras look than farther away. `UserError` where the masks are white
+    or black everywhere, inverted, or of another size.
     """
     if not source.masks:
         return source

@@ -215,13 +215,7 @@ class PhotographSet:
 
     @staticmethod
     def read(name: str) -> PhotographSet:
-        """The set called ``name``.
-
-        Raises
-        ------
-        UserError
-            There is none of that name, or its ``set.json`` is damaged.
-        """
+        """The set called ``name``; `UserError` where there is none, or its ``set.json`` is damaged."""
         folder = set_folder(name)
         if not (folder / SET_FILE).is_file():
             known = ", ".join(list_sets()) or "none yet"

@@ -81,10 +81,7 @@ class _Fit:
 def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
     """Marks on these photographs, from a file in OpenDroneMap's ``gcp_list.txt`` format.
 
-    Raises
-    ------
-    UserError
-        It cannot be read, names no coordinate system, or marks a place outside its photograph.
+    `UserError` where it cannot be read, names no coordinate system, or marks a place outside its photograph.
     """
     path = expanded(path)
     lines = [line.strip() for line in read_text(path, 16 * 2**20).lstrip("\ufeff").splitlines()]
@@ -155,23 +152,9 @@ def _system(text: str, path: Path) -> CRS | None:
 def find_scale(
     model: SolvedModel, source: ImportSource, height_m: float | None, control_points: ControlPoints | None
 ) -> Scale:
-    """The best that there is: the object's height as the user gave it, control points, GPS of the photographs.
+    """The scale of ``model``, which is in its own frame: from the object's height, control points, or GPS, the first that is there.
 
-    Parameters
-    ----------
-    model
-        In its own frame.
-    source
-        The photographs, with what EXIF says.
-    height_m
-        Of the object, if the user knows it.
-    control_points
-        As `read_control_points` has them.
-
-    Raises
-    ------
-    UserError
-        The control points do not fit the model.
+    `UserError` where the control points do not fit the model.
     """
     if control_points is not None:
         fitted = _from_control_points(model, source, control_points)
@@ -309,13 +292,8 @@ def _local_m(crs: CRS, x: Floats, y: Floats) -> Floats:
 def _best_fit(found: Floats, readings: Mapping[str, Floats], centers: Floats) -> _Fit:
     """The first reading of the places (N, 3) of ``found`` (N, 3), unless another one fits far better.
 
-    A plane fits its mirror image as well, but then the cameras (V, 3) are below it. Without heights all points do: where
-    another order of coordinates fits as well, the error of the scale holds it.
-
-    Raises
-    ------
-    ValueError
-        Nothing can be fitted; says what the points do.
+    A plane fits its mirror image as well, but then the cameras (V, 3) are below it. Without heights all points do: where another
+    order of coordinates fits as well, the error of the scale holds it. `ValueError` says why nothing can be fitted.
     """
     fits, trouble = [], ValueError("coincide")
     for reading, places_m in readings.items():
@@ -345,13 +323,9 @@ def _best_fit(found: Floats, readings: Mapping[str, Floats], centers: Floats) ->
 def _fitted(reading: str, found: Floats, places_m: Floats) -> _Fit:
     """The similarity that brings ``found`` (N, 3) to its places (N, 3), by least squares over what is known of them.
 
-    The error of the scale is the larger one of its 95 % interval, were rests independent, and of rests over extent,
-    which holds what is not: heights that are wrong all alike shrink a model by less than that.
-
-    Raises
-    ------
-    ValueError
-        The points coincide, lie on one line, or are too few.
+    The error of the scale is the larger one of its 95 % interval, were residuals independent, and of residuals over extent, which
+    holds the rest: heights that are all wrong by one amount shrink a model by less. `ValueError` where the points coincide, lie
+    on one line, or are too few.
     """
     known = np.isfinite(places_m)
     x, y = (

@@ -25,17 +25,10 @@ UPPER_BAND_DEG = 35.0  # as in the paper's pool
 
 
 class PhotographViewpoints(ViewpointSource):
-    """The photographs of a set.
+    """The photographs of a set, taken at ``positions_m`` (N, 3) about the target of the configuration.
 
-    Parameters
-    ----------
-    positions_m
-        (N, 3) where the photographs that may be taken were taken from, about the target of the configuration.
-    ordered
-        The configuration as asked for: elevations are counted about its target.
-    key, replicate
-        Of the draw that turns the seed layout about the object: replicates differ in where they begin. Replicate 0 begins
-        where the configuration says.
+    ``ordered`` is the configuration as asked for: elevations are counted about its target. ``key`` and ``replicate`` draw by how
+    much the seed layout is turned about the object; replicate 0 begins where the configuration says.
     """
 
     follows_target = False  # what was photographed, and from where, is known
@@ -67,13 +60,10 @@ class PhotographViewpoints(ViewpointSource):
         return apart_m.argmin(axis=1)
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
-        """The nearest photographs to the seed viewpoints, which are turned by ``turn_deg``; the assignment with the least sum of squared angles.
+        """The nearest photographs to the seed viewpoints turned by ``turn_deg``: the assignment with the least sum of squared angles.
 
-        Raises
-        ------
-        MissionFailure
-            ``not_photographed``: the set has too few photographs, or none near more than a quarter of the viewpoints, or
-            hardly any within the altitudes of the pool.
+        `MissionFailure` ``not_photographed`` where the set has too few photographs, none near more than a quarter of the viewpoints,
+        or hardly any within the altitudes of the pool.
         """
         self._require_candidates(config)
         return self._nearest_to(seed_viewpoints(config), 0)

@@ -24,17 +24,8 @@ class Paint:
 def procedural_albedo(points: Floats, normals: Floats, seed: int, paint: Paint | None = None) -> Floats32:
     """Linear albedo (N, 3) in 0..1 at surface points (N, 3) in metres with unit normals (N, 3).
 
-    Mottling from 0.5 m down to 1.5 cm, clasts, mineral grains about two pixels wide (8.6 mm a pixel at
-    4 m; finer ones would alias and match nothing), and patches of dust, chiefly on faces that look up, where the texture fades to a seventh.
-
-    Parameters
-    ----------
-    points, normals
-        (N, 3) places on the surface in metres, and unit normals there.
-    seed
-        Of the texture.
-    paint
-        How much of each kind of texture; the default rock's where left out.
+    Mottling from 0.5 m down to 1.5 cm, clasts, mineral grains about two pixels wide (8.6 mm a pixel at 4 m; finer ones would alias
+    and match nothing), and patches of dust, chiefly on faces that look up, where the texture fades to a seventh.
     """
     paint = paint or Paint()
     mottling = octaves(

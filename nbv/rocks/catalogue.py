@@ -68,13 +68,8 @@ def list_rocks() -> list[RockInfo]:
 def load_rock(name: str, store: Store | None = None) -> Rock:
     """The rock called ``name``: procedural (``FAMILY-SEED`` too), imported, or the path of a mesh file (or of a rock as `write_rock` writes it).
 
-    A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported
-    with the defaults of `import_mesh`, and nothing is kept on disk. Rocks stay in this process's memory.
-
-    Raises
-    ------
-    UserError
-        There is no such rock (the message lists the known ones), or the mesh cannot be used.
+    A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported with the
+    defaults of `import_mesh`. `UserError` where there is no such rock, or the mesh cannot be used.
     """
     if name in RECIPES or generated_name(name) is not None:
         return _once(name, lambda: generate_rock(name, store))
@@ -153,10 +148,7 @@ def are_photographed(rocks: Sequence[str]) -> bool:
 def save_imported(rock: Rock, *, force: bool = False) -> Path:
     """Keep an imported rock so that `nbv.rocks.load_rock` finds it by name.
 
-    Raises
-    ------
-    UserError
-        The name is not usable or taken (``force`` replaces an imported rock, never a procedural one).
+    `UserError` where the name is not usable or taken (``force`` replaces an imported rock, never a procedural one).
     """
     check_name(rock.name)
     if surface_path(rock.name).exists():

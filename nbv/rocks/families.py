@@ -181,13 +181,7 @@ def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], 
 
 
 def generated_recipe(family: str, seed: int) -> Recipe:
-    """The rock that ``seed`` draws from ``family``.
-
-    Raises
-    ------
-    UserError
-        There is no such family, or the seed is below 0 or too large.
-    """
+    """The rock that ``seed`` draws from ``family``; `UserError` where there is no such family or seed."""
     found = drawn_by(family)
     if found is None:
         named = ", ".join((*EVERY, *plugins("families")))

@@ -42,12 +42,8 @@ _WRAP = {33071: "clamp", 33648: "mirror"}
 def as_meant(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict[str, Look]]:
     """The file with a header that trimesh reads as glTF 2.0 means it, and what its materials look like.
 
-    Raises
-    ------
-    UnusableMesh
-        It is no glTF, or needs what is not read.
-    UserError
-        It is too large, or needs a decoder that is not installed.
+    `UnusableMesh` where it is no glTF, or needs what is not read; `UserError` where it is too large, or its decoder is not
+    installed.
     """
     binary = content[:4] == b"glTF"
     start, end = (20, 20 + int.from_bytes(content[12:16], "little")) if binary else (0, len(content))

@@ -49,22 +49,13 @@ def import_mesh(
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
 
-    Duplicate vertices are merged, the body with the largest surface is kept, the mesh is turned upright,
-    scaled to ``height_m``, set on the ground and subdivided until no edge is longer than 9 mm, so that
-    vertices can carry the texture. Subdivision does not move the surface. The albedo is the mesh's own texture or
-    colours (taken as sRGB), else procedural. Everything done is told in the rock's notes.
+    Duplicate vertices are merged, the body with the largest surface is kept, the mesh is turned upright, scaled to ``height_m``,
+    set on the ground and subdivided until no edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does
+    not move the surface. The albedo is the mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say
+    all that was done. ``up`` is the file's upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything
+    else. ``name`` is the file's by default.
 
-    Parameters
-    ----------
-    name
-        Default: the file's name in lower case.
-    up
-        The file's upward axis. ``auto`` takes y for glTF, as its standard says, and z for everything else.
-
-    Raises
-    ------
-    UserError
-        The file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
+    `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
     path = expanded(path)
     if up != "auto" and up not in _UP:

@@ -56,12 +56,8 @@ class Soup:
 def read_mesh_file(path: Path, notes: list[str]) -> Soup:
     """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
 
-    Raises
-    ------
-    UnusableMesh
-        The file is unreadable, empty, without faces, not finite or far too large.
-    UserError
-        It is an archive, or has a texture, far too large; or it needs an extra that is not installed.
+    `UnusableMesh` where the file is unreadable, empty, without faces, not finite or far too large; `UserError` for an archive or a
+    texture that is far too large, and where an extra is not installed.
     """
     import trimesh  # noqa: PLC0415  half a second to load
 

@@ -68,17 +68,7 @@ def _component(h: _U32) -> Floats32:
 
 
 def octaves(points: Floats, wavelengths: Sequence[float], amplitudes: Sequence[float], seed: int) -> Floats32:
-    """Sum of gradient noises (N,), each octave in a rotated frame and with its own seed.
-
-    Parameters
-    ----------
-    points
-        (N, 3) in metres.
-    wavelengths, amplitudes
-        Of each octave; wavelengths in metres.
-    seed
-        Any integer.
-    """
+    """Sum of gradient noises (N,) at points (N, 3) in metres, each octave in a rotated frame and with its own seed."""
     total = np.zeros(len(points), dtype=np.float32)
     turned = points
     for k, (wavelength, amplitude) in enumerate(zip(wavelengths, amplitudes)):

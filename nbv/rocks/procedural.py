@@ -61,14 +61,10 @@ def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:
 
 
 def sample_near_surface(shape: Shape, grid_m: float) -> tuple[Floats32, Floats]:
-    """Signed distances on a grid, exact next to the surface and coarse elsewhere.
+    """Signed distances (X, Y, Z) on a grid, exact next to the surface and coarse elsewhere, and its first node (3,) in metres.
 
-    Blocks of 8, then 4, then 2 cells are kept if the surface may pass through them, judged from the value
-    at their centre and ``LIPSCHITZ``; only the nodes of kept blocks of 2 cells are evaluated.
-
-    Returns
-    -------
-    distance (X, Y, Z) float32 and the position (3,) of its first node in metres.
+    Blocks of 8, then 4, then 2 cells are kept if the surface may pass through them, judged from the value at their centre and
+    `LIPSCHITZ`; only the nodes of kept blocks of 2 cells are evaluated.
     """
     block = 2**_LEVELS * grid_m
     counts = np.ceil(np.array([2 * _HALF_WIDTH_M, 2 * _HALF_WIDTH_M, _TOP_M]) / block).astype(int)

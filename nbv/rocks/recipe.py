@@ -36,35 +36,13 @@ def rough(points: Floats, seed: int, scale: float = 1.0) -> Floats:
 
 
 def warp(points: Floats, seed: int, amplitude: float, wavelength: float) -> Floats:
-    """Points moved by a smooth random field, which bends whatever is evaluated at them.
-
-    Parameters
-    ----------
-    points
-        (N, 3) in metres.
-    seed
-        Of the field.
-    amplitude, wavelength
-        Of the field, in metres.
-    """
+    """Points (N, 3) moved by a smooth random field, which bends whatever is evaluated at them; amplitude and wavelength in metres."""
     moved = [octaves(points, (wavelength,), (amplitude,), seed * 7 + axis) for axis in range(3)]
     return points + np.stack(moved, axis=1)
 
 
 def facets(points: Floats, seed: int, count: int, center: tuple[float, float, float], reach: float) -> Floats:
-    """A random convex polyhedron: ``count`` planes at 0.85 to 1.1 times ``reach`` from ``center``.
-
-    Parameters
-    ----------
-    points
-        (N, 3) in metres.
-    seed
-        Decides the planes.
-    count
-        Number of planes.
-    center, reach
-        Of the polyhedron, in metres.
-    """
+    """A random convex polyhedron at points (N, 3): ``count`` planes at 0.85 to 1.1 times ``reach`` from ``center``, in metres."""
     rng = np.random.default_rng(seed)
     local = points - np.asarray(center)
     distance = np.full(len(points), -np.inf)

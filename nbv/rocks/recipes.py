@@ -31,14 +31,8 @@ def recipe(
 ) -> Callable[[Body], Body]:
     """Enter a rock in `RECIPES`, called as its function, which draws the bare body.
 
-    Parameters
-    ----------
-    split, seed, paint
-        As in `Recipe`.
-    bend
-        Amplitude and wavelength (m) of the random field by which the body is bent.
-    relief
-        How rough the surface is, as a share of `rough`; with 0 the body has relief of its own.
+    ``bend`` is amplitude and wavelength (m) of the random field by which the body is bent; ``relief`` how rough the surface is, as a
+    share of `rough`, with 0 for a body that has relief of its own.
     """
 
     def enter(body: Body) -> Body:

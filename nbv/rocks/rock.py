@@ -91,15 +91,7 @@ def make_rock(
     difficulty: str,
     notes: tuple[str, ...] = (),
 ) -> Rock:
-    """A `Rock` with its content hash; arrays are made read-only, since rocks are shared.
-
-    Parameters
-    ----------
-    name, split, difficulty, notes
-        As in `Rock`.
-    vertices_m, faces, albedo
-        (V, 3), (F, 3) and (V, 3); albedo is clipped to 0..1.
-    """
+    """A `Rock` with its content hash; albedo is clipped to 0..1, and arrays are made read-only, since rocks are shared."""
     vertices_m = np.ascontiguousarray(vertices_m, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     albedo = np.ascontiguousarray(np.clip(albedo, 0.0, 1.0), dtype=np.float32)

@@ -28,17 +28,7 @@ def _about(points: Floats, center: Sequence[float], turn: Floats | None) -> Floa
 def ellipsoid(
     points: Floats, center: Sequence[float], radii: Sequence[float], turn: Floats | None = None
 ) -> Floats:
-    """An ellipsoid; the distance is first-order, exact at the surface.
-
-    Parameters
-    ----------
-    points
-        (N, 3).
-    center, radii
-        (3,) each.
-    turn
-        (3, 3) rotation about its centre; none where left out.
-    """
+    """An ellipsoid turned by ``turn`` (3, 3) about its centre; the distance is first-order, exact at the surface."""
     local = _about(points, center, turn)
     scaled = local / np.asarray(radii)
     k0 = np.linalg.norm(scaled, axis=1)
@@ -53,36 +43,14 @@ def box(
     round_m: float = 0.0,
     turn: Floats | None = None,
 ) -> Floats:
-    """A box with rounded edges.
-
-    Parameters
-    ----------
-    points
-        (N, 3).
-    center, half_sizes
-        (3,) each.
-    round_m
-        Radius of the edges.
-    turn
-        (3, 3) rotation about its centre; none where left out.
-    """
+    """A box, turned by ``turn`` (3, 3) about its centre, whose edges are rounded by ``round_m``."""
     local = _about(points, center, turn)
     q = np.abs(local) - (np.asarray(half_sizes) - round_m)
     return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(1), 0) - round_m
 
 
 def capsule(points: Floats, start: Sequence[float], end: Sequence[float], radius: float) -> Floats:
-    """A cylinder with round ends.
-
-    Parameters
-    ----------
-    points
-        (N, 3).
-    start, end
-        (3,) the middles of its round ends.
-    radius
-        Of the cylinder and of its ends.
-    """
+    """A cylinder with round ends, whose middles are ``start`` and ``end``."""
     a, b = np.asarray(start), np.asarray(end)
     t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     return np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - radius

@@ -28,12 +28,8 @@ def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
 def linear_image(image: Image.Image) -> Linear:
     """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored.
 
-    Raises
-    ------
-    ValueError
-        It is of no format that textures have (some of Pillow's start other programs), or its pixels have 32 bits.
-    UserError
-        More pixels than `MAX_PIXELS`, before they are unpacked.
+    `ValueError` where it is of no format that textures have (some of Pillow's start other programs), or its pixels have 32 bits;
+    `UserError` for more pixels than `MAX_PIXELS`, before they are unpacked.
     """
     if image.format not in (*FORMATS, None):
         raise ValueError(f"{image.format} is no format of textures")
