@@ -36,7 +36,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.rocks.rock import make_rock
 from nbv.rocks.texture import linear_from_srgb
-from nbv.types import Bools, Floats, PointCloud
+from nbv.types import Floats, PointCloud
 
 MAX_VIEWS = 140  # reconstructed at once: memory grows with them
 DENSE_SIZE_PX = 800  # long side: a pixel is then finer than a voxel
@@ -58,7 +58,7 @@ _WEAK_AT = THRESHOLD_FRACTIONS[2]
 class ReferenceMaker:
     """Makes the clouds of a set's photographs near the object."""
 
-    source: ImportSource  # whom to tell, and where clouds are kept
+    source: ImportSource  # its progress and store
     folder: Path  # with the undistorted photographs and masks
     camera: CameraConfig  # their pinhole
     frame: ObjectFrame
@@ -209,23 +209,16 @@ def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:
     weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
     thin = counts < SPARSE_SHARE * np.median(counts)
     share = weak / np.maximum(counts, 1)
-    width_deg = 360 // SECTORS
     sentences = []
-    for start, stop in _runs(thin):
-        sentences.append(f"azimuth {width_deg * start}° to {width_deg * stop}°: hardly any points")
-    for start, stop in _runs(~thin & (share > WEAK_SHARE)):
-        percent = 100 * weak[start:stop].sum() / counts[start:stop].sum()
+    for index in np.flatnonzero(thin | (share > WEAK_SHARE)).tolist():
+        where = f"azimuth {index * 360 // SECTORS}° to {(index + 1) * 360 // SECTORS}°"
         sentences.append(
-            f"azimuth {width_deg * start}° to {width_deg * stop}°: {percent:.0f} % of the points are farther than "
-            f"{100 * _WEAK_AT:.0f} % of the height from the cloud of one half"
+            f"{where}: hardly any points"
+            if thin[index]
+            else f"{where}: {100 * share[index]:.0f} % of the points are farther than {100 * _WEAK_AT:.0f} % of the height "
+            "from the cloud of one half"
         )
     return tuple(sentences)
-
-
-def _runs(marked: Bools) -> list[tuple[int, int]]:
-    """Begin and end (excluded) of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
 def surface_of(reference: Reference, name: str, height_m: float) -> Rock:

@@ -32,7 +32,7 @@ from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud, PointCloud
 
 FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
-# What nobody chose, where the configuration has its preset's value. Work is left out that scores do not show; photographs
+# Defaults for photograph sets, where the configuration has its preset's value. Work is left out that scores do not show; photographs
 # of 1280 px take the dense stage ten times as long, and fewer of their depths agree: they are not sharp to a pixel; and six
 # views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
 PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
@@ -41,7 +41,7 @@ PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     "dense.max_size_px": 480,
     "dense.agreeing_views": AGREEING_VIEWS,
 }
-# What was as it was when the photographs were taken: refused by name, never ignored.
+# Conditions under which the photographs were taken: other values are refused by name.
 _FIXED = ("scene", "sensor", "ground", "wind", "target", "camera", "target_m")
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
@@ -150,9 +150,9 @@ def require_expressible(config: MissionConfig, name: str) -> None:
 
 
 def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
-    """``config`` as a vehicle would believe it: the set's camera and object, a crop that holds it, arrivals without error.
+    """``config`` with the set's camera and object, a crop that holds the object, and arrivals without error.
 
-    What nobody chose is as `PHOTOGRAPH_SET_DEFAULTS`.
+    Where it has its preset's value, `PHOTOGRAPH_SET_DEFAULTS` hold.
     """
     half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
     usual = preset(config.preset)
@@ -175,5 +175,5 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
     return replace(config, camera=photographs.camera, target_m=photographs.target_m)
 
 
-# Fly one mission over the photographs of the set ``rock`` and measure its cloud: a `nbv.mission.MissionFunction`.
+# Run one mission over the photographs of the set ``rock`` and measure its cloud: a `nbv.mission.MissionFunction`.
 run_photographs_mission = PhotographFidelity.run

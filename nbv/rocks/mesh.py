@@ -11,28 +11,33 @@ from nbv.types import Floats, Ints
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """(F,) areas."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return 0.5 * np.asarray(np.linalg.norm(_weighted_normals(vertices, faces), axis=1))
 
 
 def face_normals(vertices: Floats, faces: Ints) -> Floats:
     """(F, 3) unit normals; zero for a face without area."""
+    return _unit(_weighted_normals(vertices, faces))
+
+
+def _weighted_normals(vertices: Floats, faces: Ints) -> Floats:
+    """(F, 3) normals twice as long as the faces' areas."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    return np.cross(b - a, c - a)
+
+
+def _unit(vectors: Floats) -> Floats:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
 
 def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     """(V, 3) unit normals, weighted by face area; zero where they cancel."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    weighted = np.cross(b - a, c - a)
+    weighted = _weighted_normals(vertices, faces)
     out = np.zeros((len(vertices), 3))
     for axis in range(3):
         for corner in range(3):
             out[:, axis] += np.bincount(faces[:, corner], weights=weighted[:, axis], minlength=len(vertices))
-    lengths = np.linalg.norm(out, axis=1, keepdims=True)
-    return np.divide(out, lengths, out=np.zeros_like(out), where=lengths > 0)
+    return _unit(out)
 
 
 def signed_volume(vertices: Floats, faces: Ints) -> float:

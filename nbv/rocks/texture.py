@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -48,11 +49,7 @@ def shrink(image: Linear, factor: float) -> Linear:
     if factor <= 1.0:
         return image
     size = (max(1, round(image.shape[1] / factor)), max(1, round(image.shape[0] / factor)))
-    channels = [
-        Image.fromarray(np.ascontiguousarray(image[:, :, c])).resize(size, Image.Resampling.BOX)
-        for c in range(3)
-    ]
-    return np.stack([np.asarray(channel, dtype=np.float32) for channel in channels], axis=2)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,27 +107,6 @@ def verify_pair(
 
     The random seed is fixed, so the result is a function of the arguments alone.
     """
-    colmap = colmap_camera(camera)
-    estimate = pycolmap.estimate_calibrated_two_view_geometry
-    return matches_of_one_motion(a, b, matches, (colmap, colmap), config, estimate)
-
-
-def matches_of_one_motion(
-    a: Features,
-    b: Features,
-    matches: NDArray[np.uint32],
-    cameras: tuple[pycolmap.Camera, pycolmap.Camera],
-    config: SparseConfig,
-    estimate: Callable[..., pycolmap.TwoViewGeometry],
-) -> VerifiedPair:
-    """`verify_pair` by any of COLMAP's estimators of a two-view geometry.
-
-    Parameters
-    ----------
-    estimate
-        ``pycolmap.estimate_calibrated_two_view_geometry`` where the cameras are known, else
-        ``pycolmap.estimate_two_view_geometry``.
-    """
     rejected = VerifiedPair(NO_MATCHES, int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE))
     if len(matches) < config.min_inliers:
         return rejected
@@ -140,10 +118,11 @@ def matches_of_one_motion(
     options.ransac.min_num_trials = config.min_ransac_trials
     # Only the keypoints that are matched: to hand over all of them takes longer than a short RANSAC.
     count = np.arange(len(matches), dtype=np.uint32)
-    geometry = estimate(
-        cameras[0],
+    colmap = colmap_camera(camera)
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
+        colmap,
         a.keypoints[matches[:, 0], :2].astype(np.float64),
-        cameras[1],
+        colmap,
         b.keypoints[matches[:, 1], :2].astype(np.float64),
         np.stack([count, count], axis=1),
         options,
