@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -109,15 +110,14 @@ def _likeness(model: SolvedModel, source: ImportSource) -> float:
 def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
     """A model of the photographs, calibrated from EXIF, and notes."""
     total = len(source.photographs)
-    cameras, camera_ids = _cameras(source)
-    names = [p.name for p in source.photographs]
+    images = _Images(source, [p.name for p in source.photographs], *_cameras(source))
     entry = dict(
         cached(
             source.store,
             "photograph-models",
-            lambda: _largest_model(source, names, cameras, camera_ids),
+            lambda: _largest_model(images),
             code=__name__,
-            inputs=_inputs(source, names, cameras, camera_ids),
+            inputs=images.inputs,
         )
     )
     pairs, *counts = entry.pop("counts").tolist()
@@ -136,9 +136,9 @@ def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
             "photographs of each into a folder of its own, or add some that show both"
         )
     model = model_of({name: content.tobytes() for name, content in entry.items()})
-    plural = "s" if len(cameras) > 1 else ""
-    note = f"{len(cameras)} camera{plural}, {pairs} pairs of photographs match"
-    return solved_from_colmap(model, _named(names), source), [note]
+    plural = "s" if len(images.cameras) > 1 else ""
+    note = f"{len(images.cameras)} camera{plural}, {pairs} pairs of photographs match"
+    return solved_from_colmap(model, images.photographs, source), [note]
 
 
 def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
@@ -154,15 +154,11 @@ def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
         image = pycolmap.Image(name=str(number), camera_id=number, image_id=number)
         pose = model.poses[row[names[number - 1]], :3]
         posed.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
-    with _matches(source, names, cameras, list(cameras)) as database, tempfile.TemporaryDirectory() as out:
+    images = _Images(source, names, cameras, list(cameras))
+    with images.matched() as database, tempfile.TemporaryDirectory() as out:
         source.progress("triangulating points", 0, 1)
         found = pycolmap.triangulate_points(posed, database, out, out, options=_options(1))
-    return solved_from_colmap(found, _named(names), source)
-
-
-def _named(names: Sequence[str]) -> dict[str, str]:
-    """The photographs' names by those that their images have in COLMAP's database."""
-    return {str(number): name for number, name in enumerate(names, start=1)}
+    return solved_from_colmap(found, images.photographs, source)
 
 
 def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int]]:
@@ -187,11 +183,9 @@ def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int
     return cameras, [ids[key] for key in keys]
 
 
-def _largest_model(
-    source: ImportSource, names: list[str], cameras: dict[int, pycolmap.Camera], camera_ids: list[int]
-) -> Arrays:
+def _largest_model(images: _Images) -> Arrays:
     """The largest model as COLMAP's files, and how many pairs match and photographs each model has, most first."""
-    options, registered = _options(WORKERS), 0
+    options, registered, total = _options(WORKERS), 0, len(images.names)
     options.extract_colors = False
     options.min_model_size = SMALLEST_MODEL
     # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
@@ -200,10 +194,10 @@ def _largest_model(
     def one_more() -> None:
         nonlocal registered
         registered += 1
-        source.progress("placing photographs", min(registered, len(names)), len(names))
+        images.source.progress("placing photographs", min(registered, total), total)
 
     pycolmap.set_random_seed(0)
-    with _matches(source, names, cameras, camera_ids) as database, tempfile.TemporaryDirectory() as out:
+    with images.matched() as database, tempfile.TemporaryDirectory() as out:
         with pycolmap.Database.open(database) as opened:
             pairs = np.count_nonzero(opened.read_two_view_geometry_num_inliers()[1])
         models = pycolmap.incremental_mapping(
@@ -220,104 +214,91 @@ def _options(workers: int) -> pycolmap.IncrementalPipelineOptions:
     return options
 
 
-def _inputs(
-    source: ImportSource,
-    names: Sequence[str],
-    cameras: Mapping[int, pycolmap.Camera],
-    camera_ids: Sequence[int],
-) -> list[object]:
-    """What decides features and matches."""
-    told = [f"{c.model_name} {c.params_to_string()} {c.has_prior_focal_length}" for c in cameras.values()]
-    sizes = [list(source.size_px(name)) for name in names]
-    return [
-        [source.by_name[n].sha256 for n in names],
-        list(names),
-        sizes,
-        source.upright,
-        told,
-        list(camera_ids),
-    ]
+@dataclass(frozen=True)
+class _Images:
+    """Photographs in the order in which they were taken, and their cameras; in COLMAP their ids and names count from 1."""
 
+    source: ImportSource
+    names: list[str]
+    cameras: dict[int, pycolmap.Camera]
+    camera_ids: list[int]
 
-@contextmanager
-def _matches(
-    source: ImportSource,
-    names: Sequence[str],
-    cameras: Mapping[int, pycolmap.Camera],
-    camera_ids: Sequence[int],
-) -> Iterator[Path]:
-    """COLMAP's database of the photographs with features and verified matches; in the store, where there is one, so that an import can go on.
+    @property
+    def photographs(self) -> dict[str, str]:
+        """The photographs' names by COLMAP's."""
+        return {str(number): name for number, name in enumerate(self.names, start=1)}
 
-    Images are called by their ids, which count from 1 in the order of ``names``, in which the photographs were taken.
-    """
-    with tempfile.TemporaryDirectory(prefix="nbv-matches-") as folder:
-        path = Path(folder) / "database.db"
-        if source.store is not None:
-            key = cache_key(__name__, *_inputs(source, names, cameras, camera_ids))
-            path = source.store.root / "photograph-matches" / key[:2] / key
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with pycolmap.Database.open(path) as database:
-            _write_features(database, source, names, cameras, camera_ids)
-            pairs = _pairs(database, source)
-        listed = Path(folder) / "pairs.txt"
-        matching = pycolmap.FeatureMatchingOptions(num_threads=WORKERS, use_gpu=False)
-        verifying = pycolmap.TwoViewGeometryOptions()
-        verifying.detect_watermark = False  # borders that are alike are no reason to give a pair up
-        verifying.ransac.random_seed = 0
-        for start in range(0, len(pairs), AT_ONCE):
-            source.progress("matching photographs", start, len(pairs))
-            some = pairs[start : start + AT_ONCE]
-            listed.write_text("".join(f"{a} {b}\n" for a, b in some))
-            pairing = pycolmap.ImportedPairingOptions(match_list_path=str(listed))
-            pycolmap.match_image_pairs(path, matching, pairing, verifying, pycolmap.Device.cpu)
-        yield path
+    @property
+    def inputs(self) -> list[object]:
+        """What decides features and matches."""
+        told = [
+            f"{c.model_name} {c.params_to_string()} {c.has_prior_focal_length}" for c in self.cameras.values()
+        ]
+        files = [(name, self.source.by_name[name].sha256, *self.source.size_px(name)) for name in self.names]
+        return [list(map(list, files)), self.source.upright, told, self.camera_ids]
 
+    @contextmanager
+    def matched(self) -> Iterator[Path]:
+        """COLMAP's database with features and verified matches: in the store, where there is one, so that an import can go on."""
+        store, progress = self.source.store, self.source.progress
+        with tempfile.TemporaryDirectory(prefix="nbv-matches-") as folder:
+            path, listed = Path(folder) / "database.db", Path(folder) / "pairs.txt"
+            if store is not None:
+                key = cache_key(__name__, *self.inputs)
+                path = store.root / "photograph-matches" / key[:2] / key
+                path.parent.mkdir(parents=True, exist_ok=True)
+            with pycolmap.Database.open(path) as database:
+                self._write_features(database)
+                pairs = self._pairs(database)
+            matching = pycolmap.FeatureMatchingOptions(num_threads=WORKERS, use_gpu=False)
+            verifying = pycolmap.TwoViewGeometryOptions()
+            verifying.detect_watermark = False  # borders that are alike are no reason to give a pair up
+            verifying.ransac.random_seed = 0
+            for start in range(0, len(pairs), AT_ONCE):
+                progress("matching photographs", start, len(pairs))
+                listed.write_text("".join(f"{a} {b}\n" for a, b in pairs[start : start + AT_ONCE]))
+                pairing = pycolmap.ImportedPairingOptions(match_list_path=str(listed))
+                pycolmap.match_image_pairs(path, matching, pairing, verifying, pycolmap.Device.cpu)
+            yield path
 
-def _write_features(
-    database: pycolmap.Database,
-    source: ImportSource,
-    names: Sequence[str],
-    cameras: Mapping[int, pycolmap.Camera],
-    camera_ids: Sequence[int],
-) -> None:
-    for camera_id, camera in cameras.items():
-        if not database.exists_rig(camera_id):
-            with pycolmap.DatabaseTransaction(database):
-                database.write_camera(camera, use_camera_id=True)
+    def _write_features(self, database: pycolmap.Database) -> None:
+        for camera_id, camera in self.cameras.items():
+            if not database.exists_rig(camera_id):
                 rig = pycolmap.Rig(rig_id=camera_id)
                 rig.add_ref_sensor(camera.sensor_id)
-                database.write_rig(rig, use_rig_id=True)
-    for image_id, (name, camera_id) in enumerate(zip(names, camera_ids, strict=True), start=1):
-        source.progress("finding features", image_id - 1, len(names))
-        if database.exists_image(image_id):
-            continue
-        found = extract_features(source.pixels(name), SparseConfig(max_features=MAX_FEATURES))
-        # COLMAP's limit keeps the scale that reaches it whole.
-        largest = np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES]
-        image = pycolmap.Image(name=str(image_id), camera_id=camera_id, image_id=image_id)
-        frame = pycolmap.Frame(frame_id=image_id, rig_id=camera_id)
-        frame.add_data_id(image.data_id)
+                with pycolmap.DatabaseTransaction(database):
+                    database.write_camera(camera, use_camera_id=True)
+                    database.write_rig(rig, use_rig_id=True)
         kind = pycolmap.FeatureExtractorType.SIFT
-        with pycolmap.DatabaseTransaction(database):
-            database.write_image(image, use_image_id=True)
-            database.write_frame(frame, use_frame_id=True)
-            database.write_keypoints(image_id, found.keypoints[largest])
-            database.write_descriptors(
-                image_id, pycolmap.FeatureDescriptors(kind, found.descriptors[largest])
-            )
+        for number, (name, camera_id) in enumerate(zip(self.names, self.camera_ids, strict=True), start=1):
+            self.source.progress("finding features", number - 1, len(self.names))
+            if database.exists_image(number):
+                continue
+            found = extract_features(self.source.pixels(name), SparseConfig(max_features=MAX_FEATURES))
+            # COLMAP's limit keeps the scale that reaches it whole.
+            largest = np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES]
+            image = pycolmap.Image(name=str(number), camera_id=camera_id, image_id=number)
+            frame = pycolmap.Frame(frame_id=number, rig_id=camera_id)
+            frame.add_data_id(image.data_id)
+            descriptors = pycolmap.FeatureDescriptors(kind, found.descriptors[largest])
+            with pycolmap.DatabaseTransaction(database):
+                database.write_image(image, use_image_id=True)
+                database.write_frame(frame, use_frame_id=True)
+                database.write_keypoints(number, found.keypoints[largest])
+                database.write_descriptors(number, descriptors)
 
-
-def _pairs(database: pycolmap.Database, source: ImportSource) -> list[tuple[int, int]]:
-    """Ids of the images that are worth matching with one another."""
-    ids = [image.image_id for image in database.read_all_images()]
-    largest = {i: np.array(database.read_descriptors(i).data)[:FIRST_FEATURES] for i in ids}
-    alike = np.zeros((len(ids) + 1,) * 2, dtype=np.int64)
-    for a in ids:
-        source.progress("comparing photographs", a - 1, len(ids))
-        for b in range(a + 1, len(ids) + 1):
-            alike[a, b] = alike[b, a] = len(match_pair(largest[a], largest[b]))
-    chosen = {(a, b) for a in ids for b in range(a + 1, min(a + IN_ORDER, len(ids)) + 1)}
-    for a in ids:
-        best = np.argsort(-alike[a], kind="stable")[:PARTNERS]
-        chosen |= {(min(a, b), max(a, b)) for b in best.tolist() if alike[a, b] >= FIRST_MATCHES}
-    return sorted(chosen)
+    def _pairs(self, database: pycolmap.Database) -> list[tuple[int, int]]:
+        """Ids of the images that are worth matching with one another."""
+        count = len(self.names)
+        ids = range(1, count + 1)
+        largest = {i: np.array(database.read_descriptors(i).data)[:FIRST_FEATURES] for i in ids}
+        alike = np.zeros((count + 1, count + 1), dtype=np.int64)
+        for a in ids:
+            self.source.progress("comparing photographs", a - 1, count)
+            for b in range(a + 1, count + 1):
+                alike[a, b] = alike[b, a] = len(match_pair(largest[a], largest[b]))
+        chosen = {(a, b) for a in ids for b in range(a + 1, min(a + IN_ORDER, count) + 1)}
+        for a in ids:
+            best = np.argsort(-alike[a], kind="stable")[:PARTNERS]
+            chosen |= {(min(a, b), max(a, b)) for b in best.tolist() if alike[a, b] >= FIRST_MATCHES}
+        return sorted(chosen)

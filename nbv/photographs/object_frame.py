@@ -187,45 +187,30 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
     """Corners (3,), (3,) of the object's box in the rough frame, whether it stands on ground, and how it was found."""
     points = model.xyz
     if in_mask is not None:
-        seen = np.bincount(model.points, minlength=len(points))
-        inside = np.bincount(model.points, weights=in_mask, minlength=len(points))
-        of_object = inside >= IN_MASK * np.maximum(seen, 1)
-        members = _companions(points[of_object])
-        if len(members) >= MIN_POINTS:
-            low, high = np.percentile(members, [0.5, 99.5], axis=0)
-            ground = _ground_beside(points[inside < (1 - IN_MASK) * np.maximum(seen, 1)], low, high)
-            word = f"{len(members)} sparse points inside the masks; "
-            if ground is None:
-                return (
-                    low,
-                    high,
-                    False,
-                    f"{word}no ground is seen beside it, it is measured from its lowest point",
-                )
-            low[2] = ground
-            return low, high, True, f"{word}it stands on the ground seen beside it"
-        raise UserError(
-            f"only {len(members)} points of the model lie inside the masks; are they of these photographs, and white on the "
-            "object?"
-        )
-    found = find_target(points, np.zeros(3), model.centers)
-    if found is not None:
-        x, y, _ = found.center_m
-        reach = 1.1 * found.half_extent_m
-        near = (np.abs(points[:, :2] - [x, y]) <= reach).all(axis=1)
-        above = (points[:, 2] > found.ground_m + GROUND_BAND_M) & (
-            points[:, 2] < found.ground_m + 2.2 * found.half_extent_m
-        )
-        members = _companions(points[near & above])
+        seen = np.maximum(np.bincount(model.points, minlength=len(points)), 1)
+        share = np.bincount(model.points, weights=in_mask, minlength=len(points)) / seen
+        members = _companions(points[share >= IN_MASK])
+        if len(members) < MIN_POINTS:
+            raise UserError(
+                f"only {len(members)} points of the model lie inside the masks; are they of these photographs, and white "
+                "on the object?"
+            )
+        low, high = np.percentile(members, [0.5, 99.5], axis=0)
+        ground = _ground_beside(points[share < 1 - IN_MASK], low, high)
+        word = "it stands on the ground seen beside it"
+        if ground is None:
+            word = "no ground is seen beside it, it is measured from its lowest point"
+        low[2] = low[2] if ground is None else ground
+        return low, high, ground is not None, f"{len(members)} sparse points inside the masks; {word}"
+    if (found := find_target(points, np.zeros(3), model.centers)) is not None:
+        near = (np.abs(points[:, :2] - found.center_m[:2]) <= 1.1 * found.half_extent_m).all(axis=1)
+        height = points[:, 2] - found.ground_m
+        members = _companions(points[near & (height > GROUND_BAND_M) & (height < 2.2 * found.half_extent_m)])
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
             low[2] = found.ground_m
-            return (
-                low,
-                high,
-                True,
-                f"{len(members)} sparse points that rise from the ground where the cameras look",
-            )
+            word = f"{len(members)} sparse points that rise from the ground where the cameras look"
+            return low, high, True, word
     members = _companions(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
     if len(members) < MIN_POINTS:
         raise UserError(
