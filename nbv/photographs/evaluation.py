@@ -69,7 +69,7 @@ def measure_cloud(
 
 
 def ceiling(photographs: PhotographSet) -> dict[str, float]:
-    """One half of the photographs against the other, by the names of the metrics: nobody can be told to be better."""
+    """One half of the photographs against the other, by the names of the metrics: the reference cannot tell better scores apart."""
     halves = photographs.halves
     found = {}
     for k, fraction in enumerate(THRESHOLD_FRACTIONS):

@@ -38,9 +38,8 @@ FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
-DARKEST = (
-    64  # of 255: the brightest pixel of a format is below it where its bits are shifted, such as 12 in 16
-)
+# Of 255: the brightest pixel of a format is below it where its bits are shifted, such as 12 in 16.
+DARKEST = 64
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 # What says that another lens, zoom or part of the sensor took a photograph.
 _LENS_TAGS = (

@@ -21,9 +21,8 @@ LOOKS_AT_DEG = 30.0  # off its optical axis at most lies what a photograph is of
 MIN_LOOKING = 0.6  # share of the photographs that look at one place
 IN_MASK = 0.8  # share of a point's observations that lie in masks where it is the object's
 MIN_POINTS = 50
-MASK_CONTRAST = (
-    0.05  # by which more of what the cameras look at lies in the masks than of what is farther away
-)
+# By which more of what the cameras look at lies in the masks than of what is farther away.
+MASK_CONTRAST = 0.05
 BESIDE = 1.6  # the ground is seen to so many half widths of the object from its middle
 GROUND_SHARE = 0.3  # of the points beside the object that lie in one band where there is ground
 BOX_MARGIN = 0.05  # about the object's box, as a share of its largest side
@@ -39,9 +38,8 @@ class ObjectFrame:
     low_m: Floats  # (3,) of the object's box in the set's frame
     high_m: Floats  # (3,)
     notes: tuple[str, ...]
-    grounded: bool = (
-        True  # the box stands on ground that was seen; else it begins where the object is seen to
-    )
+    # The box stands on ground that was seen; else it begins where the object is seen to.
+    grounded: bool = True
 
     @property
     def half_width_m(self) -> float:

@@ -126,7 +126,7 @@ class Coverage:
     azimuths_deg: Floats  # counter-clockwise, 0 to 360
     elevations_deg: Floats
     distances_m: Floats  # from the object's centre
-    gaps_deg: tuple[tuple[float, float], ...]  # azimuths between which nobody stood, widest first
+    gaps_deg: tuple[tuple[float, float], ...]  # azimuths between which no photograph was taken, widest first
 
 
 _Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -101,7 +101,9 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
             x, y, z, x_px, y_px = (float(word) for word in words[:5])
             file = words[5]
         except (ValueError, IndexError) as error:
-            raise UserError(f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; mend it") from error
+            raise UserError(
+                f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; correct it"
+            ) from error
         if not np.isfinite([x, y, x_px, y_px]).all() or np.isinf(z):
             raise UserError(
                 f"{path} line {number}: every number must be finite; only Z may be NaN, if it is not known"

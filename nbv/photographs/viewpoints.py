@@ -19,7 +19,7 @@ from nbv.random_streams import keyed_rng
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
 from nbv.viewpoints import ViewpointSource, seed_viewpoints
 
-SEED_CAP_DEG = 20.0  # a seed viewpoint without a photograph within this is not flown
+SEED_CAP_DEG = 20.0  # a seed viewpoint without a photograph within this is left out
 MOST_MISSING = 0.25  # of the seeds; more, and the set cannot express the layout
 UPPER_BAND_DEG = 35.0  # as in the paper's pool
 

@@ -90,7 +90,7 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
 
 
 def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
-    """`load_rock`, but a drawn rock (``FAMILY-SEED``) as a coarse mesh, in a tenth of the time: nobody photographs it.
+    """`load_rock`, but a drawn rock (``FAMILY-SEED``) as a coarse mesh, in a tenth of the time, for missions that render nothing.
 
     It has a hash of its own, by which errors and noise are drawn.
     """

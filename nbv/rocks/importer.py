@@ -25,7 +25,7 @@ Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
-MAX_REACH_M = 3.0  # viewpoints fly 3.5 m from the target
+MAX_REACH_M = 3.0  # viewpoints are 3.5 m from the target
 MAX_STEP, FAR = 0.002, 100.0  # of coordinates, and how far they are, in sizes of the body
 ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say nothing
 

@@ -36,13 +36,13 @@ _MIDDLE = 2  # of the thresholds
 @app.command("import")
 def import_(
     folder: Annotated[Path, typer.Argument(help="Photographs of one object: JPEG, PNG, TIFF or HEIC.")],
-    name: Annotated[str, typer.Option(help="Name of the set, which then stands where a rock may stand.")],
+    name: Annotated[str, typer.Option(help="Name of the set, which commands take in place of a rock.")],
     model: Annotated[
         Path | None,
         typer.Option(help="Poses that you have: the folder of a COLMAP model, or transforms.json."),
     ] = None,
     masks: Annotated[
-        Path | None, typer.Option(help="Folder of masks, white on the object, called as the photographs.")
+        Path | None, typer.Option(help="Folder of masks, white on the object, named as the photographs.")
     ] = None,
     height_m: Annotated[float | None, typer.Option(help="The object's true height.")] = None,
     control_points: Annotated[
@@ -63,7 +63,7 @@ def import_(
     from nbv.photographs.importer import ImportOptions, import_photographs
 
     options = ImportOptions(model, masks, height_m, control_points, max_size)
-    with _told() as progress:
+    with _progress_bar() as progress:
         made = import_photographs(folder, name, options, progress, Store(), force=force)
         progress("writing the page", 0, 1)
         from tuner.report.photographs import write_import_report
@@ -127,13 +127,15 @@ def enough(
         ),
     ] = None,
     set_: Overrides = None,
-    replicates: Annotated[int, typer.Option(help="Of each way at each number, each begun elsewhere.")] = 3,
+    replicates: Annotated[
+        int, typer.Option(help="Of each strategy at each number, each with other seeds.")
+    ] = 3,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/enough-NAME).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """How many photographs would have done, and which: quality over number for a ring, chance and planners.
+    """How few photographs would have been enough: quality over their number for a ring, random choice and planners.
 
     Stopped, it goes on where it was when the same command runs again.
 
@@ -236,8 +238,8 @@ def _describe(found: PhotographSet) -> None:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[Progress]:
-    """Say what is done: a bar in a terminal, else a line when something new begins."""
+def _progress_bar() -> Iterator[Progress]:
+    """A bar in a terminal, else a line when another step begins."""
     last = ""
     text = TextColumn("{task.description}", markup=False)  # a photograph's file may have any name
     with RichProgress(text, BarColumn(), TimeElapsedColumn(), console=output) as bar:

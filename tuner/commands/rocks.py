@@ -76,7 +76,7 @@ def import_(
     up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
-    """Bring your own rock into the catalogue; says what it changed.
+    """Import your own rock into the catalogue and print what was changed.
 
     Example: gatetune rocks import scan.glb --name mine --up z
     """
@@ -100,7 +100,7 @@ def generate(
         int, typer.Option(help="Below 10000: training; below 20000: validation; others are held out.")
     ],
 ) -> None:
-    """Draw a rock from a family; its name, FAMILY-SEED, stands wherever a rock may stand.
+    """Draw a rock from a family; commands take its name, FAMILY-SEED, as any rock's.
 
     Example: gatetune rocks generate --family overhang --seed 17
     """

@@ -1,8 +1,8 @@
-"""How few of the photographs of a set would have done: which missions say so, and what they said.
+"""How few of the photographs of a set would have done: which missions answer that, and how they are read.
 
-Ways to choose photographs, each run at several numbers with several replicates (of the place where it begins): an even
-ring, random ones, and planners. All but the ring begin with the same seeds. One more mission takes all photographs: what it
-reaches is what a few are to keep. A plan keeps it where the lower bound over its replicates does.
+Strategies that choose photographs (an even ring, random ones, planners) run at several numbers of photographs, with
+replicates that begin elsewhere; all but the ring begin with the same seeds. One more mission takes all photographs. A plan is
+enough where the lower bound of its quality over the replicates keeps the asked share of what all photographs reach.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Smallest:
 
 @dataclass(frozen=True)
 class Enough:
-    """What the missions said."""
+    """Quality over the number of photographs, and the smallest plan that is enough."""
 
     all_photographs: float  # how many may be taken
     all_quality: float
@@ -81,23 +81,9 @@ def enough_plans(
 ) -> tuple[EvaluationPlan, EvaluationPlan]:
     """The mission that takes all photographs, and the missions of the curves.
 
-    Parameters
-    ----------
-    photographs
-        The set.
-    numbers
-        Of photographs; those that the set does not have are left out.
-    replicates
-        Of every way at every number.
-    tuned
-        A configuration whose gate and scorers run as "tuned"; by default our own scorer.
-    overrides
-        Values for every mission.
-
-    Raises
-    ------
-    UserError
-        The set has too few photographs for the fewest of ``numbers``, or there is one replicate only.
+    ``numbers`` of photographs that the set does not have are left out; ``tuned`` is a configuration whose gate and scorers run
+    as "tuned", by default our own scorer; ``overrides`` hold for every mission. `UserError` where the set has too few
+    photographs for the fewest of ``numbers``, or there is one replicate only.
     """
     if replicates < 2:
         raise UserError(
@@ -151,21 +137,10 @@ def enough_plans(
 def read_enough(
     everything: EvaluationRun, curves: EvaluationRun, keep_percent: float, metric: str = METRIC
 ) -> Enough:
-    """What the missions of `enough_plans` said; failed ones count as a quality of 0.
+    """The curves of the two evaluations of `enough_plans`, and the plan of fewest photographs that keeps enough quality.
 
-    Parameters
-    ----------
-    everything, curves
-        The run plans.
-    keep_percent
-        Of the quality with all photographs.
-    metric
-        What quality is.
-
-    Raises
-    ------
-    UserError
-        The mission with all photographs failed.
+    ``keep_percent`` is of the quality, ``metric``, with all photographs. A failed mission counts as a quality of 0. `UserError`
+    where the mission with all photographs failed.
     """
     whole = next(iter(everything.records), None)
     reached = None if whole is None else whole.value(metric)
@@ -219,9 +194,7 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
     taken = sum(
-        times * min(most, c.seed.total + c.adaptive_budget)
-        for c, times in configs
-        if isinstance(c, MissionConfig)
+        n * min(most, c.seed.total + c.adaptive_budget) for c, n in configs if isinstance(c, MissionConfig)
     )
     return SECONDS_PER_PHOTOGRAPH * taken
 
