@@ -55,14 +55,8 @@ class ImportSource:
     def up(self, name: str) -> tuple[float, float]:
         """Direction (right, down) of the picture that is up for who looks at it."""
         orientation = 1 if self.upright else self.by_name[name].orientation
-        return {
-            3: (0.0, 1.0),
-            4: (0.0, 1.0),
-            5: (1.0, 0.0),
-            6: (-1.0, 0.0),
-            7: (-1.0, 0.0),
-            8: (1.0, 0.0),
-        }.get(orientation, (0.0, -1.0))
+        right = {5: 1.0, 6: -1.0, 7: -1.0, 8: 1.0}.get(orientation, 0.0)
+        return right, 0.0 if right else 1.0 if orientation in (3, 4) else -1.0
 
     def turned(self) -> ImportSource:
         """Turned as EXIF says, unless only unturned the photographs are all of one size.

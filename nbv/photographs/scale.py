@@ -243,15 +243,12 @@ def _readings(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict
         return {name: np.column_stack([_local_m(CRS(WGS84), x, y), z])}
     third = len(crs.axis_info) == 3
     axis = crs.axis_info[-1]
-    said, says = (
-        (axis.unit_name, axis.unit_conversion_factor) if third or crs.is_projected else ("metre", 1.0)
-    )
-    units_m = {"metre": 1.0, "foot": 0.3048}
-    units_m = {
-        said: -says if axis.direction == "down" else says,
-        **{u: m for u, m in units_m.items() if u != said},
-    }
-    heights = {f"heights in {unit}": z * metres for unit, metres in units_m.items() if np.isfinite(z).any()}
+    unit, unit_m = "metre", 1.0
+    if third or crs.is_projected:
+        unit, unit_m = axis.unit_name, axis.unit_conversion_factor
+    units_m = {unit: -unit_m if axis.direction == "down" else unit_m}
+    units_m |= {name: metres for name, metres in {"metre": 1.0, "foot": 0.3048}.items() if name != unit}
+    heights = {f"heights in {u}": z * metres for u, metres in units_m.items() if np.isfinite(z).any()}
     heights["without heights"] = np.full(len(z), np.nan)
     flat, first = crs.to_2d(), "latitude" if crs.is_geographic else "north"
     orders = {"": (x, y), f", {first} first": (y, x)}
@@ -330,10 +327,8 @@ def _fitted(reading: str, found: Floats, places_m: Floats) -> _Fit:
     on one line, or are too few.
     """
     known = np.isfinite(places_m)
-    x, y = (
-        found - found.mean(axis=0),
-        places_m - np.nanmean(np.where(known.any(axis=0), places_m, 0.0), axis=0),
-    )
+    middle_m = np.nanmean(np.where(known.any(axis=0), places_m, 0.0), axis=0)
+    x, y = found - found.mean(axis=0), places_m - middle_m
     unit, size_m = (float(np.sqrt(np.nansum(part**2) / len(x))) for part in (x, y))
     if not (unit > 1e-9 and size_m > 1e-6):
         raise ValueError("coincide")

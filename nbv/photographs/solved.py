@@ -56,10 +56,7 @@ class SolvedModel:
         cameras = []
         for camera in self.cameras:
             names = camera.params_info.replace(" ", "").split(",")
-            across = {
-                "cx": camera.width,
-                **dict.fromkeys(_ACROSS, 0.0),
-            }  # what turns round, about which value
+            across = {"cx": camera.width} | dict.fromkeys(_ACROSS, 0.0)  # what turns round, about which value
             params = [across[n] - v if n in across else v for n, v in zip(names, camera.params, strict=True)]
             cameras.append(pycolmap.Camera({**camera.todict(), "params": params}))
         widths = np.array([camera.width for camera in cameras])
