@@ -95,7 +95,7 @@ app.add_typer(
 )
 app.add_typer(plugin.app, name="plugin", help="Scorers, gates and other parts of other packages.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
-app.command(name="doctor", short_help="Is this machine fit for missions, and what expected_gain it?")(
+app.command(name="doctor", short_help="Is this machine fit for missions, and what would mend it?")(
     doctor.doctor
 )
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")

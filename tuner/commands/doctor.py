@@ -1,4 +1,4 @@
-"""``gatetune doctor``: is this machine fit for missions, and if not, which command expected_gain it?"""
+"""``gatetune doctor``: is this machine fit for missions, and if not, which command helps?"""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Finding(NamedTuple):
 
     verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be run
     what: str
-    remedy: str = ""  # what it means, or the command that expected_gain it
+    remedy: str = ""  # what it means, or the command that helps
 
 
 def doctor(as_json: AsJson = False) -> None:
