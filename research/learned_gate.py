@@ -23,7 +23,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
@@ -43,7 +42,7 @@ from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
-from tuner.report.comparison import for_terminal, table_i_grid
+from tuner.report.comparison import table_i
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")
 REFERENCE = "covis"
@@ -156,7 +155,7 @@ def tables(out: Path) -> None:
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
         table = comparison_table(records, STRATEGIES, REFERENCE, surface)  # type: ignore[arg-type]
-        Console().print(*for_terminal(table_i_grid(table, f"{surface.capitalize()} surface"), 120))
+        print(f"\n{surface.capitalize()} surface\n\n{table_i(table, '').markdown()}")
 
 
 def main() -> None:

@@ -377,9 +377,7 @@ def show_gate_result(result: GateResult) -> None:
     from tuner.report import gate_result
 
     for block in result.blocks:
-        output.print(gate_result.terminal_table(block))
-        for note in gate_result.notes(block):
-            output.print(note, style="dim")
+        output.print(*gate_result.table_of(block).for_terminal(output.width))
     output.print(gate_result.LEGEND, style="dim")
     for sentence in result.sentences:
         output.print(sentence, style="bold", highlight=False)

@@ -260,13 +260,16 @@ def compare(
     facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=notes)
     for line in facts.verdicts:
         output.print(line.text, style="bold")
-    tables = {"What was run, and what it got": facts.summary}
+    tables = {"Results by strategy": facts.summary}
     tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for name, table in tables.items():
-        output.print(*comparison.for_terminal(comparison.strategy_grid(table, name), output.width))
+        shown = comparison.table_by_strategy(table, name, None, place)
+        output.print(*shown.for_terminal(output.width))
     if paper:
-        grid = comparison.table_i_grid(facts.tables["whole"], "Table I, whole surface", paper=True)
-        output.print(*comparison.for_terminal(grid, output.width, "paper"))
+        shown = comparison.table_i(
+            facts.tables["whole"], "Table I, whole surface", paper=True, differences=False
+        )
+        output.print(*shown.for_terminal(output.width))
         output.print(comparison.paper_note(plan.fidelity))
     with working("writing the report"):
         command = f"gatetune {shlex.join(sys.argv[1:])}"

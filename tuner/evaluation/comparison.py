@@ -254,6 +254,11 @@ class PairedDifference:
     losses: int
 
     @property
+    def bounds(self) -> tuple[float, float | None, float | None]:
+        """The mean and the bounds of its interval."""
+        return self.interval.mean, self.interval.low, self.interval.high
+
+    @property
     def exactly_zero(self) -> bool:
         """Whether no pair differs at all."""
         return self.wins == self.losses == 0

@@ -65,6 +65,7 @@ from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.plan_picture import plan_picture
 from tuner.report.style import short_names
+from tuner.report.table import Table
 from tuner.surrogate.model import InstanceMeanGP
 
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
@@ -172,11 +173,9 @@ def write_campaign_report(campaign: Campaign) -> Path:
         gate=_gate_answer(facts) if s.mission is None else "",
         gate_figure=gate_figure(facts) if s.mission is None else "",
         result=result,
-        result_columns=gate_result.COLUMNS,
+        result_tables=[gate_result.table_of(block) for block in result.blocks] if result else [],
         result_legend=gate_result.LEGEND,
-        result_cells=gate_result.cells,
-        result_notes=gate_result.notes,
-        gain_text=gate_result.gain_text,
+        groups=gate_result.group_table(result, facts.label.full) if result else Table.of("", (), ()),
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,
@@ -192,8 +191,8 @@ def write_campaign_report(campaign: Campaign) -> Path:
         explorer=_explorer_data(facts),
         counts=s.objective.metric == PHOTOGRAPHS,
         model="" if best is None or facts.model is None else _model_text(facts, best),
-        per_rock=[] if best is None else _rock_rows(facts, best),
-        failures=_failure_rows(facts),
+        per_rock=None if best is None else _rock_table(facts, best),
+        failures=_failure_table(facts),
         run=shlex.quote(str(directory)),
         command=reproduce_command(campaign),
         command_note=_command_note(s),
@@ -244,13 +243,14 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
     best, s = facts.recommendation, facts.settings
     if best is None:
         sentence = f"Nothing yet: {facts.campaign.nothing_yet()}."
-        return {"sentence": sentence, "kept": [], "runner_up": ""}
+        return {"sentence": sentence, "kept": Table.of("", (), ()), "runner_up": ""}
+    kept = (
+        (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
+        for p in best.changed
+    )
     return {
         "sentence": use_sentence(best, s),
-        "kept": [
-            (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
-            for p in best.changed
-        ],
+        "kept": Table.of("", ("changed", "parameter", "use", "default"), kept),
         "runner_up": runner_up_sentence(best, s),
     }
 
@@ -493,7 +493,7 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
     return said
 
 
-def _rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
+def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
     """World by instance: missions, failures, what the recommendation and the default had there, with their missions."""
 
     def measured(mean: float | None, missions: int) -> str:
@@ -514,16 +514,23 @@ def _rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 measured(float(np.mean(default)) if default else None, len(default)),
             ]
         )
-    return rows
+    unit = f" in {facts.label.unit}" if facts.label.unit else ""
+    place = place_word(facts.settings)
+    caption = (
+        f"{facts.label.full} of the recommended configuration{unit}. Predicted is the posterior mean there; measured is the "
+        "mean of the missions that ran there, with their number."
+    )
+    columns = (place, "missions there", "failed", "predicted", "measured", "default measured")
+    return Table.of("", columns, rows, caption)
 
 
-def _failure_rows(facts: CampaignFacts) -> list[list[str]]:
+def _failure_table(facts: CampaignFacts) -> Table:
     """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
     groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
     for t in facts.trials:
         if t.state == "failed" or t.status == "degraded":
             groups[t.reason or "unknown", "failed" if t.state == "failed" else "degraded"].append(t)
-    return [
+    rows = [
         [
             reason,
             outcome,
@@ -533,6 +540,8 @@ def _failure_rows(facts: CampaignFacts) -> list[list[str]]:
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
+    columns = ("reason", "outcome", "missions", f"{place_word(facts.settings)}s", "last message")
+    return Table.of("", columns, rows)
 
 
 def _explorer_data(facts: CampaignFacts) -> Markup:

@@ -6,14 +6,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 from scipy import stats
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
@@ -49,6 +47,7 @@ from tuner.report.labels import (
     MISSING,
     counted,
     decimals_for,
+    difference_text,
     format_number,
     interval_methods,
     interval_text,
@@ -58,7 +57,7 @@ from tuner.report.labels import (
 )
 from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.style import short_names
-from tuner.report.terminal import whole_tables
+from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"
 SURFACES: tuple[Literal["whole", "observable"], ...] = ("whole", "observable")
@@ -403,43 +402,22 @@ def _warnings(run: EvaluationRun, place: str) -> list[str]:
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One strategy's value of one metric, ready to print."""
-
-    text: str  # "71.2 ± 3.1"
-    best: bool = False
-    paper: str = ""  # "paper 72.0"; empty if it has none
-    difference: str = ""  # from the reference, "+1.2 (−0.3 to +2.7)"
-
-
-@dataclass(frozen=True)
-class Line:
-    """One line of a table; a heading has no cells."""
-
-    name: str
-    cells: tuple[Cell, ...] = ()
-    note: str = ""  # below the name
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A table ready to print, on the page and on the terminal."""
-
-    title: str
-    columns: tuple[str, ...]  # the first is of the lines' names
-    lines: list[Line]
-
-
-def strategy_grid(table: ComparisonTable, title: str, run: EvaluationRun | None = None) -> Grid:
-    """A line per strategy; with its ``run`` what each strategy does."""
-    lines = []
+def table_by_strategy(
+    table: ComparisonTable, title: str, run: EvaluationRun | None = None, place: str = "rock"
+) -> Table:
+    """A row per strategy; with its ``run`` what each strategy does. Values are means over ``place`` s."""
+    rows = []
     for name in table.strategies:
-        cells = [cell(row, name) for row in table.rows]
         note = "" if run is None else _what(name, run)
-        lines.append(Line(_label_in(table, name), (*cells, _missions(table, name)), note))
-    columns = [_row_name(row.metric) for row in table.rows]
-    return Grid(title, ("strategy", *columns, "missions"), lines)
+        cells = [cell(row, name) for row in table.rows]
+        rows.append(Row(_label_in(table, name), (*cells, _missions(table, name)), note))
+    caption = (
+        f"Each value is the mean over {place}s ± half of its 95 % interval, and the best one is marked. Below it stands the "
+        f"paired difference from {strategy_label(table.reference or '')}."
+    )
+    return Table(
+        title, ("strategy", *(_row_name(row.metric) for row in table.rows), "missions"), rows, caption
+    )
 
 
 def _label_in(table: ComparisonTable, name: str) -> str:
@@ -454,52 +432,52 @@ def _what(name: str, run: EvaluationRun) -> str:
     return what if owner == name else f"{what}; the same missions as {strategy_label(owner)}"
 
 
-def table_i_grid(table: ComparisonTable, title: str, *, paper: bool = False) -> Grid:
+def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differences: bool = True) -> Table:
     """The layout of Table I, with the paper's own values where asked; rows that no mission has a value of are left out."""
-    lines: list[Line] = []
+    rows: list[Row] = []
     group = ""
     for row in table.rows:
         if all(value is None for value in row.cells.values()):  # geometric missions have no distances
             continue
         if row.metric.group != group:
             group = row.metric.group
-            lines.append(Line(group))
-        lines.append(Line(_row_name(row.metric), tuple(cell(row, n, paper=paper) for n in table.strategies)))
+            rows.append(Row(group))
+        cells = (cell(row, n, paper=paper, difference=differences) for n in table.strategies)
+        rows.append(Row(_row_name(row.metric), tuple(cells)))
         if row.floor is not None:
             floor = Cell(format_number(row.floor, row.metric.decimals))
             name = f"– the rocks’ own floor ({row.metric.unit})"
-            lines.append(Line(name, (floor,) * len(table.strategies)))
-    lines.append(Line("missions", tuple(_missions(table, name) for name in table.strategies)))
-    return Grid(title, ("metric", *(_label_in(table, name) for name in table.strategies)), lines)
+            rows.append(Row(name, (floor,) * len(table.strategies)))
+    rows.append(Row("missions", tuple(_missions(table, name) for name in table.strategies)))
+    return Table(title, ("metric", *(_label_in(table, name) for name in table.strategies)), rows)
 
 
-def _world_grid(facts: ComparisonFacts) -> Grid:
+def _table_by_instance(facts: ComparisonFacts) -> Table:
     """The mean of every strategy in every instance, in the quality or the only objective."""
     plan, o = facts.run.plan, facts.asked.quality or facts.asked.objective
     stems = dict(zip(plan.rocks, short_names(plan.rocks)))
     several = len(plan.conditions) > 1
     names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.instances]
-    lines = []
+    rows = []
     for name in plan.strategies:
         own = [r for r in facts.run.records if r.strategy == name]
         found = [[r.measured(o) for r in own if r.instance == instance] for instance in plan.instances]
         known = [[value for value in values if value is not None] for values in found]
         means = (format_number(float(np.mean(values)) if values else None) for values in known)
-        lines.append(Line(strategy_label(name), tuple(map(Cell, means))))
-    return Grid(f"{metric_label(o.metric).full}, mean over replicates.", ("strategy", *names), lines)
+        rows.append([strategy_label(name), *means])
+    caption = f"{metric_label(o.metric).full}, mean over replicates."
+    return Table.of("", ("strategy", *names), rows, caption)
 
 
-def cell(row: ComparisonRow, strategy: str, *, paper: bool = False) -> Cell:
+def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: bool = True) -> Cell:
     """The cell of ``strategy`` in ``row``; "best" needs somebody to be better than."""
     metric, known = row.metric, sum(value is not None for value in row.cells.values())
     theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
-    d = row.differences.get(strategy)
-    return Cell(
-        _interval_text(row.cells[strategy], metric.decimals),
-        strategy in row.best and known > len(row.best),
-        "" if theirs is None else f"paper {format_number(theirs, metric.decimals)}",
-        "" if d is None else _difference_text(d, metric.decimals),
-    )
+    d = row.differences.get(strategy) if difference else None
+    below = [] if theirs is None else [f"paper {format_number(theirs, metric.decimals)}"]
+    below += [] if d is None else [difference_text(d.bounds, metric.decimals)]
+    best = strategy in row.best and known > len(row.best)
+    return Cell(_interval_text(row.cells[strategy], metric.decimals), best, tuple(below))
 
 
 def _missions(table: ComparisonTable, strategy: str) -> Cell:
@@ -520,35 +498,10 @@ def _interval_text(interval: Interval | None, decimals: int) -> str:
     return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
 
 
-def _difference_text(d: PairedDifference, decimals: int) -> str:
-    """``+1.2 (−0.3 to +2.7)``: strategy minus reference."""
-    i, mean = d.interval, format_number(d.interval.mean, decimals, signed=True)
-    if i.low is None or i.high is None or i.low == i.high:
-        return mean
-    low, high = (format_number(bound, decimals, signed=True) for bound in (i.low, i.high))
-    return f"{mean} ({low} to {high})"
-
-
 def _row_name(metric: MetricRow) -> str:
     """``Hausdorff ↓ (mm)``."""
     unit = f" ({metric.unit})" if metric.unit else ""
     return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
-
-
-def for_terminal(
-    grid: Grid, width: int, below: Literal["difference", "paper"] = "difference"
-) -> Iterator[Table]:
-    """The table on the terminal; ``below`` a value the difference from the reference or the paper's."""
-    said = "; paired difference below" if below == "difference" else ""
-    rows: list[list[Text]] = []
-    for line in grid.lines:
-        row = [Text(line.name, style="" if line.cells else "italic")]
-        for c in line.cells:
-            text = Text(f"{c.text} *" if c.best else c.text, style="bold" if c.best else "")
-            more = getattr(c, below)
-            row.append(Text.assemble(text, "\n", (more, "dim")) if more else text)
-        rows.append(row)
-    return whole_tables(grid.columns, rows, width, grid.title, f"mean ± 95 % interval{said}; * best mean")
 
 
 # -- the page ------------------------------------------------------------------------------------------------
@@ -599,14 +552,17 @@ def write_comparison_report(
         reference=strategy_label(facts.reference),
         place=facts.asked.place,
         truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
-        summary=strategy_grid(facts.summary, "", run),
-        conditions=[strategy_grid(table, f"Under {name}") for name, table in facts.conditions.items()],
-        instances=_world_grid(facts) if len(plan.instances) > 1 else None,
+        summary=table_by_strategy(facts.summary, "", run, facts.asked.place),
+        conditions=[
+            table_by_strategy(table, f"Under {name}", None, facts.asked.place)
+            for name, table in facts.conditions.items()
+        ],
+        instances=_table_by_instance(facts) if len(plan.instances) > 1 else None,
         tables=[
-            table_i_grid(table, _TITLES[name], paper=paper and name == "whole")
+            table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()
         ],
-        methods=interval_methods(methods).replace("rock", facts.asked.place),
+        methods=interval_methods(methods, facts.asked.place),
         paper=paper_note(plan.fidelity) if paper else "",
         floor=FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         provenance=_provenance(run, facts.asked.place),

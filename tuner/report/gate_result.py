@@ -7,9 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.baselines import (
@@ -33,8 +30,9 @@ from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.labels import MISSING, counted, format_number
+from tuner.report.labels import MISSING, Difference, counted, difference_text, format_number
 from tuner.report.style import short_names
+from tuner.report.table import Cell, Row, Table
 
 _ROWS = {
     "photos": MetricRow("", "Photographs", "costs.images", "", False, 0),
@@ -45,10 +43,10 @@ _ROWS = {
     "C 80": MetricRow("", "Completeness, 80 mm", "observable.completeness_80mm", "%", True),
     "C2C": MetricRow("", "Mean C2C", "observable.c2c_mean_mm", "mm", False),
 }
-COLUMNS = ("strategy", *_ROWS, "F 48 from Hyb-H")
 LEGEND = (
-    "F: F-score, C: completeness (%), at 48 and 80 mm; C2C: mean distance from cloud to surface (mm); flight (s); all on the "
-    "observable surface. Last column: F-score at 48 mm, paired difference from Hyb-H with its 95 % interval."
+    "F is the F-score and C the completeness (%) at 48 and 80 mm, C2C the mean distance from cloud to surface (mm), flight "
+    "in s; all are of the observable surface. The last column is the paired difference of the F-score at 48 mm from Hyb-H, "
+    "in points, with its 95 % interval."
 )
 
 
@@ -60,9 +58,7 @@ class ResultRow:
     label: str
     kind: str  # see `kind_of`
     values: dict[str, float | None]  # by column
-    difference: (
-        tuple[float, float | None, float | None] | None
-    )  # of the F-score at 48 mm from Hyb-H, 95 % interval
+    difference: Difference | None  # of the F-score at 48 mm from Hyb-H
     same_as: str = ""  # the label of the strategy whose photographs it took in every mission
     missions: int = 0
     failed: int = 0
@@ -155,7 +151,7 @@ def _block(directory: Any, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
                 label(name),
                 kind_of(name),
                 {column: None if cell is None else cell.mean for column, cell in cells.items()},
-                None if d is None else (d.interval.mean, d.interval.low, d.interval.high),
+                None if d is None else d.bounds,
                 label(same[name]) if name in same else "",
                 sum(r.status != "failed" for r in own),
                 sum(r.status == "failed" for r in own),
@@ -182,7 +178,7 @@ def _sentences(sources: Sequence[tuple[ResultBlock, list[Trial]]], best: Recomme
             for other, _ in sources[1:]
         ]
         said = [
-            f"Tuned against Hyb-H, F-score at 48 mm: {difference_text(rows[TUNED].difference)} points on {there}{''.join(also)}.",
+            f"On {there} Tuned gains {difference_text(rows[TUNED].difference)} points of F-score at 48 mm over Hyb-H{''.join(also)}.",
             *_what_earned_it(block, records, best),
         ]
     controls = {
@@ -194,7 +190,7 @@ def _sentences(sources: Sequence[tuple[ResultBlock, list[Trial]]], best: Recomme
         name = max(controls, key=lambda control: controls[control])
         d = strategy_difference(records, TUNED, name, metric)
         said.append(
-            f"The best control on the {there} is {label(name)}: Tuned against it {_interval(d)} points."
+            f"The best control on the {there} is {label(name)}; over it Tuned gains {_interval(d)} points."
         )
     if rows["hyb-h"].same_as:
         said.append(
@@ -212,7 +208,7 @@ def _what_earned_it(block: ResultBlock, records: list[Trial], best: Recommendati
             f"What earned it is not known yet: {' and '.join(missing)} did not run on these rocks to the end."
         ]
     parts = [f"{step.what} {_interval(step.difference)}" for step in steps]
-    said = [f"What earned it, one step after the other: {'; '.join(parts)}."]
+    said = [f"Step by step, this was earned by: {'; '.join(parts)}."]
     groups = grouped(best.changed)
     suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
     found, without = list[str](), list[str]()
@@ -238,52 +234,46 @@ def _row(block: ResultBlock, strategy: str) -> ResultRow:
 
 def _interval(d: PairedDifference | None) -> str:
     """``+0.2 [−0.4, +0.8]``."""
-    return MISSING if d is None else difference_text((d.interval.mean, d.interval.low, d.interval.high))
-
-
-def difference_text(difference: tuple[float, float | None, float | None] | None) -> str:
-    """``+0.2 [−0.4, +0.8]``; a dash for none."""
-    if difference is None:
-        return MISSING
-    mean, low, high = (format_number(value, 1, signed=True) for value in difference)
-    return mean if difference[1] is None else f"{mean} [{low}, {high}]"
-
-
-def gain_text(gain: tuple[float, tuple[float, float]]) -> str:
-    """``+0.2 [−0.4, +0.8]``."""
-    return difference_text((gain[0], *gain[1]))
+    return MISSING if d is None else difference_text(d.bounds)
 
 
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def cells(row: ResultRow) -> list[str]:
-    """The row's texts: its name, its values, its difference from Hyb-H."""
-    numbers = [format_number(value, _ROWS[column].decimals) for column, value in row.values.items()]
-    return [row.label, *numbers, "reference" if row.strategy == "hyb-h" else difference_text(row.difference)]
-
-
-def notes(block: ResultBlock) -> list[str]:
-    """What a reader must know of single rows."""
-    found = [f"{row.label}: {row.failed} failed, left out of the means." for row in block.rows if row.failed]
-    found += [f"{row.label} took the same photographs as {row.same_as}." for row in block.rows if row.same_as]
-    oracles = [row.label for row in block.rows if sees_ground_truth(row.strategy)]
-    return (
-        [*found, f"{', '.join(oracles)}: sees the true surface; no vehicle can run it."] if oracles else found
-    )
-
-
-def terminal_table(block: ResultBlock) -> Table:
-    """One block, 80 columns wide at most."""
-    table = Table(title=block.title, box=None, padding=(0, 1, 0, 0), title_justify="left", pad_edge=False)
-    table.add_column("strategy", no_wrap=True)
-    for column in _ROWS:
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("F 48 from Hyb-H", justify="right", no_wrap=True)
+def table_of(block: ResultBlock) -> Table:
+    """One set of rocks, 80 columns wide at most; a column that no mission has a value of is left out."""
+    columns = [name for name in _ROWS if any(row.values[name] is not None for row in block.rows)]
+    rows: list[Row] = []
     kind = ""
     for row in block.rows:
         if row.kind != kind:
             kind = row.kind
-            table.add_row(Text(kind, style="italic"))
-        table.add_row(*cells(row))
-    return table
+            rows.append(Row(kind))
+        texts = [format_number(row.values[name], _ROWS[name].decimals) for name in columns]
+        texts.append("reference" if row.strategy == "hyb-h" else difference_text(row.difference))
+        rows.append(Row(row.label, tuple(map(Cell, texts)), best=row.strategy == TUNED))
+    notes = [
+        f"{row.label}: {row.failed} failed missions are left out of the means."
+        for row in block.rows
+        if row.failed
+    ]
+    notes += [f"{row.label} took the same photographs as {row.same_as}." for row in block.rows if row.same_as]
+    if oracles := [row.label for row in block.rows if sees_ground_truth(row.strategy)]:
+        notes.append(f"No vehicle can run {' or '.join(oracles)}, which see the true surface.")
+    title = block.title if block.complete else f"{block.title}, not complete"
+    return Table(title, ("strategy", *columns, "F 48 from Hyb-H"), rows, " ".join(notes))
+
+
+def group_table(result: GateResult, metric: str) -> Table:
+    """What each group of changes gains on the training rocks, as the model believes it."""
+    rows = [
+        (
+            f"{g.group} ({', '.join(g.paths)})",
+            *(difference_text((gain, *bounds)) for gain, bounds in (g.alone, g.rest)),
+        )
+        for g in result.groups
+    ]
+    caption = (
+        f"Each value is the gain over the default in {metric}: the posterior mean with its 95 % interval."
+    )
+    return Table.of("", ("changed", "this group alone", "all but this group"), rows, caption)

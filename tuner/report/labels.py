@@ -14,6 +14,7 @@ from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.objective import reached
 
 MISSING = "–"
+Difference = tuple[float, float | None, float | None]  # the mean and the bounds of its 95 % interval
 # With more decimals what is smaller is written with an exponent; so is what has an uncertainty of more digits than `LARGE`.
 MOST_DECIMALS, LEAST_DECIMAL, LARGE = 6, 1e-3, 4
 HELD_DIGITS = 13  # that a number in double precision surely has
@@ -96,6 +97,14 @@ def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bo
     """``95 % interval +0.2 to +1.0``."""
     low, high = (format_number(value, digits, signed=signed) for value in bounds)
     return f"95 % interval {low} to {high}"
+
+
+def difference_text(difference: Difference | None, digits: int = 1) -> str:
+    """``+0.2 [−0.4, +0.8]`` of a mean and its bounds; the mean alone without bounds; a dash for None."""
+    if difference is None:
+        return MISSING
+    mean, low, high = (format_number(value, digits, signed=True) for value in difference)
+    return mean if difference[1] is None or difference[1] == difference[2] else f"{mean} [{low}, {high}]"
 
 
 def duration(seconds: float) -> str:
@@ -182,19 +191,18 @@ def parameter_label(path: str) -> ParameterLabel:
     )
 
 
-_INTERVAL_METHODS = {
-    "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
-    "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
-    "only, not for other rocks",
-    "wilson": "Wilson's for the share of rocks that kept the limit",
-    "none": "none where there are too few missions for one",
-}
-
-
-def interval_methods(methods: Collection[str]) -> str:
-    """A sentence on how intervals were made, from the ``method`` of each (``tuner.evaluation.comparison.Interval``)."""
-    said = [text for name, text in _INTERVAL_METHODS.items() if name in methods]
-    return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
+def interval_methods(methods: Collection[str], place: str = "rock") -> str:
+    """Sentences on how intervals were made, from the ``method`` of each (``tuner.evaluation.comparison.Interval``)."""
+    texts = {
+        "rocks": f"t-intervals over {place} means, in which every {place} counts the same, speak for unseen {place}s of the "
+        "same kind.",
+        "replicates": f"Intervals from the pooled variance between replicates, with the {place}s taken as fixed, speak for "
+        f"new replicates on these {place}s only.",
+        "wilson": f"The share of {place}s that kept the limit has Wilson's interval.",
+        "none": "Where there are too few missions, no interval is given.",
+    }
+    said = [text for name, text in texts.items() if name in methods]
+    return f"All intervals are of 95 %. {' '.join(said)}" if said else "There are no missions yet."
 
 
 def _words(key: str) -> str:

@@ -29,6 +29,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters["code"] = code
+    environment.filters["unbroken"] = unbroken
     return environment
 
 
@@ -36,6 +37,11 @@ def code(text: str) -> Markup:
     """Text in which `words in backticks` become code, numbers stay with their units, the rest is escaped."""
     text = re.sub(r"(?<=\d) (?=(%|mm|m|points|s|min|h)\b|%)", "\u00a0", text)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+
+def unbroken(text: str) -> str:
+    """Text whose intervals do not wrap: blanks beside numbers, signs and brackets become no-break spaces."""
+    return re.sub(r"(?<=[\d,±]) (?=[-−+±\[\d%])", "\u00a0", text)
 
 
 def write_page(path: Path, template: str, **facts: Any) -> Path:

@@ -8,8 +8,6 @@ from typing import Literal
 from rich.table import Table
 from rich.text import Text
 
-_BETWEEN = 3  # a border and a blank on either side
-
 
 def whole_tables(
     columns: Sequence[str], rows: Sequence[Sequence[Text | str]], width: int, title: str, caption: str = ""
@@ -26,24 +24,26 @@ def whole_tables(
         )
         for k, name in enumerate(columns)
     ]
-    widths[0] = min(widths[0], max(1, width - 1 - 2 * _BETWEEN - max(widths[1:], default=0)))
+    between = 2 if sum(widths) + 2 * (len(widths) - 1) <= width else 1  # blanks between columns
+    widths[0] = min(widths[0], max(1, width - between - max(widths[1:], default=0)))
     groups: list[list[int]] = [[]]
     for k in range(1, len(columns)):
         together = [0, *groups[-1], k]
-        if groups[-1] and 1 + sum(widths[i] + _BETWEEN for i in together) > width:
+        if groups[-1] and sum(widths[i] + between for i in together) - between > width:
             groups.append([])
         groups[-1].append(k)
     for number, group in enumerate(groups):
-        table = Table(title=title if number == 0 else None)
-        room = width - 1 - sum(widths[k] + _BETWEEN for k in (0, *group))
+        table = Table(
+            title=title if number == 0 else None, box=None, padding=(0, between, 0, 0), pad_edge=False
+        )
+        table.title_justify = table.caption_justify = "left"
+        room = width + between - sum(widths[k] + between for k in (0, *group))
         for k in (0, *group):  # headers in one line as far as there is room
             more = max(0, min(room, len(columns[k]) - widths[k]))
             room -= more
             side: Literal["left", "right"] = "right" if k else "left"
             table.add_column(columns[k], justify=side, width=widths[k] + more, overflow="fold")
         for row in texts:
-            if len(row) < 2:
-                table.add_section()
             table.add_row(*(row[k] for k in (0, *group) if k < len(row)))
         table.caption = caption if number == len(groups) - 1 else None
         yield table

@@ -62,7 +62,7 @@ def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None
     default = CampaignFacts(campaign).default
     facts = better(campaign, values=default, runner_up=None)
     answer = use_answer(facts)
-    assert answer["kept"] == [] and answer["sentence"].startswith("Keep the default")
+    assert not answer["kept"].rows and answer["sentence"].startswith("Keep the default")
     why, command = next_answer(facts, evaluated=0)
     assert why.startswith("Stop") and command == ""
 
