@@ -25,7 +25,9 @@ ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
 TEMPLATES = "tuner/report/templates"
 MADE_FROM = {  # picture: what decides how it looks
-    "campaign_page": [f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "campaign.js", "page.html.j2")],
+    "campaign_page": [
+        f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "macros.html.j2", "page.html.j2")
+    ],
     "mission_view": [f"{TEMPLATES}/{name}" for name in ("walk.html.j2", "walk.js")],
     "terminal": ["tuner/commands/campaign_display.py", "tuner/report/gate_result.py"],
 }

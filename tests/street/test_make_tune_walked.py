@@ -67,7 +67,7 @@ def says_what_is_known(answer: dict, terminal: str, page: str) -> None:
     assert photographs == int(photographs) < default == 32
     assert answer["improvement_interval_95"] == [default - photographs] * 2
     for screen in (terminal, page):
-        assert f"Photographs: {photographs:.0f} in place of 32" in screen
+        assert f"The number of photographs is {photographs:.0f} in place of 32" in screen
         assert not re.search(r"\d ?± ?0\.0\b|\+(\d+\.?\d*) to \+\1\b", screen)
         assert re.search(r"\d+ photographs (on a ring )?at \d+°", screen)
     for word in ("surrogate", "calibrated", "eligible"):

@@ -170,7 +170,7 @@ FILES = {
 LEAST_SCALE_M = 1.0
 SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "travel_distance_scale_m"}
 
-# What flies there, by scorer name or by gate mode of the hybrid, and here.
+# What chooses views there, by scorer name or by gate mode of the hybrid, and here.
 SCORER_OF_GATE = {"covis": "covisibility", "b-aware": BASELINE_AWARE}
 MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle"}
 CRITERION_OF_OURS = {"budget": "image_budget", "knn": "knn_distance", "both": "both"}
@@ -273,7 +273,7 @@ def write_scoring(
         (
             "gate.geometry_scorer",
             heuristic and scorer != "b-aware",
-            f"{scorer} does not exist there: B-aware flies",
+            f"{scorer} does not exist there, so B-aware takes its place",
         ),
     )
     return {key.path: values[key.path] for key in SCORING if values.get(key.path) is not None}, remarks
@@ -290,13 +290,13 @@ def _scorer(config: MissionConfig) -> tuple[str, str | None]:
 
 
 def _with_weights_of_selected_scorer(config: MissionConfig) -> MissionConfig:
-    """Return ``config`` with both scorers having the shared weights of the one that flies alone, where one does."""
+    """Return ``config`` with both scorers having the shared weights of the one that is used alone, where one does."""
     alone = {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind)
     if alone is None:
         return config
-    flies, idle = alone
+    used, idle = alone
     return config.with_values(
-        {f"{idle}.weights.{name}": getattr(getattr(config, flies).weights, name) for name in _SHARED}
+        {f"{idle}.weights.{name}": getattr(getattr(config, used).weights, name) for name in _SHARED}
     )
 
 

@@ -1,4 +1,4 @@
-"""The route of a flown mission as a QGroundControl ``.plan``: take-off, photographs, return.
+"""The route of a mission as a QGroundControl ``.plan``: take-off, photographs, return.
 
 File format version 1 of QGroundControl's developer guide; commands are numbered as in MAVLink's common message set.
 The route is fixed: on the vehicle nothing is planned any more.
@@ -61,7 +61,7 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
     Parameters
     ----------
     view_ids
-        Photographs in the order flown, such as ``seed_00`` and ``cand_017``.
+        Photographs in their order, such as ``seed_00`` and ``cand_017``.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
     unknown = [name for name in view_ids if name not in known]
     if unknown:
         raise UserError(
-            f"view {unknown[0]!r} is not one of this configuration's; export the mission that flew it"
+            f"view {unknown[0]!r} is not one of this configuration's; export the mission that took it"
         )
     items = [
         {**item, "doJumpId": i, "autoContinue": True, "type": "SimpleItem"}

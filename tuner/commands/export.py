@@ -131,12 +131,12 @@ def _write_plan(run: Path, home: str, out: Path) -> None:
         raise UserError(
             f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
         ) from error
-    flown = _recommended_mission(run) if (run / SETTINGS_FILE).is_file() else run
-    flight, config = read_flight(flown), mission_config(flown)
+    source = _recommended_mission(run) if (run / SETTINGS_FILE).is_file() else run
+    flight, config = read_flight(source), mission_config(source)
     views = list(flight.photographed_m())
     seeds = sum(name.startswith("seed_") for name in views)
     said = [
-        f"it carries the route of {flown}: {len(views)} photographs ({seeds} seeds, then "
+        f"it carries the route of {source}: {len(views)} photographs ({seeds} seeds, then "
         f"{len(views) - seeds} that the planner chose there), none planned above {config.pool.max_altitude_m:g} m",
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
@@ -144,7 +144,7 @@ def _write_plan(run: Path, home: str, out: Path) -> None:
 
 
 def _recommended_mission(run: Path) -> Path:
-    """Where the recommended mission, or the default that it is, was flown whole."""
+    """Where the recommended mission, or the default that it is, was run whole."""
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.showcase import showcase_jobs, was_run
 
@@ -153,5 +153,7 @@ def _recommended_mission(run: Path) -> Path:
     if not jobs:
         raise UserError(f"{run} has no route: it has no recommendation, or its missions are not ours")
     if not was_run(jobs[-1]):
-        raise UserError(f"{run} has not flown its recommendation whole; run: gatetune mission view {run}")
+        raise UserError(
+            f"{run} has not run its recommendation with everything kept; run: gatetune mission view {run}"
+        )
     return jobs[-1].directory

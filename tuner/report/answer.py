@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FEW = 3  # changes that a sentence can name
 PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
-GEOMETRIC = "Predicted by geometric missions: no photograph was taken."
+GEOMETRIC = "These values are predictions of geometric missions, in which no photograph is taken."
 
 
 # -- what to use ---------------------------------------------------------------------------------------------
@@ -44,13 +44,13 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
     if best.limit is not None and not best.limit.kept:
         likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
-        return f"Nothing run is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
+        return f"No configuration that was evaluated is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
     if best.keep_default:
         plan = plan_words(s.config(best.values), ceiling=False)
         default = f"the default{f' ({plan})' if plan else ''}"
         if _leads(best.runner_up):
-            return f"Keep {default} for now: what looks better has not run often enough to be recommended."
-        return f"Keep {default}: nothing run is known to be better."
+            return f"Keep {default} for now: what looks better has too few trials to be recommended."
+        return f"Keep {default}: no configuration that was evaluated is known to be better."
     words = configuration_words(best.values, best, s)
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
         place, (low, high) = place_word(s), best.limit.next_hundred or (0, 100)
@@ -109,7 +109,7 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """What the recommendation is worth on the training rocks, in what was asked for, then on the next rock."""
     place, label = place_word(s), metric_label(best.metric)
-    said = f"{short_name(label)}: {_mean(label, best.mean, best.sd)}"
+    said = f"{_subject(label)} is {_mean(label, best.mean, best.sd)}"
     if not best.keep_default:
         said += f" in place of {_mean(label, best.default_mean, best.sd)}"
     if not best.exact:
@@ -143,7 +143,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
         if o.counts_as is None:
-            line += "which all others contradict: this was found without it; run its configuration again if it may be true."
+            line += "which all others contradict. The recommendation was made without it; run its configuration again if it may be true."
         else:
             line += f"far from all others: it counts as {number_text(o.counts_as)}."
         said.append(line)
@@ -155,7 +155,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
 def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str]:
     """What has a limit: its mean, whether the limit is kept, and on how many of the next rocks."""
     label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
-    said = f"{short_name(label)}: {_mean(label, limit.mean, limit.sd)}"
+    said = f"{_subject(label)} is {_mean(label, limit.mean, limit.sd)}"
     default = _mean(label, limit.default_mean, limit.sd)
     if not limit.exact:
         said += f" ({interval_text(map(label.possible, limit.interval_95), _decimals(limit.sd))})"
@@ -181,14 +181,16 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     if rival is None:
         return ""
     label = metric_label(best.metric)
-    worth = f"{short_name(label)}: {_mean(label, rival.mean, 0.0)}"
+    worth = f"{_subject(label)} is {_mean(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
-        worth = f"{_gain(rival.difference, (low, high), (high - low) / 4, label)} against the above"
-    keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
+        worth = f"It gains {_gain(rival.difference, (low, high), (high - low) / 4, label)} over the above"
+    keeps = (
+        "" if rival.probability is None else f"; it keeps the limit with probability {rival.probability:.2f}"
+    )
     few = "; it has to run on more rocks or replicates before it can be recommended" if _leads(rival) else ""
     return (
-        f"Runner-up (run {counted(rival.missions, 'time')}): {configuration_words(rival.values, best, s)}. "
+        f"The runner-up, evaluated in {counted(rival.missions, 'trial')}, is {configuration_words(rival.values, best, s)}. "
         f"{worth}{keeps}{few}."
     )
 
@@ -244,6 +246,12 @@ def place_word(s: CampaignSettings) -> str:
 def short_name(label: MetricLabel) -> str:
     """``F-score`` of ``F-score @ 48 mm``."""
     return re.sub(r" @ [\d.]+ mm", "", label.name)
+
+
+def _subject(label: MetricLabel) -> str:
+    """``F-score``; ``The number of photographs`` of what is counted."""
+    name = short_name(label)
+    return f"The number of {name.lower()}" if name.endswith("hotographs") else name
 
 
 def _mean(label: MetricLabel, mean: float, sd: float) -> str:

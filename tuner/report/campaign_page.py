@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import json
-import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
@@ -34,7 +31,7 @@ from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
-from tuner.problem.observations import configuration_key, short
+from tuner.problem.observations import configuration_key
 from tuner.problem.search_space import Parameter, builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import gate_result
@@ -49,7 +46,8 @@ from tuner.report.answer import (
     value_text,
     worth_sentences,
 )
-from tuner.report.gate_figure import draw_gate
+from tuner.report.figures import draw_differences, draw_gate, draw_outcomes, draw_slices
+from tuner.report.gate_result import GateResult
 from tuner.report.gate_switches import switch_sentences, traces_of
 from tuner.report.labels import (
     counted,
@@ -71,9 +69,7 @@ from tuner.surrogate.model import InstanceMeanGP
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
-MOST_MISSIONS = 2000  # a browser draws more only slowly
-SLICE_POINTS = 61
-LEANS = "The intervals are of the best of those run, where it was tuned: they lean towards optimism."
+LEANS = "The intervals are of the best trials where it was tuned, so they lean towards optimism."
 
 
 class CampaignFacts:
@@ -126,7 +122,7 @@ class CampaignFacts:
         key = configuration_key(space, values)
         return [t for t in self.trials if t.state == "complete" and configuration_key(space, t.values) == key]
 
-    def world_name(self, instance: Instance) -> str:
+    def instance_name(self, instance: Instance) -> str:
         """``slab``, or ``slab, field`` where there is more than one condition."""
         rock = self.rock_names.get(instance.rock, instance.rock)
         return f"{rock}, {instance.condition}" if self.several_conditions else rock
@@ -184,12 +180,12 @@ def write_campaign_report(campaign: Campaign) -> Path:
         progress=_progress_text(facts),
         place=place_word(s),
         recommended=best is not None,
-        several_conditions=facts.several_conditions,
         metric=facts.label.full,
-        unit=facts.label.unit,
-        not_drawn=max(0, len(facts.trials) - MOST_MISSIONS),
-        explorer=_explorer_data(facts),
-        counts=s.objective.metric == PHOTOGRAPHS,
+        outcomes=_outcome_figures(facts),
+        differences=_difference_figure(result),
+        slices=[]
+        if best is None or facts.model is None
+        else draw_slices(facts.model, s.space.parameters, best.values, facts.label, facts.modelled.sign),
         model="" if best is None or facts.model is None else _model_text(facts, best),
         per_rock=None if best is None else _rock_table(facts, best),
         failures=_failure_table(facts),
@@ -224,17 +220,19 @@ def write_showcase_page(campaign: Campaign) -> Path | None:
 def _subtitle(facts: CampaignFacts) -> str:
     """What the campaign was asked for, on what, in which search space."""
     s, label = facts.settings, metric_label(facts.settings.objective.metric)
-    said = f"Highest {label.full}"
+    said = f"The goal is the highest {label.full}"
     if s.objective.direction == "minimise":
-        said = f"{'Fewest' if s.objective.metric in COUNTS else 'Lowest'} {label.full.lower()}"
+        said = (
+            f"The goal is the {'fewest' if s.objective.metric in COUNTS else 'lowest'} {label.full.lower()}"
+        )
     if s.second is not None and s.limit is not None:
         what, how = bound(s.second.metric, s.second.direction, s.limit)
         said += f" with {what if s.second.is_share else metric_label(s.second.metric).full} {how}"
     conditions = [condition.name for condition in s.conditions]
     under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
     return (
-        f"{said}, on {', '.join(facts.rock_names.values())}{under}; "
-        f"{s.space.dimension} parameters tuned (search space {s.space.name})"
+        f"{said}, on {', '.join(facts.rock_names.values())}{under}. The campaign tunes {s.space.dimension} parameters "
+        f"(search space {s.space.name})."
     )
 
 
@@ -278,18 +276,19 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     said, place = worth_sentences(best, facts.settings), place_word(facts.settings)
     if best.keep_default:
         rocks = len({t.rock for t in facts.evaluated(best.values)})
-        return [*said, f"It ran on {rocks} of {len(facts.settings.rocks)} {place}s."]
+        return [*said, f"It was evaluated on {rocks} of {len(facts.settings.rocks)} {place}s."]
     both = pairs(facts, best)
     if not both:
         said.append(
-            f"Never run side by side: no {place} and replicate has both the recommendation and the default."
+            f"They were never evaluated side by side: no {place} and replicate has both the recommendation and the default."
         )
         return [*said, LEANS]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
-        f"Run side by side on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {place}s"
+        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {place}s"
         f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
-        f"{mean} of {facts.label.name} on average, better in {sum(d > 0 for d in both.values())} of {len(both)}."
+        f"the recommendation gains {mean} of {facts.label.name} on average, and is better in "
+        f"{sum(d > 0 for d in both.values())} of {len(both)}."
     )
     return [*said, LEANS]
 
@@ -330,7 +329,11 @@ def gate_figure(facts: CampaignFacts) -> str:
         if not isinstance(config, MissionConfig) or config.gate.kind != "hyb-h":
             return ""
         panels.append(
-            (f"{name}, {facts.world_name(block[0])}, replicate {block[1]}", config.gate, found[name][block])
+            (
+                f"{name}, {facts.instance_name(block[0])}, replicate {block[1]}",
+                config.gate,
+                found[name][block],
+            )
         )
     return draw_gate(panels)
 
@@ -370,19 +373,25 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     if evaluated:
         return f"Measure it on more {place}s: {counted(evaluated, place)} cannot speak for others.", evaluate
     if best.limit is not None and not best.limit.kept:
-        return f"Run more, or ask for less: nothing run is likely to keep {limit_words(best.limit)}.", more
+        return (
+            f"Run more, or ask for less: no configuration that was evaluated is likely to keep {limit_words(best.limit)}.",
+            more,
+        )
     if best.keep_default:
         rival = best.runner_up
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
             return "Stop: keep the default. Nothing else is believed to be better.", ""
         return "Run more: the runner-up is not yet told from the default.", more
     if is_geometric(s.fidelity):
-        return "Run it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
+        return (
+            "Evaluate it with photographs, on rocks that it has not seen: so far it is a prediction.",
+            evaluate,
+        )
     if s.mission is not None and not s.mission.held_out:
         return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
     if s.mission is None and len(pairs(facts, best)) < 2:
         one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
-        return "Confirm it where it was tuned: too few pairs were run.", one_rock
+        return "Confirm it where it was tuned: too few pairs were evaluated.", one_rock
     return f"Measure it on {place}s it has not seen.", evaluate
 
 
@@ -398,8 +407,8 @@ def _warnings(facts: CampaignFacts) -> list[str]:
         out.append(_stop_reason(facts))
     if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:
         out.append(
-            f"Only {best.observations} successful missions: the model rests mostly on its priors, and its intervals "
-            "cannot be checked yet."
+            f"The model knows only {counted(best.observations, 'successful mission')}, so it rests mostly on its priors, and "
+            "its intervals cannot be checked yet."
         )
     elif best is not None and (coverage := best.leave_one_out["coverage_95"]) < POOR_COVERAGE:
         out.append(
@@ -441,9 +450,7 @@ def bounds_text(facts: CampaignFacts) -> str:
     ]
     if not names:
         return ""
-    return (
-        f"At a bound of what was searched: {', '.join(names)}. A wider search space may have better values."
-    )
+    return f"{', '.join(names)}: the recommended value lies at a bound of the search space. A wider one may have better values."
 
 
 def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> bool:
@@ -494,7 +501,7 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
 
 
 def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
-    """World by instance: missions, failures, what the recommendation and the default had there, with their missions."""
+    """Instance by instance: missions, failures, what the recommendation and the default had there, with their missions."""
 
     def measured(mean: float | None, missions: int) -> str:
         return f"{format_number(mean, facts.digits)} ({missions})" if missions else format_number(None)
@@ -506,7 +513,7 @@ def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
         default = [value for value in outcomes if value is not None]
         rows.append(
             [
-                facts.world_name(row.instance),
+                facts.instance_name(row.instance),
                 str(len(own)),
                 str(sum(t.raw is None for t in own)),
                 format_number(facts.label.possible(row.predicted), facts.digits),
@@ -535,7 +542,7 @@ def _failure_table(facts: CampaignFacts) -> Table:
             reason,
             outcome,
             str(len(group)),
-            "; ".join(sorted({facts.world_name(t.instance) for t in group})),
+            "; ".join(sorted({facts.instance_name(t.instance) for t in group})),
             group[-1].message,
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
@@ -544,90 +551,40 @@ def _failure_table(facts: CampaignFacts) -> Table:
     return Table.of("", columns, rows)
 
 
-def _explorer_data(facts: CampaignFacts) -> Markup:
-    """JSON for the page's script; without a "<" nothing in it can end the element, or hide its end."""
-    best, model, parameters = facts.recommendation, facts.model, facts.settings.space.parameters
-    sign, adjusted = facts.modelled.sign, {}
-    if model is not None:  # outcomes with the instances' differences taken out
-        offset, factor = model.standardiser.mean_over([instance.rock for instance in model.instances])
-        values = sign * (offset + factor * model.targets)
-        adjusted = {o.number: round(float(v), 6) for o, v in zip(model.observations, values, strict=True)}
-    # Where the number of photographs is the objective, the page shows it against the quality.
-    counts = facts.settings.objective.metric == PHOTOGRAPHS and facts.modelled != facts.settings.objective
-    trials = [
-        {
-            "n": t.number,
-            "where": facts.world_name(t.instance),
-            "rep": t.replicate,
-            "raw": facts.outcome(t),
-            "adj": adjusted.get(t.number),
-            "state": t.status if t.state == "complete" else f"failed: {t.reason}",
-            "why": str(t.why.get("phase", "")),
-            "best": best is not None and t.values == best.values,
-            "default": t.values == facts.default,
-            "photos": t.raw if counts else None,
-            "href": _mission_link(facts.campaign.directory, t),
-            "u": [_position(p, t.values[p.path]) for p in parameters],
-            "v": [short(t.values[p.path]) for p in parameters],
+def _outcome_figures(facts: CampaignFacts) -> list[str]:
+    """Outcomes over the trials with the best so far and, where photographs are the objective, over their number."""
+    best, s = facts.recommendation, facts.settings
+    shown = [t for t in facts.trials if t.state != "running"]
+
+    def kind(t: Trial) -> str:
+        return (
+            "recommended"
+            if best is not None and t.values == best.values
+            else "default" * (t.values == facts.default)
+        )
+
+    def figure(x: str, place: Callable[[Trial], float | None], sign: float) -> str:
+        points = {
+            facts.instance_name(i): [
+                (at, facts.outcome(t), kind(t))
+                for t in shown
+                if t.instance == i and (at := place(t)) is not None
+            ]
+            for i in dict.fromkeys(t.instance for t in shown)
         }
-        for t in facts.trials[-MOST_MISSIONS:]
-        if t.state != "running"
-    ]
-    slices = []
-    if best is not None and model is not None:
-        slices = [_slice(p, model, best, sign) for p in parameters]
-    tree = {
-        "axis": facts.label.axis,
-        "digits": facts.digits,
-        "sign": sign,
-        "most": 100.0 if facts.label.unit == "%" else None,
-        "parameters": [_parameter(p) for p in parameters],
-        "best": [_position(p, best.values[p.path]) for p in parameters] if best else [],
-        "trials": trials,
-        "slices": slices,
-    }
-    return Markup(json.dumps(tree, allow_nan=False).replace("<", "\\u003c"))
+        return draw_outcomes(points, facts.label, x, sign)
+
+    figures = [figure("trial", lambda t: t.number, facts.modelled.sign)]
+    if s.objective.metric == PHOTOGRAPHS and facts.modelled != s.objective:
+        figures.append(figure("photographs", lambda t: t.raw, 0.0))
+    return figures
 
 
-def _slice(p: Parameter, model: InstanceMeanGP, best: Recommendation, sign: float) -> dict[str, Any]:
-    """The posterior of the mean over the training rocks along one parameter, the others as recommended; metric's unit."""
-    positions: list[Any] = list(p.choices)
-    if p.kind != "categorical":
-        positions = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
-    belief = model.posterior([{**best.values, p.path: v} for v in positions])
-    return {
-        "u": [_position(p, v) for v in positions],
-        "v": [short(v) for v in positions],
-        "mean": [round(sign * float(m), 6) for m in belief.mean],
-        "sd": [round(float(v), 6) for v in belief.sd],
-    }
-
-
-def _parameter(p: Parameter) -> dict[str, Any]:
-    label = parameter_label(p.path)
-    ends: tuple[Any, ...] = p.choices if p.kind == "categorical" else (p.low, p.high)
-    return {
-        "name": label.name,
-        "short": label.short,
-        "unit": label.unit,
-        "ticks": [[_position(p, v), short(v)] for v in ends],
-        "choices": p.kind == "categorical",
-    }
-
-
-def _position(p: Parameter, value: Any) -> float:
-    """From 0 to 1 along the parameter's axis."""
-    if p.kind == "categorical":
-        return p.choices.index(value) / max(1, len(p.choices) - 1)
-    return round(p.to_unit(value), 5)
-
-
-def _mission_link(directory: Path, trial: Trial) -> str:
-    """Address of a mission's own page, or of its documents, relative to the campaign's page; empty where there are none."""
-    for file in (directory / trial.directory / VIEW_FILE, directory / trial.directory / "mission.json"):
-        if file.is_file():
-            return os.path.relpath(file, directory).replace(os.sep, "/")
-    return ""
+def _difference_figure(result: GateResult | None) -> str:
+    """The differences of the first set of rocks, held-out ones where they were evaluated."""
+    rows = result.blocks[0].rows if result else []
+    found = [(row.label, row.difference) for row in rows if row.difference is not None]
+    return draw_differences(found, strategy_label("hyb-h")) if found else ""
 
 
 # -- where it is from ------------------------------------------------------------------------------------------
@@ -639,14 +596,14 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
     hashes = {facts.rock_names.get(t.rock, t.rock): t.rock_sha256[:12] for t in facts.trials if t.rock_sha256}
     times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
     between = f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"
-    flies = ("mission preset", s.preset)
+    source = ("mission preset", s.preset)
     if s.mission is not None:
-        flies = ("mission file", f"{s.mission.path} (SHA-256 {s.mission.sha256[:12]}…)")
+        source = ("mission file", f"{s.mission.path} (SHA-256 {s.mission.sha256[:12]}…)")
     named = ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items()))
     return [
         ("run between", between),
         *recorded_rows(recorded([directory / t.directory for t in facts.trials])),
-        flies,
+        source,
         ("conditions", ", ".join(condition.name for condition in s.conditions)),
         ("base configuration", s.base_config().digest()),
         ("sampler and seed", f"{s.sampler}, {s.seed}"),

@@ -259,7 +259,8 @@ def table_of(block: ResultBlock) -> Table:
     ]
     notes += [f"{row.label} took the same photographs as {row.same_as}." for row in block.rows if row.same_as]
     if oracles := [row.label for row in block.rows if sees_ground_truth(row.strategy)]:
-        notes.append(f"No vehicle can run {' or '.join(oracles)}, which see the true surface.")
+        see = "sees" if len(oracles) == 1 else "see"
+        notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")
     title = block.title if block.complete else f"{block.title}, not complete"
     return Table(title, ("strategy", *columns, "F 48 from Hyb-H"), rows, " ".join(notes))
 

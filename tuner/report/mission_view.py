@@ -54,13 +54,13 @@ _SCORES = {"completeness_48mm": "completeness at 48 mm", "f_score_16mm": "F-scor
 def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None) -> Path:
     """Write one HTML file, ``out``, that needs no server and no network: rock, clouds, cameras, pool, path, capture by capture.
 
-    ``runs``: the directories of one or two missions that were flown with everything kept; ``rock``: catalogue name or mesh
+    ``runs``: the directories of one or two missions that ran with everything kept; ``rock``: catalogue name or mesh
     file, by default the catalogue's rock of the mission's name for it.
 
     Raises
     ------
     UserError
-        A file is missing, a rock is not the one that was flown, or ``out`` cannot be written.
+        A file is missing, a rock is not the one of the mission, or ``out`` cannot be written.
     """
     missions = [_shown(run, rock) for run in runs]
     script = importlib.resources.files("tuner.report").joinpath("templates", "walk.js").read_text()

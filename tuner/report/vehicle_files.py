@@ -92,7 +92,7 @@ def _their_file(name: str, campaign: Campaign, best: Recommendation, onto: Path 
 def _carried(name: str, s: CampaignSettings, best: Recommendation) -> list[str]:
     """The changes that a file carries: without them it would say something else.
 
-    A change is taken out of the recommendation; where the rest cannot fly without it, it is put into the default.
+    A change is taken out of the recommendation; where the rest is no valid configuration without it, it is put into the default.
     """
     write, found, default = WRITERS[name], [], best.default_values
     for path in best.changed:

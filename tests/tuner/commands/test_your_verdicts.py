@@ -29,7 +29,7 @@ FILE = {
 
 def evaluated(tmp_path, returned: str, file=None, **asked) -> Path:
     """The directory of a finished campaign over a mission file whose missions return ``returned`` of the mode ``m``."""
-    code = f"def fly(request):\n    m = request['configuration']['mode']\n    return {returned}\n"
+    code = f"def run(request):\n    m = request['configuration']['mode']\n    return {returned}\n"
     (tmp_path / "own_mission.py").write_text(code)
     (tmp_path / "own.yaml").write_text(
         yaml.safe_dump({key: value for key, value in {**FILE, **(file or {})}.items() if value})
@@ -88,9 +88,14 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'costs': {'fuel': 5.0}}"
     directory = evaluated(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
     code, out, err = gatetune("campaign", "status", "runs/own")
-    assert code == 0 and "Nothing run is likely to keep Loss at most 1; the likeliest is" in out, err
+    assert code == 0 and "No configuration that was evaluated is likely to keep Loss at most 1; the" in out, (
+        err
+    )
     page = page_of(directory)
-    assert "Run more, or ask for less: nothing run is likely to keep Loss at most 1." in page
+    assert (
+        "Run more, or ask for less: no configuration that was evaluated is likely to keep Loss at most 1."
+        in page
+    )
     code, out, err = gatetune(*next_command(directory), "--workers", 1)
     assert code == 0 and "all 2 configurations have run with every replicate" in out, out + err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own")

@@ -54,7 +54,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert pairs(facts, facts.recommendation) == {}  # type: ignore[arg-type]
     said = sure_answer(facts)
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
-    assert said[-2].startswith("Never run side by side")
+    assert said[-2].startswith("They were never evaluated side by side")
     assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
 
 

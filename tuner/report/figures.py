@@ -1,0 +1,167 @@
+"""Figures of a campaign's page as data URIs: strategies' differences, outcomes, the gate's decisions, slices of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from nbv.config import GateConfig
+from nbv.gates.base import COVIS
+from nbv.mission.result import IterationRecord
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.problem.observations import short
+from tuner.problem.search_space import Parameter
+from tuner.report.labels import Difference, MetricLabel, parameter_label
+from tuner.report.style import BLACK, BLUE, GREY, ORANGE, VERMILION, colour, embed, look, marker, new_figure
+from tuner.surrogate.model import InstanceMeanGP
+
+SLICE_POINTS = 61
+
+
+def draw_differences(rows: Sequence[tuple[str, Difference]], reference: str) -> str:
+    """A point and its 95 % interval per strategy: how its F-score at 48 mm differs from the reference's, in points."""
+    with look():
+        figure = new_figure(6.4, 0.8 + 0.26 * len(rows))
+        axis = figure.subplots()
+        for k, (name, (mean, low, high)) in enumerate(rows):
+            shade = VERMILION if name == "Tuned" else BLUE
+            if low is not None and high is not None:
+                axis.plot([low, high], [k, k], color=shade, linewidth=2, alpha=0.5)
+            axis.plot(mean, k, "o", color=shade)
+        axis.axvline(0.0, color=BLACK, linewidth=1)
+        axis.set_yticks(range(len(rows)), [name for name, _ in rows])
+        axis.invert_yaxis()
+        axis.set_xlabel(f"F-score at 48 mm, difference from {reference} (points)")
+        return embed(figure)
+
+
+def draw_outcomes(
+    trials: Mapping[str, Sequence[tuple[float, float | None, str]]],
+    label: MetricLabel,
+    x: str,
+    sign: float = 0.0,
+) -> str:
+    """The outcome of every trial, a colour and a marker per instance; failed trials are crosses at the bottom.
+
+    Parameters
+    ----------
+    trials
+        By the instance's name: position along ``x``, outcome (None: failed) and "default", "recommended" or nothing.
+    label, x
+        Of the outcomes, and of the positions.
+    sign
+        1 where more is better, -1 where less is: a line shows the best so far. 0: no line.
+    """
+    with look():
+        figure = new_figure(6.4, 3.0)
+        axis = figure.subplots()
+        for k, (name, points) in enumerate(trials.items()):
+            shade, shape = colour(k), marker(k)
+            known = [(at, value, kind) for at, value, kind in points if value is not None]
+            for kind, size, fill in (("", 4, "full"), ("default", 7, "none"), ("recommended", 9, "full")):
+                own = [(at, value) for at, value, which in known if which == kind]
+                style: dict[str, Any] = {
+                    "color": shade,
+                    "ms": size,
+                    "fillstyle": fill,
+                    "ls": "",
+                    "clip_on": False,
+                }
+                axis.plot(*np.array(own).reshape(-1, 2).T, shape, rasterized=True, **style)
+            axis.plot([], [], shape, color=shade, label=name)
+            failed = [at for at, value, _ in points if value is None]
+            axis.plot(
+                failed, [0.03] * len(failed), "x", color=VERMILION, transform=axis.get_xaxis_transform()
+            )
+            if sign and known:
+                best = sign * np.maximum.accumulate([sign * value for _, value, _ in known])
+                axis.step([at for at, *_ in known], best, where="post", color=shade, linewidth=1)
+        if label.unit == "%":
+            axis.set_ylim(top=min(100.0, axis.get_ylim()[1]))
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.set(xlabel=x, ylabel=label.axis)
+        if len(trials) < 11:
+            figure.legend(loc="outside lower center", ncols=4)
+        return embed(figure)
+
+
+def draw_gate(panels: Sequence[tuple[str, GateConfig, Sequence[IterationRecord]]]) -> str:
+    """A column per mission, (title, gate, trace) each: above the used fraction of the budget, below it d95, with the thresholds.
+
+    A mark is coloured by the scorer that chose the view, and hollow where both scorers had the same best view.
+    """
+    with look():
+        figure = new_figure(1.0 + 2.8 * len(panels), 3.6)
+        axes = figure.subplots(2, len(panels), sharex=True, sharey="row", squeeze=False)
+        for column, (title, gate, trace) in enumerate(panels):
+            steps = [r.iteration + 1 for r in trace]
+            fractions = [r.gate_details.get("f_b", 0.0) for r in trace]
+            for axis, values, threshold in (
+                (axes[0, column], fractions, gate.budget_fraction),
+                (axes[1, column], [r.d95_m for r in trace], gate.d95_m),
+            ):
+                axis.plot(steps, values, color=GREY, linewidth=1)
+                axis.axhline(threshold, color="#444444", linestyle="--", linewidth=1)
+                for step, value, record in zip(steps, values, trace):
+                    bests = {str(best.get("candidate")) for best in record.top.values()}
+                    shade = BLUE if record.scorer == COVIS.name else ORANGE
+                    axis.plot(step, value, "o", color=shade, fillstyle="none" if len(bests) == 1 else "full")
+            axes[0, column].set_title(title)
+            axes[1, column].set_xlabel("planned view")
+        axes[0, 0].set_ylabel("budget used")
+        axes[1, 0].set_ylabel("d95 (m)")
+        for name in sorted({r.scorer for _, _, trace in panels for r in trace}):
+            shade = BLUE if name == COVIS.name else ORANGE
+            axes[0, 0].plot([], [], "o", color=shade, label=strategy_label(name))
+        axes[0, 0].plot([], [], color="#444444", linestyle="--", label="threshold")
+        axes[0, 0].legend(loc="best")
+        return embed(figure)
+
+
+def draw_slices(
+    model: InstanceMeanGP,
+    parameters: Sequence[Parameter],
+    values: Mapping[str, Any],
+    label: MetricLabel,
+    sign: float,
+) -> list[str]:
+    """The posterior of the mean over the instances along every parameter, the others as in ``values``; the steepest first.
+
+    ``sign``: -1 where the model has the metric with its sign changed. Dots are the trials without their instance's offset.
+    """
+    offset, factor = model.standardiser.mean_over([instance.rock for instance in model.instances])
+    outcomes = sign * (offset + factor * np.asarray(model.targets))
+    found = []
+    for p in parameters:
+        at: list[Any] = list(p.choices)
+        if p.kind != "categorical":
+            at = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
+        belief = model.posterior([{**values, p.path: v} for v in at])
+        found.append((p, at, sign * np.asarray(belief.mean), 1.96 * np.asarray(belief.sd)))
+    low = min(outcomes.min(), *(float((mean - half).min()) for *_, mean, half in found))
+    high = max(outcomes.max(), *(float((mean + half).max()) for *_, mean, half in found))
+    low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
+    figures = []
+    for p, at, mean, half in sorted(found, key=lambda slice_: -float(np.ptp(slice_[2]))):
+        position = p.choices.index if p.kind == "categorical" else float
+        with look():
+            figure = new_figure(2.8, 1.9)
+            axis = figure.subplots()
+            xs = [position(v) for v in at]
+            axis.fill_between(xs, mean - half, mean + half, color=BLUE, alpha=0.15, linewidth=0)
+            axis.plot(xs, mean, color=BLUE)
+            dots = [position(o.values[p.path]) for o in model.observations]
+            axis.plot(dots, outcomes, "o", color=GREY, ms=2.5, alpha=0.6, rasterized=True)
+            axis.axvline(position(values[p.path]), color=BLACK, linestyle="--", linewidth=1)
+            axis.set_ylim(low, min(high, 100.0) if label.unit == "%" else high)
+            name = parameter_label(p.path)
+            axis.set_title(name.name + (f" ({name.unit})" if name.unit else ""), fontsize=8.5)
+            if p.kind == "categorical":
+                axis.set_xticks(xs, [short(v) for v in at], fontsize=7.5)
+            elif p.scale == "log":
+                axis.set_xscale("log")
+            figures.append(embed(figure))
+    return figures
