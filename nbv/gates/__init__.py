@@ -1,4 +1,4 @@
-"""Gates: which scorer's ranking is flown. `make_gate` builds the one that a configuration names.
+"""Gates: which scorer's ranking is used. `make_gate` builds the one that a configuration names.
 
 Two of them see the ground truth and are upper references, not planners: they say so (`Gate.sees_ground_truth`).
 """

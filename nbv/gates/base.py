@@ -1,4 +1,4 @@
-"""What a gate is: it reads the state and returns one ranking to fly, unchanged (a hard switch)."""
+"""What a gate is: it reads the state and returns one ranking, unchanged (a hard switch), whose best view is taken."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Oracle(Protocol):
 
 @dataclass
 class Gate(ABC):
-    """Chooses the ranking to fly.
+    """Chooses the ranking whose best view is taken.
 
     A control or a planner of its own returns a ranking that is not among those given, under its own name, so that
     the mission loop is the same for all. A gate that draws (`nbv.gates.controls.RandomGate`) draws from a stream
@@ -98,7 +98,7 @@ class Gate(ABC):
 
 
 class FixedGate(Gate):
-    """One scorer flown alone. It has no kind of its own: every scorer's name is one."""
+    """One scorer alone, at every step. Its kind is the scorer's name."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The ranking of the scorer that the kind names."""

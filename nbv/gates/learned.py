@@ -5,7 +5,7 @@ The file holds ``{"type": "decision_tree", "version": 1, "root": NODE}``. A node
 leaf ``{"scorer": NAME, "probability": P}``, P being the share of training samples in that
 leaf that agree with its scorer. Other keys (how it was trained, on what) are for people and ignored.
 
-Without a file of one's own, the policy that comes with the package is flown: ``policies/default.json``, made
+Without a file of one's own, the policy that comes with the package is used: ``policies/default.json``, made
 by ``python -m research.learn_gate``; it names the training rocks and how it fared on rocks that it had not seen.
 """
 

@@ -1,7 +1,7 @@
 """What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
 
 Points, and who of the default viewpoints sees them, are computed once per rock and kept in the store; what other viewpoints
-see, when they are first flown. Visibility is
+see, when they are first visited. Visibility is
 resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
 a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
 A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.

@@ -63,7 +63,7 @@ class AdaptiveMission:
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
             if k > 0 and k == self.config.seed.retarget_after and self._must_look():
-                self.aim_anew()
+                self.retarget()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
         try:
@@ -80,7 +80,7 @@ class AdaptiveMission:
             return self.reconstructor.bootstrap(self.captures)
 
     def retry_with_interleaved_seeds(self, failure: MissionFailure) -> bool:
-        """Fly seeds between those that made no model, as far as planned views are left to pay for them; whether any was."""
+        """Photograph seeds between those that made no model, in place of planned views; return whether there were any."""
         budget = self.config.adaptive_budget
         views = self.planner.viewpoints.second_turn(self.config)[:budget]
         if not views:
@@ -98,8 +98,8 @@ class AdaptiveMission:
     def _must_look(self) -> bool:
         return must_look(self.config) and self.planner.viewpoints.follows_target
 
-    def aim_anew(self) -> None:
-        """Fly the other seeds around the target that the photographs so far show, if they show one."""
+    def retarget(self) -> None:
+        """Place the remaining seeds around the target that the photographs so far show, if they show one."""
         with self.recorder.timed("partial_model"):
             model = self.reconstructor.partial_model(self.captures)
         target_m = None
@@ -108,7 +108,7 @@ class AdaptiveMission:
             if found is not None:
                 target_m = found.center_m
                 self._turn_to_target(self.config.changed(target_m=target_m))
-        self.recorder.aimed_anew(target_m)
+        self.recorder.retargeted(target_m)
 
     def _to_be_found(self) -> bool:
         return self._must_look() and not self._found

@@ -66,12 +66,12 @@ class Recorder:
         if capture.viewpoint.band == "seed":
             self._log("seed", {"index": self.images - 1, "id": capture.viewpoint.id})
 
-    def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
-        """The first seeds have shown the target there, or not at all."""
-        self._log("aimed-anew", {"target_m": target_m})
+    def retargeted(self, target_m: tuple[float, float, float] | None) -> None:
+        """The first seeds have shown the target at this place, or None where they show none."""
+        self._log("retargeted", {"target_m": target_m})
 
     def second_turn(self, failure: MissionFailure, seeds: int) -> None:
-        """The seeds have made no model: so many more are flown between them."""
+        """The seeds have made no model: so many further seeds are photographed between them."""
         self.notes.append("second_turn")
         self._log("second-turn", {"reason": failure.reason, "message": failure.message, "seeds": seeds})
 
@@ -148,7 +148,7 @@ class Recorder:
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision
-        assert decision is not None, "only a chosen view is flown"
+        assert decision is not None, "only a chosen view is photographed"
         decided_s, decided_m = self._decided_at
         return IterationRecord(
             iteration=state.iteration,

@@ -34,7 +34,7 @@ class IterationRecord:
     n_points: int  # sparse points before this capture
     n_registered: int  # registered images before this capture
     alignment_rms_m: Number
-    scorer: str  # whose ranking was flown
+    scorer: str  # whose ranking was used
     reason: str  # the gate's
     gate_details: dict[str, Any]
     # Of both scorers' best candidates; simulation only, no gate but the oracles sees it.

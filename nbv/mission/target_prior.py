@@ -12,7 +12,7 @@ from nbv.rocks.families import generated_name
 from nbv.types import SparseModel
 from nbv.viewpoints import raw_candidates
 
-LOWEST_TARGET_M = 0.3  # nobody believes the target's centre to lie deeper
+LOWEST_TARGET_M = 0.3  # the believed centre of the target lies no deeper
 KNOWN_MARGIN_M = 0.1  # beyond the ends of a rock as large as it may be
 # Beyond the found target's longest half extent. Never less than configured: in hard light the seed model shows a part of
 # the target, and a crop about that part cuts the rest off.
@@ -98,7 +98,7 @@ def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfi
 
 
 def reaching_a_ring(config: MissionConfig) -> MissionConfig:
-    """``config`` whose pool's ceiling lets the lowest ring pass that may be flown.
+    """``config`` with its pool's ceiling above the lowest ring that may be flown.
 
     Rings stand about the found target. A ceiling that was tuned for "as low as one may fly" lies a hand above the lowest
     ring; where the target is found a little higher, or the ring now lies below the lowest flight, nothing would be left.

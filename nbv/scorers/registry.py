@@ -8,7 +8,7 @@ from nbv.scorers.covis import COVIS
 from nbv.scorers.scorer import HasExpectedGain, SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
-# Ranked in every mission, whatever it flies: the traces say what either would have chosen.
+# Ranked in every mission, whatever its gate: the traces say what either would have chosen.
 PAPER_SCORERS = (COVIS.name, B_AWARE.name)
 
 

@@ -41,7 +41,7 @@ def say_event(event: str, facts: dict[str, Any]) -> None:
     text = ""
     if event == "second-turn":
         text = f"no seed model ({facts['message']}): {facts['seeds']} seeds between them"
-    elif event == "aimed-anew":
+    elif event == "retargeted":
         at = facts["target_m"]
         text = "target " + (
             "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)

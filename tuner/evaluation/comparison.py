@@ -99,8 +99,8 @@ def strategy_difference(
     row: MetricRow,
 ) -> PairedDifference | None:
     """Paired difference of a metric against ``reference`` on common (rock, replicate) pairs."""
-    builtin, theirs = (values_of(records, name, row.key) for name in (strategy, reference))
-    return paired_difference(builtin, theirs, row.higher_is_better)
+    own, others = (values_of(records, name, row.key) for name in (strategy, reference))
+    return paired_difference(own, others, row.higher_is_better)
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:

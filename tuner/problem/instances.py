@@ -1,7 +1,7 @@
 """Where a mission is run: a rock under a condition.
 
 The rock may be a family of rocks: ``any-cleft`` is another cleft with every replicate. A replicate of such an instance is a
-rock, so what replicates share (a block's offset) is what a rock has of its own, and the mean over replicates nobody has run is the mean
+rock, so what replicates share (a block's offset) is what a rock has of its own, and the mean over new replicates is the mean
 over the family.
 """
 

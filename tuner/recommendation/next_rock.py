@@ -1,4 +1,4 @@
-"""What the recommendation gains on a rock that nobody has run.
+"""What the recommendation gains on a rock that was not run.
 
 The mean over the training rocks is known ever better; how a configuration's gain differs from rock to rock is not. Here
 the surrogate has both: a common landscape, and a departure of each rock from it, exchangeable between rocks. Rocks also

@@ -50,7 +50,7 @@ class Limit:
     probability: float  # that the limit is kept
     default_probability: float  # that the default keeps it
     default_mean: float
-    # Probability on a rock nobody has run; None: exact, or nobody asked.
+    # Probability on a rock that was not run; None: the configuration decides it, or it was not computed.
     next_rock_keeps: float | None = None
     next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
     next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that keep it, 95 % interval
@@ -60,7 +60,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """What was run, is believed to be better, and is not known to be: to be shown below the recommendation.
+    """The configuration with the best posterior mean, where it is not the recommendation.
 
     It ran too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
     objective, in the metric's unit, the latter positive where this configuration is better, with 95 % intervals (of
@@ -98,7 +98,7 @@ class NextRock:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A mission whose outcome is not believed as it was measured."""
+    """A mission whose outcome counts as another number than measured, or is left out."""
 
     mission: int  # from 0
     measured: float  # of the modelled metric, in its unit
@@ -142,7 +142,7 @@ class Recommendation:
     modelled_metric: str  # the objective's, or the second one's where that is exact
     runner_up: RunnerUp | None = None
     next_rock: NextRock | None = (
-        None  # None: nobody asked, it is the default, or one rock was run: how rocks differ is unknown
+        None  # None: not computed, since it is the default or one rock was run: how rocks differ is unknown
     )
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()

@@ -1,4 +1,4 @@
-"""On rocks that nobody has met, the default runs beside what a sampler proposes: a gain is told from an easy rock."""
+"""On new rocks the default runs beside every proposal, so that a gain is not confused with an easy rock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Running the favourite once more before anybody recommends it.
+"""Running the favourite once more before it is recommended.
 
 The search runs a new configuration with every mission, and one that ran once may not be recommended
 (``tuner.recommendation.choose``). Near the end of a budget, when exploring promises less than a mission's noise, the

@@ -8,7 +8,7 @@ share. a^2 is that of an instance's own departure from the common landscape: an 
 exchangeable. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
 
 Inputs are (..., d + 2): the unit cube, then the instance's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
-the mean over instances, or blocks, that nobody has run: it shares nothing, not even with itself.
+the mean over instances, or blocks, that were not run: it shares nothing, not even with itself.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ with a handful of missions on each rock the standardisation cannot know whether 
 configurations; the offsets, inferred together with f, can. Missions on one (instance, replicate) block also share
 the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
 the offset c, nested in the instance's, makes them blocks of an experiment, so that configurations are compared within
-them and the offset cancels. The mean over instances has c = 0: it is the mean over replicates nobody has run. What
+them and the offset cancels. The mean over instances has c = 0: it is the mean over replicates that were not run. What
 instances do not share beyond offsets and a scale ends up in the noise, which is right for a mean over them.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
@@ -192,7 +192,7 @@ class InstanceMeanGP:
         return chosen
 
     def predict_mission(self, values: Mapping[str, Any], instance: InstanceLike) -> tuple[float, float]:
-        """Return ``(mean, sd)`` of the outcome of one new mission in a known instance, on a block nobody has run, its noise included."""
+        """Return ``(mean, sd)`` of the outcome of one new mission in a known instance, on a new block, its noise included."""
         (known,) = instances_of([instance])
         x = self.inputs(self.space.to_unit(values)[None], known, float(len(self._block_index)))
         with torch.no_grad():
@@ -216,7 +216,7 @@ class InstanceMeanGP:
 
     @property
     def one_mission_sd(self) -> float:
-        """Standard deviation of one mission on a block that nobody has run, objective's unit."""
+        """Standard deviation of one mission on a new block, objective's unit."""
         return math.hypot(self.noise_sd, self.block_sd or 0.0)
 
     @property
