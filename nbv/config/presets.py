@@ -54,7 +54,7 @@ PRESETS = {
         "code",
         _PAPER_CODE,
     ),
-    # Chosen by the noise of missions on training rocks: docs/results/noise_floor.md.
+    # Chosen by the noise of missions on training rocks: docs/results/low_fidelity.md.
     "campaign": Preset(
         "for tuning: few captures and strict agreement, so that configurations can be told apart",
         "ours",
