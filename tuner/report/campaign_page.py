@@ -177,21 +177,26 @@ def write_campaign_report(campaign: Campaign) -> Path:
         next_command=command,
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
         warnings=_warnings(facts),
-        progress=_progress_text(facts),
+        status=facts.status,
+        degraded=sum(t.state == "complete" and t.status == "degraded" for t in facts.trials),
+        computing=duration(facts.status.mission_wall_s),
         place=place_word(s),
-        recommended=best is not None,
+        best=best,
         metric=facts.label.full,
         outcomes=_outcome_figures(facts),
         differences=_difference_figure(result),
         slices=[]
         if best is None or facts.model is None
         else draw_slices(facts.model, s.space.parameters, best.values, facts.label, facts.modelled.sign),
-        model="" if best is None or facts.model is None else _model_text(facts, best),
+        noise="" if best is None else with_unit(best.noise_sd, facts.label.difference_unit, facts.digits),
+        earlier=campaign.learned,
+        earlier_rocks=[Path(rock).stem for rock in campaign.learned.rocks] if campaign.learned else [],
+        sources=["shipped with this program" if source == SHIPPED else source for source in s.sources],
         per_rock=None if best is None else _rock_table(facts, best),
         failures=_failure_table(facts),
         run=shlex.quote(str(directory)),
         command=reproduce_command(campaign),
-        command_note=_command_note(s),
+        in_step=s.in_step,
         provenance=_provenance(facts),
         settings_file=SETTINGS_FILE,
         settings_yaml=to_yaml(s.to_dict(), allow_unicode=True),
@@ -468,38 +473,6 @@ def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]
 # -- missions and model ----------------------------------------------------------------------------------------
 
 
-def _progress_text(facts: CampaignFacts) -> str:
-    """``12 of 12 missions finished, 1 failed, 0 degraded; 7 min of computing.``"""
-    st = facts.status
-    degraded = sum(t.state == "complete" and t.status == "degraded" for t in facts.trials)
-    return (
-        f"{st.finished} of {st.budget} missions finished, {st.failed} failed, {degraded} degraded; "
-        f"{duration(st.mission_wall_s)} of computing."
-    )
-
-
-def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
-    """What the surrogate is of, its noise, and whether its intervals hold."""
-    place, earlier = place_word(facts.settings), facts.campaign.learned
-    noise = with_unit(best.noise_sd, facts.label.difference_unit, facts.digits)
-    said = (
-        f"A Gaussian process on {best.observations} missions. One mission scatters about its configuration’s mean over "
-        f"{place}s with a standard deviation of {noise}."
-    )
-    if best.observations > 1:
-        said += (
-            f" Predicted from all the others, {100 * best.leave_one_out['coverage_95']:.0f} % of the missions lie "
-            "inside their 95 % interval."
-        )
-    if earlier is not None:
-        sources = ["shipped with this program" if s == SHIPPED else s for s in facts.settings.sources]
-        said += (
-            f" It began with what {len(earlier.observations)} missions of earlier campaigns taught "
-            f"({', '.join(sources)}; on {', '.join(Path(r).stem for r in earlier.rocks)})."
-        )
-    return said
-
-
 def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
     """Instance by instance: missions, failures, what the recommendation and the default had there, with their missions."""
 
@@ -623,14 +596,3 @@ def reproduce_command(campaign: Campaign) -> str:
     if campaign.settings.mission is not None:
         words += ["--mission", str(campaign.settings.mission.path)]
     return shlex.join(words)
-
-
-def _command_note(s: CampaignSettings) -> str:
-    """What the reader of `reproduce_command` must know besides."""
-    note = f"Without this run directory: save the settings below as {SETTINGS_FILE} and name that file."
-    if s.in_step is None:
-        note += (
-            " With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends "
-            "first, unless the settings have `in_step`."
-        )
-    return note
