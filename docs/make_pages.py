@@ -86,7 +86,7 @@ def parameters_page() -> str:
         "",
         "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "none: ours. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
+        "none: gatetune's own. `gatetune config show` prints any preset, and the place in the code or the reason; `--set PATH=VALUE` changes a parameter. "
         "`python docs/make_pages.py` makes this page.",
         "",
         *_presets_table(),
@@ -101,7 +101,7 @@ def parameters_page() -> str:
         value = f"{_as_written(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
         name = p.path.removeprefix(f"{section}.")
         # `gatetune config show` says where, or why.
-        source = {"text": f"|{p.origin}", "ours": ""}.get(p.source, f"|{p.source}")
+        source = {"text": f"|{p.origin}", "gatetune": ""}.get(p.source, f"|{p.source}")
         row = f"|`{name}`|{value}|{p.meaning}{choices}{source}"
         if name.startswith("weights.") and row in lines:  # every scorer has its own of them
             row = "|`weights.*`|the same as of `covis`"

@@ -1,8 +1,8 @@
 """What one mission is made of: frozen, typed, validated settings with units in their names.
 
-The files ``sections_`` hold the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
-whole and its digest, ``parsing`` how dictionaries and parameter paths become one, ``presets`` the named configurations
-that a user starts from, ``conditions`` the named worlds that missions fly in, ``registry`` what a configuration may name, ``reference`` all of it for people.
+``declaration`` says what a field declares and how it is read and checked, the files ``sections_`` hold the fields,
+``mission_config`` the whole and its digest, ``presets`` the named configurations that a user starts from, ``conditions`` the
+named environments in which missions run, ``registry`` the parts of the program that a configuration may name.
 """
 
 from nbv.config.conditions import (
@@ -15,6 +15,7 @@ from nbv.config.conditions import (
     require_distinct,
     under,
 )
+from nbv.config.declaration import Declaration
 from nbv.config.mission_config import (
     IDEAL,
     MissionConfig,
@@ -22,10 +23,10 @@ from nbv.config.mission_config import (
     canonical_path,
     config_from_dict,
     is_parameter,
-    parameter_paths,
+    parameter,
+    parameters,
 )
 from nbv.config.presets import PRESETS, preset
-from nbv.config.reference import parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
 from nbv.config.sections_planning import (
     BAwareConfig,
@@ -46,7 +47,6 @@ from nbv.config.sections_world import (
     TelemetryConfig,
     WindConfig,
 )
-from nbv.config.sources import Parameter
 
 __all__ = [
     "DENSE_BACKENDS",
@@ -60,13 +60,13 @@ __all__ = [
     "BAwareConfig",
     "CameraConfig",
     "Condition",
+    "Declaration",
     "DenseConfig",
     "EvaluationConfig",
     "FlightConfig",
     "GateConfig",
     "GroundConfig",
     "MissionConfig",
-    "Parameter",
     "PoolConfig",
     "Registry",
     "SceneConfig",
@@ -87,7 +87,6 @@ __all__ = [
     "load_condition",
     "load_conditions",
     "parameter",
-    "parameter_paths",
     "parameters",
     "preset",
     "require_distinct",

@@ -93,7 +93,7 @@ def require_distinct(conditions: Sequence[Condition]) -> None:
     """``UserError`` where there is none, or two have one name."""
     names = [condition.name for condition in conditions]
     if not names:
-        raise UserError(f"there is no condition to fly in; name at least one, such as {IDEAL}")
+        raise UserError(f"there is no condition to run under; name at least one, such as {IDEAL}")
     for name in names:
         if names.count(name) > 1:
             raise UserError(f"condition {name!r} is named twice; name each condition once")

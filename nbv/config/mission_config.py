@@ -1,20 +1,26 @@
 """What one mission is made of: frozen, typed, validated, with units in the names.
 
-The defaults are preset ``paper``; every field says where its default comes from (`nbv.config.sources`).
+The defaults are preset ``paper``; every field says where its default comes from (`nbv.config.declaration`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import functools
 import hashlib
 import json
-import typing
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config.parsing import PLUGINS, build, leaf_paths
+from nbv.config.declaration import (
+    ADDED,
+    Declaration,
+    code,
+    current_path,
+    declared,
+    leaves,
+    not_in_paper,
+    replaced,
+)
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS
 from nbv.config.sections_planning import (
     BAwareConfig,
@@ -38,13 +44,12 @@ from nbv.config.sections_world import (
     WindConfig,
     telemetry_level,
 )
-from nbv.config.sources import ADDED, code, not_in_paper
 from nbv.errors import UserError
 from nbv.plugins import Plugin, settings_class
 
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
-ALIASES = {"seed.reaim_after": "seed.retarget_after"}  # earlier names of paths that are still read
+PLUGINS = "plugins"  # the field with the sections of plug-ins
 # Every digest contains this section, which the configuration no longer has, so that recorded missions keep their digests.
 _REMOVED = {"visibility": {"mode": "frustum"}}
 
@@ -123,8 +128,8 @@ class MissionConfig:
             for section, values in self.plugins:
                 if section == name:
                     return values
-            if (declared := settings_class(name)) is not None:
-                return declared()
+            if (settings := settings_class(name)) is not None:
+                return settings()
         raise AttributeError(f"a mission's configuration has no {name!r}")
 
     @property
@@ -157,12 +162,10 @@ class MissionConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""
-        return typing.cast(dict[str, Any], json.loads(self._text))
-
-    @functools.cached_property
-    def _text(self) -> str:
         tree = dataclasses.asdict(self)
-        return json.dumps({**tree, **dict(tree.pop(PLUGINS))})
+        of_plugins = dict(tree.pop(PLUGINS))
+        plain: dict[str, Any] = json.loads(json.dumps({**tree, **of_plugins}))
+        return plain
 
     def changed(self, **values: Any) -> MissionConfig:
         """A copy with fields of its own replaced, and those of sections: ``changed(target_m=..., dense={"neighbours": 4})``."""
@@ -196,14 +199,7 @@ class MissionConfig:
         """
         if not values:
             return self
-        tree = self.to_dict()
-        for path, value in values.items():
-            *parents, name = path.split(".")
-            nested = {name: value}
-            for part in reversed(parents):
-                nested = {part: nested}
-            _merge(tree, nested)
-        config = _built(tree)
+        config = config_from_dict(values, self)
         config.require_seeds_above_ground()
         return config
 
@@ -228,74 +224,62 @@ def _default(f: dataclasses.Field[Any]) -> Any:
 
 
 def canonical_path(path: str) -> str:
-    """The parameter path that ``path`` means: itself, but for a name of an earlier version that is still read."""
-    return ALIASES.get(path, path)
+    """The parameter path that ``path`` means: itself, or the one of which it is an earlier name."""
+    return current_path(parameters(), path)
 
 
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:
-    """Build a configuration from a nested dictionary; missing keys come from ``base`` (default: ``paper``).
+    """Build a configuration from a nested dictionary or parameter paths; what is left out comes from ``base`` (default: ``paper``).
 
     Raises
     ------
     UserError
         Unknown key or telemetry level, wrong type, or a value out of range.
     """
-    if not isinstance(tree, dict):
-        raise UserError(f"a configuration maps sections to their fields; this is {str(tree)[:60]!r}")
-    merged = (base or MissionConfig()).to_dict()
-    _merge(merged, tree)
-    return _built(merged)
+    base = base or MissionConfig()
+    if isinstance(tree, dict) and isinstance(level := tree.get("telemetry"), str):
+        tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
+    known = (
+        {path: d for key in tree for path, d in _of_plugin(str(key)).items()}
+        if isinstance(tree, dict)
+        else {}
+    )
+    found = leaves({**parameters(), **known}, tree, "mission parameter")
+    values = {path: (known | parameters())[path].from_yaml(raw) for path, raw in found.items()}
+    sections = dict(base.plugins)
+    for section in dict.fromkeys(path.partition(".")[0] for path in known):
+        settings = settings_class(section)
+        assert settings is not None
+        own = {path.removeprefix(f"{section}."): values.pop(path) for path in known if path in values}
+        sections[section] = replaced(sections.get(section, settings()), own, f"{section}.")
+        if sections[section] == settings():
+            del sections[section]
+    return replaced(base, {**values, PLUGINS: tuple(sorted(sections.items()))})
 
 
-def _built(tree: dict[str, Any]) -> MissionConfig:
-    """The configuration of a complete nested dictionary, with the sections of plug-ins."""
-    own = {f.name for f in dataclasses.fields(MissionConfig)}
-    sections = {}
-    for name in sorted(tree.keys() - own):
-        declared = settings_class(name)
-        assert declared is not None, "_merge lets nothing else in"
-        if (values := build(declared, tree[name], f"{name}.")) != declared():
-            sections[name] = values
-    return dataclasses.replace(build(MissionConfig, tree), plugins=tuple(sections.items()))
+def parameters() -> dict[str, Declaration]:
+    """What every parameter declares, by its path (``gate.d95_m``), in the order of declaration."""
+    return declared(MissionConfig)
 
 
-def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str = "") -> None:
-    """Write the keys of ``new`` over those of ``into``, the nested dictionary of a configuration.
-
-    Raises
-    ------
-    UserError
-        An unknown key, or a value where a mapping is needed.
-    """
-    if not isinstance(new, dict):
-        raise UserError(f"{prefix.rstrip('.')} must be a mapping, not {type(new).__name__}")
-    for key, value in new.items():
-        path = canonical_path(f"{prefix}{key}")
-        key = path.removeprefix(prefix)
-        if path == "telemetry" and isinstance(value, str):
-            value = dataclasses.asdict(telemetry_level(value))
-        if not prefix and key not in into and (declared := settings_class(key)) is not None:
-            into[key] = dataclasses.asdict(declared())
-        if key in into:
-            if isinstance(into[key], dict):
-                _merge(into[key], value, f"{path}.")
-            else:
-                into[key] = value
-        else:
-            close = difflib.get_close_matches(path, parameter_paths(), n=3, cutoff=0.4)
-            hint = f"did you mean {', '.join(close)}?" if close else "`gatetune config show` lists all paths"
-            raise UserError(f"unknown mission parameter {path!r}; {hint}")
+def parameter(path: str) -> Declaration:
+    """What the parameter at ``path``, built in or a plug-in's, declares; ``KeyError`` if there is none."""
+    return parameters()[path] if path in parameters() else _of_plugin(path)[path]
 
 
 def is_parameter(path: str) -> bool:
-    """Whether a parameter of ours, or of a plug-in, has that path."""
+    """Whether a built-in parameter, or a plug-in's, has that path."""
+    return path in parameters() or path in _of_plugin(path)
+
+
+def _of_plugin(path: str) -> dict[str, Declaration]:
+    """The parameters of the plug-in whose section ``path`` is in; empty where there is none."""
     section = path.partition(".")[0]
-    if path in parameter_paths() or section in {f.name for f in dataclasses.fields(MissionConfig)}:
-        return path in parameter_paths()
-    declared = settings_class(section)
-    return declared is not None and path in leaf_paths(declared, f"{section}.")
-
-
-def parameter_paths() -> list[str]:
-    """All leaf parameter paths of ``MissionConfig`` in declaration order."""
-    return leaf_paths(MissionConfig)
+    if (
+        section in {f.name for f in dataclasses.fields(MissionConfig)}
+        or (settings := settings_class(section)) is None
+    ):
+        return {}
+    return {
+        f"{section}.{p}": dataclasses.replace(d, path=f"{section}.{p}") for p, d in declared(settings).items()
+    }

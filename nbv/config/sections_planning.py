@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
+from msgspec import Meta
+
+from nbv.config.declaration import (
+    Count,
+    Elevations,
+    NonNegative,
+    OneOrMore,
+    Positive,
+    Section,
+    Share,
+    TwoOrMore,
+    code,
+    not_in_paper,
+    text,
+)
 from nbv.config.registry import SCORERS, gate_kinds
-from nbv.config.sources import Section, code, not_in_paper, text
 
 
 @dataclass(frozen=True)
 class SeedConfig(Section):
     """Phase 1: stratified ring orbit."""
 
-    radius_m: float = text(4.0, "III, Phase 1", "distance of the seed orbit to the target")
-    ring_elevations_deg: tuple[float, ...] = text(
+    radius_m: Positive = text(4.0, "III, Phase 1", "distance of the seed orbit to the target")
+    ring_elevations_deg: Elevations = text(
         (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
     )
-    ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
-    ring_radii_m: tuple[float, ...] = not_in_paper(
+    ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
+    ring_radii_m: tuple[Positive, ...] = not_in_paper(
         (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
     )
     ring_bearings_deg: tuple[float, ...] = not_in_paper(
@@ -31,7 +45,9 @@ class SeedConfig(Section):
         why="the paper's 24; from 3 on a model can be aligned",
         added=True,
     )
-    rings: int = not_in_paper(1, "elevations that the seeds of `count` take in turn", added=True)
+    rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
+        1, "elevations that the seeds of `count` take in turn", added=True
+    )
     lowest_deg: float = not_in_paper(
         20.0,
         "the lowest of them",
@@ -45,7 +61,7 @@ class SeedConfig(Section):
     start_bearing_deg: float = not_in_paper(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
     )
-    upper_share: float = not_in_paper(
+    upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
         "share of the seeds of `count` that fly a second ring, `span_deg` above the first; 0: one turn",
         why="16 at 10° and 9 at 35° are 0.36",
@@ -57,6 +73,7 @@ class SeedConfig(Section):
         "seeds from whose photographs a target that has to be looked for is found; the others are flown around it. "
         "0: it is looked for after the last",
         added=True,
+        alias="reaim_after",
     )
     second_turn: bool = not_in_paper(
         False,
@@ -66,30 +83,20 @@ class SeedConfig(Section):
     )
 
     def __post_init__(self) -> None:
-        self._need_positive("radius_m")
-        self._need_elevations("ring_elevations_deg")
-        self._need(
-            len(self.ring_elevations_deg) > 0,
-            "ring_elevations_deg",
-            "at least one ring: no mission begins without seeds",
-        )
-        self._need(
-            len(self.ring_elevations_deg) == len(self.ring_azimuth_counts),
-            "ring_azimuth_counts",
-            "as long as ring_elevations_deg",
-        )
-        self._need(
-            all(n >= 1 for n in self.ring_azimuth_counts), "ring_azimuth_counts", "at least 1 per ring"
-        )
-        self._need(sum(self.ring_azimuth_counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
+        super().__post_init__()
+        rings = len(self.ring_elevations_deg)
+        self._need(rings > 0, "ring_elevations_deg", "at least one ring: no mission begins without seeds")
+        counts = self.ring_azimuth_counts
+        self._need(len(counts) == rings, "ring_azimuth_counts", "as long as ring_elevations_deg")
+        self._need(sum(counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
         for name in ("ring_radii_m", "ring_bearings_deg"):
-            lengths = (0, len(self.ring_elevations_deg))
-            self._need(len(getattr(self, name)) in lengths, name, "empty or as long as ring_elevations_deg")
-        self._need(all(radius > 0 for radius in self.ring_radii_m), "ring_radii_m", "positive")
+            self._need(
+                len(getattr(self, name)) in (0, rings), name, "empty or as long as ring_elevations_deg"
+            )
         self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
-        self._need_at_least(1, "rings")
-        self._need_elevations("layout_deg")
-        self._need(0 <= self.upper_share < 1, "upper_share", "at least 0 and below 1")
+        highest_deg = self.layout_deg[-1]
+        self._need(-90 < self.lowest_deg < 90, "lowest_deg", "an elevation between -90 and 90 degrees")
+        self._need(-90 < highest_deg < 90, "span_deg", "such that no ring is beyond 90 degrees")
         self._need(self.upper_share == 0 or self.rings == 1, "upper_share", "0 where rings is not 1")
         self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", "smaller")
         self._need(
@@ -133,15 +140,15 @@ class SeedConfig(Section):
 class PoolConfig(Section):
     """Phase 2: two-band candidate pool and its feasibility filters."""
 
-    radius_m: float = text(3.5, "III, Phase 2", "distance of the candidates to the target")
-    lateral_elevations_deg: tuple[float, ...] = text(
+    radius_m: Positive = text(3.5, "III, Phase 2", "distance of the candidates to the target")
+    lateral_elevations_deg: Elevations = text(
         (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
     )
-    lateral_count: int = code(120, "mission file", "candidates in it, by inverse rank over its rings")
-    upper_elevations_deg: tuple[float, ...] = text(
+    lateral_count: Count = code(120, "mission file", "candidates in it, by inverse rank over its rings")
+    upper_elevations_deg: Elevations = text(
         (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
     )
-    upper_count: int = code(50, "mission file", "candidates in it, evenly over its rings")
+    upper_count: Count = code(50, "mission file", "candidates in it, evenly over its rings")
     min_altitude_m: float = not_in_paper(
         1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
     )
@@ -154,33 +161,27 @@ class PoolConfig(Section):
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
-    azimuth_sectors: int = code(8, "mission file", "sectors by whose captures candidates are ordered")
-    max_candidates: int = code(200, "mission file", "candidates that are scored, at most")
-    min_register_chance: float = not_in_paper(
+    azimuth_sectors: OneOrMore = code(8, "mission file", "sectors by whose captures candidates are ordered")
+    max_candidates: OneOrMore = code(200, "mission file", "candidates that are scored, at most")
+    min_register_chance: Share = not_in_paper(
         0.0,
         "least chance to register that a candidate must have; where none has it, the likeliest is left",
-        least=0.0,
-        most=1.0,
         added=True,
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._need_positive("radius_m")
-        self._need_elevations("lateral_elevations_deg", "upper_elevations_deg")
-        self._need_at_least(0, "lateral_count", "upper_count")
         self._need(self.min_altitude_m < self.max_altitude_m, "min_altitude_m", "below max_altitude_m")
-        self._need_at_least(1, "azimuth_sectors", "max_candidates")
 
 
 @dataclass(frozen=True)
 class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
-    adaptive_budget: int = code(
+    adaptive_budget: Count = code(
         40, "mission file", "captures after the seeds, registered or not; 0: seeds only"
     )
-    max_photographs: int = not_in_paper(
+    max_photographs: Count = not_in_paper(
         0,
         "photographs in all, seeds included, that the budget is cut to; 0: no limit",
         why="so that seeds and captures are shared out of one number",
@@ -193,27 +194,22 @@ class StopConfig(Section):
         "dense cloud's predicted completeness",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
-    knn_neighbours: int = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
+    knn_neighbours: OneOrMore = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
     knn_region: Literal["all", "box"] = text(
         "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
     )
-    predicted_percent: float = not_in_paper(
+    predicted_percent: Annotated[float, Meta(gt=0, le=100)] = not_in_paper(
         98.0,
         "where the criterion is predicted: F-score at 48 mm that the dense cloud must be predicted to reach",
         added=True,
     )
-    min_gain_percent: float = not_in_paper(
+    min_gain_percent: NonNegative = not_in_paper(
         0.0,
         "Phase 2 also ends when the next view would add less than this share of the matchable views that the surface "
         "needs; 0: it does not",
         why="after 12 seeds the first view adds 5 to 6 %, the 20th 0 to 2 % (slab, waist, vesicular, cavern, geometric)",
         added=True,
     )
-
-    def __post_init__(self) -> None:
-        self._need_at_least(1, "knn_neighbours")
-        self._need_at_least(0, "adaptive_budget", "max_photographs", "min_gain_percent")
-        self._need(0 < self.predicted_percent <= 100, "predicted_percent", "above 0 and at most 100")
 
     @property
     def may_end_early(self) -> bool:
@@ -225,43 +221,40 @@ class StopConfig(Section):
 class Weights(Section):
     """Weights of Eq. 1; only their ratios matter to the ranking."""
 
-    main: float = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main", symbol="W_main")
-    nov: float = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
-    move: float = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move")
-    ang: float = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang")
-    register: float = not_in_paper(
+    main: NonNegative = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main", symbol="W_main")
+    nov: NonNegative = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
+    move: NonNegative = text(
+        0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move"
+    )
+    ang: NonNegative = text(
+        0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang"
+    )
+    register: NonNegative = not_in_paper(
         0.0, "weight of the chance that the photograph registers", label="weight W_reg", added=True
     )
-
-    def __post_init__(self) -> None:
-        self._need_at_least(0, "main", "nov", "move", "ang", "register")
 
 
 @dataclass(frozen=True)
 class SharedTermsConfig(Section):
     """Scales of Eq. 2 to 4 and the point set of Eq. 5 and 8."""
 
-    d_scale_m: float = text(
+    d_scale_m: Positive = text(
         2.0, "Eq. 2", "distance at which novelty saturates", label="novelty scale d_scale", symbol="d_scale"
     )
-    d_travel_m: float = text(
+    d_travel_m: Positive = text(
         10.0, "Eq. 3", "scale of the movement cost", label="travel scale d_travel", symbol="d_travel"
     )
-    theta_min_deg: float = text(
+    theta_min_deg: Positive = text(
         20.0,
         "Eq. 4",
         "angle to a visited direction below which it is penalised",
         label="angular penalty θ_min",
         symbol="θ_min",
     )
-    box_half_extent_m: float = text(
+    box_half_extent_m: Positive = text(
         2.0, "III-A", "half the side of the box around the target whose points count"
     )
-    min_track_length: int = code(2, "scorers", "photographs that must see a point for it to count")
-
-    def __post_init__(self) -> None:
-        self._need_positive("d_scale_m", "d_travel_m", "theta_min_deg", "box_half_extent_m")
-        self._need_at_least(2, "min_track_length")
+    min_track_length: TwoOrMore = code(2, "scorers", "photographs that must see a point for it to count")
 
 
 @dataclass(frozen=True)
@@ -274,22 +267,24 @@ class BAwareConfig(Section):
     """Eq. 6 and 7."""
 
     weights: Weights = field(default_factory=Weights)
-    alpha_track: float = text(
+    alpha_track: NonNegative = text(
         0.6, "Eq. 6", "weight of short tracks", label="α_τ (track support)", symbol="α_τ"
     )
-    alpha_density: float = text(0.4, "Eq. 6", "weight of low density", label="α_ρ (density)", symbol="α_ρ")
-    alpha_reprojection: float = text(
+    alpha_density: NonNegative = text(
+        0.4, "Eq. 6", "weight of low density", label="α_ρ (density)", symbol="α_ρ"
+    )
+    alpha_reprojection: NonNegative = text(
         0.0,
         "Eq. 6 has no such term",
         "weight of the reprojection error",
         label="α_e (reprojection)",
         symbol="α_e",
     )
-    target_track_length: int = text(
+    target_track_length: OneOrMore = text(
         6, "Eq. 6", "track length at which a point is strong", label="target track length T*", symbol="T*"
     )
-    density_neighbours: int = text(5, "Eq. 6", "neighbours whose mean distance is the density")
-    theta_low_deg: float = text(
+    density_neighbours: OneOrMore = text(5, "Eq. 6", "neighbours whose mean distance is the density")
+    theta_low_deg: NonNegative = text(
         5.0,
         "Eq. 7",
         "angle to a ray below which another is redundant",
@@ -305,8 +300,7 @@ class BAwareConfig(Section):
     )
 
     def __post_init__(self) -> None:
-        self._need_at_least(0, "alpha_track", "alpha_density", "alpha_reprojection", "theta_low_deg")
-        self._need_at_least(1, "target_track_length", "density_neighbours")
+        super().__post_init__()
         self._need(
             self.theta_low_deg < self.theta_saturation_deg, "theta_low_deg", "below theta_saturation_deg"
         )
@@ -317,7 +311,7 @@ class MatchableConfig(Section):
     """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
 
     weights: Weights = field(default_factory=Weights)
-    views: int = not_in_paper(6, "views that must match one another on a piece of surface", least=2)
+    views: TwoOrMore = not_in_paper(6, "views that must match one another on a piece of surface")
 
 
 @dataclass(frozen=True)
@@ -325,52 +319,54 @@ class GateConfig(Section):
     """Which ranking is flown (Eq. 9 for ``hyb-h``)."""
 
     kind: str = text(
-        "hyb-h", "III-B", "which ranking is flown; a scorer's name: that scorer alone", names=gate_kinds
+        "hyb-h",
+        "III-B",
+        "which ranking is flown; a scorer's name: that scorer alone",
+        names=gate_kinds,
+        plugins=True,
     )
     geometry_scorer: str = text(
-        "b-aware", "III-B", "scorer that Hyb-H and Hyb-O switch to from Covis", names=SCORERS.keys, added=True
+        "b-aware",
+        "III-B",
+        "scorer that Hyb-H and Hyb-O switch to from Covis",
+        names=SCORERS.keys,
+        plugins=True,
+        added=True,
     )
-    budget_fraction: float = text(
+    budget_fraction: Share = text(
         0.4,
         "Eq. 9",
         "budget fraction below which Hyb-H flies the geometry scorer",
         label="budget fraction f_b",
         symbol="f_b",
     )
-    d95_m: float = text(
+    d95_m: NonNegative = text(
         0.14,
         "Eq. 9",
         "d95 above which Hyb-H flies the geometry scorer",
         label="KNN distance d95",
         symbol="d95",
     )
-    bridge_below: float = not_in_paper(
+    bridge_below: Share = not_in_paper(
         0.0,
         "share of the photographs so far that are registered, below which the next view lies between those and the others; "
         "0: never",
-        least=0.0,
-        most=1.0,
         added=True,
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
         "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
     )
-    oracle_samples: int = text(30_000, "III-B", "samples of the true surface that Hyb-O counts")
-    oracle_threshold_m: float = text(0.02, "III-B", "distance at which a sample is covered")
-    oracle_matchable_views: int = not_in_paper(3, "views that must see a sample where coverage is matchable")
-    oracle_quality_weight: float = code(
+    oracle_samples: Annotated[int, Meta(ge=100)] = text(
+        30_000, "III-B", "samples of the true surface that Hyb-O counts"
+    )
+    oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which a sample is covered")
+    oracle_matchable_views: TwoOrMore = not_in_paper(
+        3, "views that must see a sample where coverage is matchable"
+    )
+    oracle_quality_weight: NonNegative = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",
         "how much of a scorer's own main term Hyb-O adds to the share of samples; above 0, ties go by margin",
         added=True,
     )
     learned_policy: str = not_in_paper("", "path of a policy for the learned gate; empty: the one that ships")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._need(0 <= self.budget_fraction <= 1, "budget_fraction", "between 0 and 1")
-        self._need_at_least(0, "d95_m")
-        self._need_at_least(100, "oracle_samples")
-        self._need_positive("oracle_threshold_m")
-        self._need_at_least(2, "oracle_matchable_views")
-        self._need_at_least(0, "oracle_quality_weight")

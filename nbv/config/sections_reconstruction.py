@@ -3,64 +3,76 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from msgspec import Meta
+
+from nbv.config.declaration import (
+    Count,
+    NonNegative,
+    OneOrMore,
+    Positive,
+    Section,
+    TwoOrMore,
+    code,
+    not_in_paper,
+    text,
+)
 from nbv.config.registry import DENSE_BACKENDS
-from nbv.config.sources import Section, code, not_in_paper, text
 
 
 @dataclass(frozen=True)
 class SparseConfig(Section):
     """Features, matching, incremental mapping, alignment."""
 
-    max_features: int = not_in_paper(
+    max_features: OneOrMore = not_in_paper(
         8192, "features of a photograph, at most", why="COLMAP's default; the authors' 16384"
     )
-    ground_features: int = not_in_paper(
+    ground_features: Count = not_in_paper(
         0,
         "features of the ground as telemetry lets it be seen from above, at most; 0: none",
         why="hold views 30° and more apart together, which SIFT matches too rarely",
         added=True,
     )
-    first_octave: int = code(-1, "COLMAP's default", "-1: features of the doubled image too")
-    peak_threshold: float = code(0.0066, "COLMAP's default", "least contrast of a feature")
-    match_ratio: float = code(0.8, "COLMAP's default", "best distance over second best, at most")
-    max_pair_angle_deg: float = code(180.0, "exhaustive", "views that look farther apart are not matched")
-    max_pairs: int = code(
+    first_octave: Annotated[int, Meta(ge=-1, le=2)] = code(
+        -1, "COLMAP's default", "-1: features of the doubled image too"
+    )
+    peak_threshold: Positive = code(0.0066, "COLMAP's default", "least contrast of a feature")
+    match_ratio: Annotated[float, Meta(gt=0, le=1)] = code(
+        0.8, "COLMAP's default", "best distance over second best, at most"
+    )
+    max_pair_angle_deg: Annotated[float, Meta(gt=0, le=180)] = code(
+        180.0, "exhaustive", "views that look farther apart are not matched"
+    )
+    max_pairs: Count = code(
         0, "exhaustive", "earlier photographs to match a new one with, nearest directions first; 0: all"
     )
-    min_inliers: int = code(15, "COLMAP's default", "matches of a verified pair, at least")
-    min_ransac_trials: int = code(
+    min_inliers: Annotated[int, Meta(ge=8)] = code(
+        15, "COLMAP's default", "matches of a verified pair, at least"
+    )
+    min_ransac_trials: OneOrMore = code(
         100, "COLMAP's default", "trials of two-view verification, at least", added=True
     )
-    global_ba_interval: int = not_in_paper(5, "captures between global bundle adjustments")
-    local_ba_images: int = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
-    local_ba_rounds: int = code(
+    global_ba_interval: OneOrMore = not_in_paper(5, "captures between global bundle adjustments")
+    local_ba_images: TwoOrMore = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
+    local_ba_rounds: OneOrMore = code(
         2, "COLMAP's default", "times a local adjustment is repeated, at most", added=True
     )
-    local_ba_iterations: int = code(
+    local_ba_iterations: Count = code(
         0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit", added=True
     )
-    global_ba_iterations: int = code(
+    global_ba_iterations: Count = code(
         0, "COLMAP's default", "solver steps of a global adjustment; 0: COLMAP's limit", added=True
     )
     update_pairs: Literal["all", "near"] = code(
         "all", "COLMAP's default", "pairs that an update between global adjustments sees", added=True
     )
-    max_alignment_rms_m: float = not_in_paper(0.10, "residual to telemetry beyond which the model is wrong")
-    min_registered_seeds: int = not_in_paper(12, "seeds that must register for the mission to go on")
-
-    def __post_init__(self) -> None:
-        self._need_at_least(1, "max_features", "min_ransac_trials", "global_ba_interval", "local_ba_rounds")
-        self._need(-1 <= self.first_octave <= 2, "first_octave", "-1 (twice the size) to 2")
-        self._need_positive("peak_threshold", "max_alignment_rms_m")
-        self._need(0 < self.match_ratio <= 1, "match_ratio", "in (0, 1]")
-        self._need(0 < self.max_pair_angle_deg <= 180, "max_pair_angle_deg", "in (0, 180]")
-        self._need(self.max_pairs >= 0, "max_pairs", "0 (no limit) or more")
-        self._need_at_least(8, "min_inliers")
-        self._need_at_least(2, "local_ba_images")
-        self._need_at_least(0, "ground_features", "local_ba_iterations", "global_ba_iterations")
-        self._need_at_least(3, "min_registered_seeds")
+    max_alignment_rms_m: Positive = not_in_paper(
+        0.10, "residual to telemetry beyond which the model is wrong"
+    )
+    min_registered_seeds: Annotated[int, Meta(ge=3)] = not_in_paper(
+        12, "seeds that must register for the mission to go on"
+    )
 
 
 @dataclass(frozen=True)
@@ -72,22 +84,23 @@ class DenseConfig(Section):
         "stereo",
         why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
         names=DENSE_BACKENDS.keys,
+        plugins=True,
     )
-    neighbours: int = not_in_paper(3, "stereo partners of a photograph")
+    neighbours: OneOrMore = not_in_paper(3, "stereo partners of a photograph")
     min_pair_angle_deg: float = not_in_paper(3.0, "least angle of a stereo pair, seen from the target")
     max_pair_angle_deg: float = not_in_paper(35.0, "largest angle of a stereo pair")
     best_pair_angle_deg: float = not_in_paper(10.0, "best angle of a stereo pair")
-    min_baseline_angle_deg: float = not_in_paper(
+    min_baseline_angle_deg: Annotated[float, Meta(ge=0, lt=90)] = not_in_paper(
         0.0, "least angle between a pair's baseline and the line to the target", added=True
     )
-    crop_half_width_m: float = not_in_paper(1.5, "half the side of the cube in which depths are sought")
+    crop_half_width_m: Positive = not_in_paper(1.5, "half the side of the cube in which depths are sought")
     search: Literal["crop", "sparse"] = not_in_paper(
         "crop", "depths are sought in all of the cube, or near the sparse model", added=True
     )
     max_size_px: int = not_in_paper(
         0, "long side of the photographs that depths are sought in, at most; 0: as taken", added=True
     )
-    agreeing_views: int = not_in_paper(3, "views, the reference included, that must agree on a depth")
+    agreeing_views: TwoOrMore = not_in_paper(3, "views, the reference included, that must agree on a depth")
     consistency_views: int = not_in_paper(10, "views that are asked")
     consistency_relative_depth: float = not_in_paper(0.005, "difference at which depths agree, relative")
     consistency_px: float = not_in_paper(1.0, "error of reprojection at which depths agree")
@@ -96,20 +109,17 @@ class DenseConfig(Section):
     )
 
     def __post_init__(self) -> None:
-        self._need_at_least(1, "neighbours")
-        self._need(0 <= self.min_baseline_angle_deg < 90, "min_baseline_angle_deg", "in [0, 90)")
-        self._need_positive("crop_half_width_m")
+        super().__post_init__()
         self._need(
             self.max_size_px == 0 or self.max_size_px >= 64, "max_size_px", "0 (no limit) or at least 64"
         )
-        self._need_at_least(2, "agreeing_views")
 
 
 @dataclass(frozen=True)
 class EvaluationConfig(Section):
     """Cleaning and metrics."""
 
-    crop_half_extent_m: float = code(1.5, "evaluation script", "half the side of the cube that is kept")
+    crop_half_extent_m: Positive = code(1.5, "evaluation script", "half the side of the cube that is kept")
     ground_ransac_iterations: int = code(500, "evaluation script", "trials of the ground plane")
     ground_ransac_threshold_m: float = code(
         0.03, "evaluation script", "distance to the ground plane that is ground"
@@ -124,14 +134,16 @@ class EvaluationConfig(Section):
     sor_std_ratio: float = code(
         2.0, "evaluation script", "standard deviations beyond which a point is an outlier"
     )
-    floater_radius_m: float = not_in_paper(
+    floater_radius_m: NonNegative = not_in_paper(
         0.024,
         "gap around floaters, loose points off any plane and small clusters, which go; 0: none",
         why="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
         added=True,
     )
     gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: none")
-    gt_samples: int = code(100_000, "evaluation script", "samples of the true surface for the metrics")
+    gt_samples: Annotated[int, Meta(ge=1000)] = code(
+        100_000, "evaluation script", "samples of the true surface for the metrics"
+    )
     thresholds_mm: tuple[float, ...] = code(
         (16.0, 32.0, 48.0, 64.0, 80.0),
         "evaluation script; IV prints two",
@@ -140,7 +152,5 @@ class EvaluationConfig(Section):
     azimuth_sectors: int = code(12, "comparison script", "sectors of completeness by azimuth")
 
     def __post_init__(self) -> None:
-        self._need_positive("crop_half_extent_m")
-        self._need_at_least(0, "floater_radius_m")
-        self._need_at_least(1000, "gt_samples")
+        super().__post_init__()
         self._need(len(self.thresholds_mm) > 0, "thresholds_mm", "at least one threshold")

@@ -4,38 +4,37 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from msgspec import Meta
+
+from nbv.config.declaration import NonNegative, Positive, Section, Share, code, not_in_paper
 from nbv.config.registry import RENDERERS
-from nbv.config.sources import Section, code, not_in_paper
 from nbv.errors import UserError
 
 LOWEST_SUN_DEG = 3.0  # lower, and shadows outgrow the ground that is drawn
-HIGHEST_RELIEF_M = 0.2
-MOST_NEIGHBOURS = 12
-HIGHEST_NEIGHBOUR_M = 1.5
-WIDEST_GAP_M = 3.0
+_Height = Annotated[float, Meta(ge=0.1, le=1.5)]
+_Gap = Annotated[float, Meta(ge=0.05, le=3)]
 
 
 @dataclass(frozen=True)
 class CameraConfig(Section):
     """Pinhole camera without distortion; pixel centres at half-integers, as in COLMAP."""
 
-    width_px: int = code(640, "simulator", "image width")
-    height_px: int = code(480, "simulator", "image height")
-    focal_px: float = code(
+    width_px: Annotated[int, Meta(ge=16)] = code(640, "simulator", "image width")
+    height_px: Annotated[int, Meta(ge=16)] = code(480, "simulator", "image height")
+    focal_px: Positive = code(
         465.7412, "simulator, 1.204 rad of view", "focal length, known and shared by all photographs"
     )
-
-    def __post_init__(self) -> None:
-        self._need_at_least(16, "width_px", "height_px")
-        self._need_positive("focal_px")
 
 
 @dataclass(frozen=True)
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: str = not_in_paper("raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys)
+    backend: str = not_in_paper(
+        "raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys, plugins=True
+    )
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
     )
@@ -51,20 +50,21 @@ class SceneConfig(Section):
         why="counted as viewpoints' azimuths are",
         added=True,
     )
-    sun_irradiance: float = code(0.904, "simulator", "brightness of the sun, relative")
-    ambient: float = code(0.4, "simulator", "brightness of the sky, relative")
-    sky_grey: float = code(0.7, "simulator", "grey of the background, 0 to 1")
+    sun_irradiance: NonNegative = code(0.904, "simulator", "brightness of the sun, relative")
+    ambient: NonNegative = code(0.4, "simulator", "brightness of the sky, relative")
+    sky_grey: Share = code(0.7, "simulator", "grey of the background, 0 to 1")
     ground_seed: int = not_in_paper(0, "which procedural ground")
-    read_noise_dn: float = not_in_paper(
+    read_noise_dn: NonNegative = not_in_paper(
         1.0, "Gaussian noise of the sensor, 8-bit digital numbers", why="the simulator has none"
     )
-    shot_noise_dn: float = not_in_paper(
+    shot_noise_dn: NonNegative = not_in_paper(
         1.5,
         "standard deviation at full scale; grows with the square root of the signal",
         why="the simulator has none",
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._need(self.sun_direction[2] < 0, "sun_direction", "downward (negative third component)")
         name = "sun_direction" if self.sun_elevation_deg is None else "sun_elevation_deg"
         x, y, z = self.sun_direction
@@ -73,8 +73,6 @@ class SceneConfig(Section):
             elevation_deg = math.degrees(math.atan2(-z, math.hypot(x, y)))
         above = LOWEST_SUN_DEG <= elevation_deg <= 90.0
         self._need(above, name, f"a sun {LOWEST_SUN_DEG:g} to 90 degrees above the horizon")
-        self._need(0 <= self.sky_grey <= 1, "sky_grey", "between 0 and 1")
-        self._need_at_least(0, "sun_irradiance", "ambient", "read_noise_dn", "shot_noise_dn")
         self._need(self.sun_irradiance + self.ambient > 0, "ambient", "positive without a sun")
 
     @property
@@ -100,25 +98,27 @@ class SensorConfig(Section):
     """
 
     exposure_ev: float = not_in_paper(0.0, "exposure, in stops; 0 leaves it", why="cameras offer -3 to 3")
-    exposure_jitter_ev: float = not_in_paper(
+    exposure_jitter_ev: NonNegative = not_in_paper(
         0.0, "standard deviation of the exposure between photographs", why="automatic exposure steps by 1/3"
     )
-    vignetting: float = not_in_paper(
+    vignetting: NonNegative = not_in_paper(
         0.0, "light falls off as cosine to the power of 4 times this", why="1 is the law of a simple lens"
     )
-    exposure_time_s: float = not_in_paper(
+    exposure_time_s: NonNegative = not_in_paper(
         0.0, "shutter time, for motion blur", why="1/250 is called the longest for drone surveys"
     )
-    residual_speed_m_s: float = not_in_paper(
+    residual_speed_m_s: NonNegative = not_in_paper(
         0.0, "speed across the view at the photograph", why="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)"
     )
-    residual_rate_deg_s: float = not_in_paper(
+    residual_rate_deg_s: NonNegative = not_in_paper(
         0.0,
         "turning rate across the view at the photograph",
         why="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
     )
-    jpeg_quality: int = not_in_paper(0, "1 to 100; 0: no compression", why="libjpeg's scale")
-    focal_error_percent: float = not_in_paper(
+    jpeg_quality: Annotated[int, Meta(ge=0, le=100)] = not_in_paper(
+        0, "1 to 100; 0: no compression", why="libjpeg's scale"
+    )
+    focal_error_percent: Annotated[float, Meta(gt=-100)] = not_in_paper(
         0.0,
         "true focal length above the one that the vehicle believes",
         why="0.2 between the two cameras of the EuRoC rig",
@@ -131,12 +131,6 @@ class SensorConfig(Section):
     )
     k2: float = not_in_paper(0.0, "the same, fourth power", why="0.07 in EuRoC's camera 0, uncorrected")
 
-    def __post_init__(self) -> None:
-        self._need_at_least(0, "exposure_jitter_ev", "vignetting", "exposure_time_s")
-        self._need_at_least(0, "residual_speed_m_s", "residual_rate_deg_s")
-        self._need(0 <= self.jpeg_quality <= 100, "jpeg_quality", "1 to 100, or 0 for no compression")
-        self._need(self.focal_error_percent > -100, "focal_error_percent", "above -100")
-
 
 @dataclass(frozen=True)
 class FlightConfig(Section):
@@ -145,107 +139,92 @@ class FlightConfig(Section):
     home_m: tuple[float, float, float] = not_in_paper(
         (0.0, -8.0, 0.0), "take-off point, ENU", why="8 m away as in the public code, from the south"
     )
-    takeoff_altitude_m: float = code(3.0, "mission file", "altitude after take-off")
-    max_speed_m_s: float = not_in_paper(5.0, "top speed", why="X500 class")
-    max_climb_m_s: float = not_in_paper(2.0, "top climb rate", why="X500 class")
-    max_acceleration_m_s2: float = not_in_paper(3.0, "acceleration limit", why="X500 class")
-    max_jerk_m_s3: float = not_in_paper(8.0, "jerk limit", why="X500 class")
-    max_yaw_rate_rad_s: float = not_in_paper(0.8, "yaw rate limit", why="X500 class")
-    max_yaw_acceleration_rad_s2: float = not_in_paper(1.5, "yaw acceleration limit", why="X500 class")
-    max_yaw_jerk_rad_s3: float = not_in_paper(6.0, "yaw jerk limit", why="X500 class")
-    arrival_tolerance_m: float = code(0.35, "arrival test", "largest error of arrival, per axis")
-    settle_s: float = code(2.0, "mission file", "pause before a photograph")
-    planning_s: float = not_in_paper(
+    takeoff_altitude_m: NonNegative = code(3.0, "mission file", "altitude after take-off")
+    max_speed_m_s: Positive = not_in_paper(5.0, "top speed", why="X500 class")
+    max_climb_m_s: Positive = not_in_paper(2.0, "top climb rate", why="X500 class")
+    max_acceleration_m_s2: Positive = not_in_paper(3.0, "acceleration limit", why="X500 class")
+    max_jerk_m_s3: Positive = not_in_paper(8.0, "jerk limit", why="X500 class")
+    max_yaw_rate_rad_s: Positive = not_in_paper(0.8, "yaw rate limit", why="X500 class")
+    max_yaw_acceleration_rad_s2: Positive = not_in_paper(1.5, "yaw acceleration limit", why="X500 class")
+    max_yaw_jerk_rad_s3: Positive = not_in_paper(6.0, "yaw jerk limit", why="X500 class")
+    arrival_tolerance_m: NonNegative = code(0.35, "arrival test", "largest error of arrival, per axis")
+    settle_s: NonNegative = code(2.0, "mission file", "pause before a photograph")
+    planning_s: NonNegative = not_in_paper(
         0.0,
         "pause in the air while the model is updated and the next view planned",
         why="0: not counted; a vehicle's own time is that of its computer",
         added=True,
     )
-    mass_kg: float = not_in_paper(
+    mass_kg: Positive = not_in_paper(
         2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True
     )
-    rotor_diameter_m: float = not_in_paper(
+    rotor_diameter_m: Positive = not_in_paper(
         0.279, "of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
     )
-    propulsion_efficiency: float = not_in_paper(
+    propulsion_efficiency: Annotated[float, Meta(gt=0, le=1)] = not_in_paper(
         0.6,
         "ideal over electrical power, for the energy",
         why="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
         added=True,
     )
-    keep_out_radius_m: float = not_in_paper(
+    keep_out_radius_m: NonNegative = not_in_paper(
         1.3,
         "upright cylinder around the target that straight legs go round",
         why="the public code flies through",
     )
-    keep_out_height_m: float = not_in_paper(
+    keep_out_height_m: NonNegative = not_in_paper(
         2.2, "its top, above the ground", why="the public code flies through"
     )
-    min_camera_altitude_m: float = not_in_paper(0.3, "arrival errors never take the camera below")
-
-    def __post_init__(self) -> None:
-        self._need_positive("max_speed_m_s", "max_climb_m_s", "max_acceleration_m_s2", "max_jerk_m_s3")
-        self._need_positive("max_yaw_rate_rad_s", "max_yaw_acceleration_rad_s2", "max_yaw_jerk_rad_s3")
-        self._need_at_least(0, "takeoff_altitude_m", "arrival_tolerance_m", "settle_s", "planning_s")
-        self._need_positive("mass_kg", "rotor_diameter_m", "propulsion_efficiency")
-        self._need(self.propulsion_efficiency <= 1, "propulsion_efficiency", "at most 1")
-        self._need_at_least(0, "keep_out_radius_m", "keep_out_height_m", "min_camera_altitude_m")
+    min_camera_altitude_m: NonNegative = not_in_paper(0.3, "arrival errors never take the camera below")
 
 
 @dataclass(frozen=True)
 class GroundConfig(Section):
     """What the ground has besides its texture (`nbv.terrain`); by default it is flat and empty."""
 
-    relief_m: float = not_in_paper(
+    relief_m: Annotated[float, Meta(ge=0, le=0.2)] = not_in_paper(
         0.0,
         "rms height of the ground, 0 to 0.2",
         why="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
     )
-    relief_length_m: float = not_in_paper(
+    relief_length_m: Annotated[float, Meta(ge=0.3, le=5)] = not_in_paper(
         1.0, "its correlation length; rms slope is 1.4 relief / length", why="about the rock's size"
     )
-    neighbours: int = not_in_paper(
+    neighbours: Annotated[int, Meta(ge=0, le=12)] = not_in_paper(
         0, "other rocks about the target, beyond the evaluation's crop", why="0 to 12"
     )
-    neighbour_height_m: tuple[float, float] = not_in_paper(
+    neighbour_height_m: tuple[_Height, _Height] = not_in_paper(
         (0.4, 1.0), "their least and greatest height", why="at most 1.5: smaller than the target"
     )
-    neighbour_gap_m: tuple[float, float] = not_in_paper(
+    neighbour_gap_m: tuple[_Gap, _Gap] = not_in_paper(
         (0.1, 2.0), "how far beyond the crop they begin", why="at most 3: within the views' reach"
     )
-    burial_m: float = not_in_paper(0.0, "how deep the target lies in the ground", why="less than its height")
+    burial_m: NonNegative = not_in_paper(
+        0.0, "how deep the target lies in the ground", why="less than its height"
+    )
 
     def __post_init__(self) -> None:
-        self._need(0 <= self.relief_m <= HIGHEST_RELIEF_M, "relief_m", f"between 0 and {HIGHEST_RELIEF_M:g}")
-        self._need(0.3 <= self.relief_length_m <= 5, "relief_length_m", "between 0.3 and 5")
-        self._need(0 <= self.neighbours <= MOST_NEIGHBOURS, "neighbours", f"between 0 and {MOST_NEIGHBOURS}")
-        low, high = self.neighbour_height_m
-        rule = f"0.1 or more, in order, and at most {HIGHEST_NEIGHBOUR_M:g}"
-        self._need(0.1 <= low <= high <= HIGHEST_NEIGHBOUR_M, "neighbour_height_m", rule)
-        low, high = self.neighbour_gap_m
-        rule = f"0.05 or more, in order, and at most {WIDEST_GAP_M:g}"
-        self._need(0.05 <= low <= high <= WIDEST_GAP_M, "neighbour_gap_m", rule)
-        self._need_at_least(0, "burial_m")
+        super().__post_init__()
+        for name in ("neighbour_height_m", "neighbour_gap_m"):
+            low, high = getattr(self, name)
+            self._need(low <= high, name, "the least before the greatest")
 
 
 @dataclass(frozen=True)
 class WindConfig(Section):
     """Wind on the flight (`nbv.flight.wind`); its direction is drawn per replicate."""
 
-    mean_speed_m_s: float = not_in_paper(
+    mean_speed_m_s: NonNegative = not_in_paper(
         0.0, "mean speed, horizontal", why="with 3 gusts below flight.max_speed_m_s"
     )
-    gust_m_s: float = not_in_paper(
+    gust_m_s: NonNegative = not_in_paper(
         0.0, "standard deviation of gusts", why="MIL-F-8785C near the ground: a fifth of the mean"
     )
-    sway_s: float = not_in_paper(
+    sway_s: NonNegative = not_in_paper(
         0.18,
         "hover error in m per m/s of gust",
         why="rotor drag 0.3 1/s against PX4's default loop of 1.7 1/s²",
     )
-
-    def __post_init__(self) -> None:
-        self._need_at_least(0, "mean_speed_m_s", "gust_m_s", "sway_s")
 
     @property
     def strongest_m_s(self) -> float:
@@ -257,24 +236,23 @@ class WindConfig(Section):
 class TelemetryConfig(Section):
     """Errors of the reported camera pose (`nbv.flight.telemetry`); all zero by default: telemetry is exact."""
 
-    horizontal_noise_m: float = not_in_paper(
+    horizontal_noise_m: NonNegative = not_in_paper(
         0.0, "standard deviation of each horizontal axis, anew in every photograph"
     )
-    vertical_noise_m: float = not_in_paper(0.0, "the same of the vertical axis")
-    drift_m: float = not_in_paper(0.0, "standard deviation of the slow error of each axis")
-    drift_time_s: float = not_in_paper(
+    vertical_noise_m: NonNegative = not_in_paper(0.0, "the same of the vertical axis")
+    drift_m: NonNegative = not_in_paper(0.0, "standard deviation of the slow error of each axis")
+    drift_time_s: Positive = not_in_paper(
         120.0, "time in which the slow error forgets itself (correlation 1 / e)"
     )
     lever_arm_m: tuple[float, float, float] = not_in_paper(
         (0.0, 0.0, 0.0), "camera from the reported point that nobody corrects: forward, left, up"
     )
-    attitude_noise_deg: float = not_in_paper(
+    attitude_noise_deg: NonNegative = not_in_paper(
         0.0, "standard deviation of the camera's attitude about each axis"
     )
 
     def __post_init__(self) -> None:
-        self._need_at_least(0, "horizontal_noise_m", "vertical_noise_m", "drift_m", "attitude_noise_deg")
-        self._need_positive("drift_time_s")
+        super().__post_init__()
         if not self.is_exact:
             rule = "positive, or drift_m: telemetry that errs needs a covariance along every axis"
             for name in ("horizontal_noise_m", "vertical_noise_m"):
@@ -305,23 +283,19 @@ class TelemetryConfig(Section):
 class TargetConfig(Section):
     """Errors of what is believed of the target before it is seen; by default its place is known, a drawn rock's size roughly."""
 
-    horizontal_sd_m: float = not_in_paper(
+    horizontal_sd_m: NonNegative = not_in_paper(
         0.0,
         "standard deviation of each horizontal axis of the target's believed centre",
         why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
-    vertical_sd_m: float = not_in_paper(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
-    size_error_percent: float = not_in_paper(
+    vertical_sd_m: NonNegative = not_in_paper(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+    size_error_percent: Annotated[float, Meta(ge=0, le=50)] = not_in_paper(
         20.0,
         "largest error of the believed height and width of a rock drawn from a family (uniform), which is aimed at half "
         "its believed height",
         why="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
         added=True,
     )
-
-    def __post_init__(self) -> None:
-        self._need_at_least(0, "horizontal_sd_m", "vertical_sd_m")
-        self._need(0 <= self.size_error_percent <= 50, "size_error_percent", "between 0 and 50")
 
     @property
     def is_known(self) -> bool:

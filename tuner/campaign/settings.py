@@ -23,9 +23,9 @@ from nbv.config import (
     require_distinct,
     under,
 )
+from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from tuner.campaign.declaration import setting, settings_of
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, external_config, load_mission_file
@@ -82,7 +82,7 @@ def _read_mission(raw: Any, source: str) -> MissionFile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CampaignSettings:
+class CampaignSettings(Section):
     """What a campaign is; two campaigns with equal settings are the same experiment.
 
     Every setting is one field: command line, settings file, messages and the reference page are made from it.
@@ -99,7 +99,7 @@ class CampaignSettings:
         "search space, a YAML file or a name",
         shown=_DEFAULT_SPACE,
         why="gains on other rocks, the paper's own space hardly: docs/results/held_out.md",
-        choices=available_search_spaces,
+        names=available_search_spaces,
         option="--space",
         panel=WHAT,
         in_file="in a file also the space itself",
@@ -172,7 +172,7 @@ class CampaignSettings:
     preset: str = setting(
         "campaign",
         "mission preset",
-        choices=lambda: PRESETS,
+        names=lambda: PRESETS,
         option="--preset",
         panel=MISSION,
         builtin=True,
@@ -192,32 +192,29 @@ class CampaignSettings:
         panel=MISSION,
         builtin=True,
     )
-    replicates: int = setting(
+    replicates: OneOrMore = setting(
         2,
         "draws of arrival errors and noise per rock",
-        at_least=1,
         limit=MAX_REPLICATES,
         option="--replicates",
         panel=MISSION,
     )
-    budget: int = setting(
+    budget: OneOrMore = setting(
         64,
         "length of the campaign",
         unit="missions",
-        at_least=1,
         limit=MAX_MISSIONS,
         option="--budget",
         panel=SEARCH,
     )
     sampler: str = setting(
-        "gp", "what proposes missions", choices=lambda: SAMPLERS, option="--sampler", panel=SEARCH
+        "gp", "what proposes missions", names=lambda: SAMPLERS, option="--sampler", panel=SEARCH
     )
-    initial: int | None = setting(
+    initial: OneOrMore | None = setting(
         None,
         "length of the initial design",
         shown="as many missions as suit sampler, budget and space",
         unit="missions",
-        at_least=1,
     )
     learn_from: tuple[str, ...] | None = setting(
         None,
@@ -235,13 +232,12 @@ class CampaignSettings:
         option="--keep",
         panel=WHERE,
     )
-    in_step: int | None = setting(
+    in_step: OneOrMore | None = setting(
         None,
         "N: each proposal waits for, and learns from, all missions before it but the last N - 1, so that the campaign "
         "is the same with any number of workers",
         shown="a proposal learns from the missions that have ended, and waits for none",
         unit="missions",
-        at_least=1,
     )
 
     def __repr__(self) -> str:
@@ -254,8 +250,7 @@ class CampaignSettings:
     def __post_init__(self) -> None:
         if not self.name:
             raise UserError("the campaign needs a name")
-        for name, declared in settings_of(type(self)).items():
-            declared.check(getattr(self, name))
+        super().__post_init__()
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         require_rocks(self.rocks)
@@ -472,6 +467,7 @@ class CampaignSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
-        known = settings_of(type(self))
-        tree = {name: declared.to_yaml(getattr(self, name)) for name, declared in known.items()}
+        tree = {
+            name: field.to_yaml(getattr(self, name)) for name, field in declared(CampaignSettings).items()
+        }
         return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from nbv.checksums import require_checksum, with_checksum
+from nbv.config.declaration import declared, leaves
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import PREDICTED, all_metrics
 from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
-from tuner.campaign.declaration import require_settings, settings_of, values_of
 from tuner.campaign.rock_choice import (
     QUICK_HELD_OUT,
     QUICK_ROCKS,
@@ -37,7 +37,7 @@ SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
 _READ_BY = "42627bd"  # the last commit that reads format 2
 _READS_DATABASES = "409a733"  # the last one
-SETTINGS = settings_of(CampaignSettings)
+SETTINGS = declared(CampaignSettings)
 # `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison.
 QUICK: dict[str, Any] = {
     "budget": 20,
@@ -57,12 +57,12 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     """
     tree = _checked(tree, source)
     if tree.get("mission") is None:
-        return CampaignSettings(**values_of(CampaignSettings, _in_full(tree), source))
+        return CampaignSettings(**_values(_in_full(tree), source))
     mission = SETTINGS["mission"].from_yaml(tree.pop("mission"), source)
     if tree.pop("space", None) not in (None, mission.space.to_dict()):
         raise UserError(f"{source}: its search space is not that of {mission.path}; leave space out")
     full = _in_full({**_said_by(mission), **tree}, mission.directions)
-    return CampaignSettings(mission=mission, space=mission.space, **values_of(CampaignSettings, full, source))
+    return CampaignSettings(mission=mission, space=mission.space, **_values(full, source))
 
 
 def _checked(tree: Any, source: str) -> dict[str, Any]:
@@ -75,8 +75,19 @@ def _checked(tree: Any, source: str) -> dict[str, Any]:
             )
         gone = {"risk": "mean", "storage": None}
         tree = {name: value for name, value in tree.items() if name not in gone or value != gone[name]}
-    require_settings(CampaignSettings, tree, source)
-    return dict(tree)
+    try:
+        found = leaves(SETTINGS, tree, "setting")
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
+    for name, raw in found.items():
+        if raw is not None and SETTINGS[name].read is None:
+            SETTINGS[name].from_yaml(raw, source)
+    return found
+
+
+def _values(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Return the values of a YAML form, by name; null is as if it were left out."""
+    return {name: SETTINGS[name].from_yaml(raw, source) for name, raw in tree.items() if raw is not None}
 
 
 def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None) -> dict[str, Any]:

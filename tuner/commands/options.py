@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tuner.campaign.declaration import Setting, settings_of
+from nbv.config.declaration import Declaration, declared, unbounded
 from tuner.commands.console import only_json
 
 EXECUTION = "Execution"  # panel of the help
@@ -93,22 +93,22 @@ MissionAllowed = Annotated[
 ]
 
 
-def with_settings(declared: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_settings(settings: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for every setting of a dataclass that has one.
 
-    What the user gave reaches the command's parameter ``given``: values by the setting's name.
+    The command's parameter ``given`` receives what the user gave: values by the setting's name.
     """
-    options = [s for s in settings_of(declared).values() if s.option]
+    options = [s for s in declared(settings).values() if s.option]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def with_options(**arguments: Any) -> None:
-            given = {s.name: arguments.pop(s.name) for s in options}
+            given = {s.path: arguments.pop(s.path) for s in options}
             command(given={name: value for name, value in given.items() if value is not None}, **arguments)
 
-        parameters: list[inspect.Parameter] = []
-        for parameter in inspect.signature(command, eval_str=True).parameters.values():
-            parameters += [_parameter(s) for s in options] if parameter.name == "given" else [parameter]
+        first, *others = inspect.signature(command, eval_str=True).parameters.values()
+        assert first.name == "given"
+        parameters = [*map(_parameter, options), *others]  # typer makes its options from them
         with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         with_options.__annotations__ = {p.name: p.annotation for p in parameters}
         return with_options
@@ -116,27 +116,24 @@ def with_settings(declared: type) -> Callable[[Callable[..., None]], Callable[..
     return decorate
 
 
-def _parameter(setting: Setting) -> inspect.Parameter:
-    """A parameter as typer reads it: None where the user says nothing."""
-    kind = typing.get_args(setting.kind)[0] if type(None) in typing.get_args(setting.kind) else setting.kind
-    origin = typing.get_origin(kind)
-    several = origin is tuple or origin is dict
+def _parameter(setting: Declaration) -> inspect.Parameter:
+    """Return the parameter of which typer makes a setting's option; None where the user does not give it."""
+    kind = unbounded(setting.kind)
+    several = typing.get_origin(kind) in (tuple, dict)
     option = typer.Option(
         *setting.option.split(),
         help=help_text(setting, several),
         rich_help_panel=setting.panel,
-        metavar="PATH=VALUE" if origin is dict else None,
+        metavar="PATH=VALUE" if typing.get_origin(kind) is dict else None,
     )
     value: Any = list[str] if several else kind if kind in (int, float) else str
+    annotation = Annotated[value | None, option]
     return inspect.Parameter(
-        setting.name,
-        inspect.Parameter.POSITIONAL_OR_KEYWORD,
-        default=None,
-        annotation=Annotated[value | None, option],
+        setting.path, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation
     )
 
 
-def help_text(setting: Setting, several: bool) -> str:
+def help_text(setting: Declaration, several: bool) -> str:
     """``Training rocks, names or mesh files; repeatable (default: the procedural ones).``."""
     default = f" (default: {setting.default_text})" if setting.default_text else ""
     return f"{setting.text[0].upper()}{setting.text[1:]}{'; repeatable' if several else ''}{default}."

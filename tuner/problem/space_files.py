@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig, canonical_path, is_parameter
-from nbv.config.parsing import coerce
+from nbv.config.declaration import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, parse_yaml, read_text, require
 from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Value

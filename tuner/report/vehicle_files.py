@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import PRESETS, MissionConfig, Parameter, parameter
+from nbv.config import PRESETS, Declaration, MissionConfig, parameter
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
@@ -160,8 +160,8 @@ def _rows(tree: Mapping[str, Any], prefix: str, preset: str) -> Iterator[tuple[s
             yield f"{indent}{text}", f"{unit}{about.meaning} ({source_of(about, value, preset)})"
 
 
-def source_of(about: Parameter, value: Any, preset: str) -> str:
-    """Where a value is from: text (the paper), code (the authors' public code), ours, or ``--set``."""
+def source_of(about: Declaration, value: Any, preset: str) -> str:
+    """Where a value is from: text (the paper), code (the authors' public code), gatetune, or ``--set``."""
     default = list(about.default) if isinstance(about.default, tuple) else about.default
     if about.path == "preset" or value == default:
         return about.origin

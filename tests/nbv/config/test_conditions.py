@@ -55,10 +55,10 @@ def test_under_one_condition_there_is_no_second() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("scene: {ambiant: 0.1}", "unknown mission parameter 'scene.ambiant'; did you mean scene.ambient"),
+        ("scene: {ambiant: 0.1}", "unknown mission parameter 'scene.ambiant'; did you mean 'scene.ambient'"),
         ("scene: {read_noise_dn: -1}", "scene.read_noise_dn is -1.0; it must be 0 or more"),
         ("scene: {sun_direction: [0, 0, 1]}", "scene.sun_direction is"),
-        ("scene: 3", "scene must be a mapping, not int"),
+        ("scene: 3", "scene is 3; it must map names to values"),
         ("dense: {agreeing_views: 3}", "dense is not of the world; a condition sets scene"),
         ("telemetri: gnss", "a condition has no section 'telemetri'; did you mean 'telemetry'"),
         ("telemetry: gps", "unknown telemetry level 'gps'; there are exact, rtk"),
@@ -86,5 +86,5 @@ def test_a_condition_that_there_is_not_is_told(tmp_path: Path) -> None:
         load_condition(written(tmp_path, "telemetry: gnss", "a world.yaml"))
     with pytest.raises(UserError, match="'field' is named twice"):
         load_conditions(["field", "field"])
-    with pytest.raises(UserError, match="no condition to fly in"):
+    with pytest.raises(UserError, match="no condition to run under"):
         load_conditions([])

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from nbv.config import PRESETS, MissionConfig, parameter_paths, parameters, preset
+from nbv.config import PRESETS, MissionConfig, parameters, preset
 
 
-@pytest.mark.parametrize("path", parameter_paths())
+@pytest.mark.parametrize("path", parameters())
 def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     about = parameters()[path]
     assert about.meaning
-    assert about.source in ("text", "code", "ours")
-    assert about.where or about.source == "ours"  # the place in the paper or the public code
+    assert about.source in ("text", "code", "gatetune")
+    assert about.why or about.source == "gatetune"  # the place in the paper or the public code
 
 
 def test_what_the_paper_prints_is_marked_as_its_text() -> None:

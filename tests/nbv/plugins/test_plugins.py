@@ -9,19 +9,19 @@ import pytest
 
 from nbv import plugins
 from nbv.config import SCORERS, Weights, config_from_dict, parameter, preset
-from nbv.config.sources import Section
+from nbv.config.declaration import Section
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 
 MINE = """
 from dataclasses import dataclass
 from nbv.config import Weights
-from nbv.config.sources import Section, not_in_paper
+from nbv.config.declaration import Section, Share, not_in_paper
 from nbv.scorers import Scorer
 
 @dataclass(frozen=True)
 class Settings(Section):
-    alpha: float = not_in_paper(0.5, "how low", least=0.0, most=1.0)
+    alpha: Share = not_in_paper(0.5, "how low")
 
 def low(terms, pool, config):
     return 1.0 - config.mine_low.alpha * pool.positions_m[:, 2] / 4.0 + 0.0 * terms.rng.random()

@@ -152,7 +152,7 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
     [
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
-        ({"conditions": ()}, "there is no condition to run in"),
+        ({"conditions": ()}, "there is no condition to run under"),
         ({"conditions": (*TWO, TWO[1])}, "condition 'field' is named twice"),
         (
             {"overrides": {"telemetry.drift_m": 0.1}},

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from nbv.config import parameter_paths, preset
+from nbv.config import parameters, preset
 from tuner.report.answer import plan_words
 from tuner.report.labels import parameter_label
 from tuner.report.plan_picture import plan_picture
@@ -41,7 +41,7 @@ def test_an_orbit_is_drawn_and_said() -> None:
 
 
 def test_every_parameter_has_a_label_that_tells_it_apart() -> None:
-    labels = [parameter_label(path) for path in parameter_paths()]
+    labels = [parameter_label(path) for path in parameters()]
     assert len({label.name for label in labels}) == len(labels)
     assert parameter_label("gate.d95_m").unit == "m"
     assert parameter_label("covis.weights.nov").name == "Covis: weight W_nov"

@@ -1,0 +1,348 @@
+"""How the fields of a mission's configuration and of a campaign's settings are declared, read and checked.
+
+A field is one line of a dataclass. What it declares (`Declaration`) makes its option, its YAML form, its messages and its row
+in the reference pages. Fields are made by `text` (the paper states the default), `code` (the authors' public code does),
+`not_in_paper` (the default is gatetune's own) and `setting` (of a campaign).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import math
+import types
+import typing
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, cast
+
+from msgspec import Meta
+
+from nbv.errors import UserError
+from nbv.safe_files import require
+
+Origin = Literal["text", "code", "gatetune"]
+T = TypeVar("T")
+
+# Types with bounds.
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Elevations = tuple[Annotated[float, Meta(gt=-90, lt=90)], ...]  # degrees
+Count = Annotated[int, Meta(ge=0)]
+OneOrMore = Annotated[int, Meta(ge=1)]
+TwoOrMore = Annotated[int, Meta(ge=2)]
+
+ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack
+_UNITS = {
+    "m": "m",
+    "mm": "mm",
+    "px": "px",
+    "deg": "°",
+    "s": "s",
+    "kg": "kg",
+    "dn": "DN",
+    "ev": "EV",
+    "percent": "%",
+    "deg_s": "°/s",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "m_s3": "m/s³",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s²",
+    "rad_s3": "rad/s³",
+}
+_KINDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    dict: "a mapping",
+}
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a field declares; `declared` adds its path, type and default. Bounds are in its type."""
+
+    meaning: str  # a phrase; where there are choices, they follow it after a colon
+    source: Origin = "gatetune"  # of the default
+    why: str = ""  # the place in the source, or the reason for the default
+    unit: str = ""  # by default what the field's name ends in
+    limit: float | None = None  # for safety: GATETUNE_LIMITS raises it
+    names: Callable[[], Collection[str]] | None = None  # the choices; a type Literal[...] has its own
+    plugins: bool = False  # which plug-ins may add to
+    alias: str = ""  # an earlier name that is still read
+    added: bool = False  # missions were recorded without the field: digests leave out its default
+    label: str = ""  # a name for reports, where the field's own will not do
+    symbol: str = ""  # in the paper
+    # Of a campaign's settings:
+    shown: str = ""  # the default in words
+    option: str = ""  # of the command line, "--rock"; without one only a settings file sets it
+    panel: str = ""  # of the command's help
+    in_file: str = ""  # further forms in a settings file
+    has_paths: bool = False  # relative ones start at the settings file's folder
+    builtin: bool = False  # applies to built-in missions only
+    read: Callable[[Any, str], Any] | None = (
+        None  # (YAML form, source) to value, where the type does not tell
+    )
+    write: Callable[[Any], Any] | None = None
+    # Of the field:
+    path: str = ""  # "gate.budget_fraction"
+    kind: Any = None
+    default: Any = None
+
+    @property
+    def section(self) -> str:
+        """First part of the path; empty for the mission's own fields."""
+        return self.path.rpartition(".")[0].partition(".")[0]
+
+    @property
+    def words(self) -> str:
+        """The field's name without its unit."""
+        return split_unit(self.path.rpartition(".")[2])[0]
+
+    @property
+    def origin(self) -> str:
+        """``"text, Eq. 9"``."""
+        return f"{self.source}, {self.why}" if self.why else self.source
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """What a categorical field may be."""
+        if self.names is not None:
+            return tuple(self.names())
+        return typing.get_args(self.kind) if typing.get_origin(self.kind) is Literal else ()
+
+    @property
+    def default_text(self) -> str:
+        """The default for people; empty where there is none."""
+        if self.shown or self.default is None or callable(self.default):
+            return self.shown
+        return f"{self.default} {self.unit}".strip()
+
+    @property
+    def text(self) -> str:
+        """The meaning, with the choices."""
+        return f"{self.meaning}: {', '.join(self.choices)}" if self.choices else self.meaning
+
+    def check(self, value: Any) -> None:
+        """Raise `UserError`, which begins with the path, where ``value`` is none of the choices or beyond a bound."""
+        allowed = self.choices if self.names is None else self.names()
+        if isinstance(value, str) and value not in allowed and (self.names is not None or self.choices):
+            more = ", or a plug-in once it is installed" if self.plugins else ""
+            raise UserError(f"{self.path} is {value!r}; allowed: {', '.join(allowed)}{more}")
+        bounds = _bounds(self.kind)
+        if bounds is not None and value is not None:
+            items = value if isinstance(value, tuple) else (value,)
+            if not all(_is_within(bounds, item) for item in items):
+                raise UserError(f"{self.path} is {value!r}; it must be {_in_words(bounds)}")
+        if self.limit is not None:
+            require(value, self.limit, self.path)
+
+    def from_yaml(self, raw: Any, source: str = "") -> Any:
+        """Return the value of a YAML form; `UserError`, which names ``source`` and path, where it is of another kind."""
+        if self.read is not None:
+            return self.read(raw, source)
+        return coerce(self.kind, raw, f"{source}: {self.path}" if source else self.path)
+
+    def to_yaml(self, value: Any) -> Any:
+        """Return the inverse of `from_yaml`."""
+        if self.write is not None:
+            return None if value is None else self.write(value)
+        if isinstance(value, Mapping):
+            return dict(value)
+        return list(value) if isinstance(value, tuple) else value
+
+
+def text(default: T, why: str, meaning: str, **more: Any) -> T:
+    """A default that the paper's text states, at ``why`` (section, equation or table); ``more`` as `Declaration` has it."""
+    return cast(T, setting(default, meaning, source="text", why=why, **more))
+
+
+def code(default: T, why: str, meaning: str, **more: Any) -> T:
+    """A default of the authors' public code or simulator, at ``why``, about which the text is silent."""
+    return cast(T, setting(default, meaning, source="code", why=why, **more))
+
+
+def not_in_paper(default: T, meaning: str, **more: Any) -> T:
+    """A default of gatetune's own; ``why`` gives the reason."""
+    return cast(T, setting(default, meaning, **more))
+
+
+def setting(default: Any, meaning: str, **more: Any) -> Any:
+    """A field with its default, or a function that makes it; ``more`` as `Declaration` has it."""
+    declaration = Declaration(meaning, default=default, **more)
+    metadata = {"declaration": declaration, **(ADDED if declaration.added else {})}
+    if callable(default):
+        return dataclasses.field(default_factory=default, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def unbounded(kind: Any) -> Any:
+    """A type without its bounds, and without None where it may be left out."""
+    if typing.get_origin(kind) is Annotated:
+        return kind.__origin__
+    optional = typing.get_origin(kind) in (types.UnionType, typing.Union)
+    return unbounded(typing.get_args(kind)[0]) if optional else kind
+
+
+def _bounds(kind: Any) -> Meta | None:
+    """The bounds in a type: its own, or those of the items of a tuple, or of what may be left out."""
+    if typing.get_origin(kind) is Annotated:
+        return cast(Meta, kind.__metadata__[0])
+    return next(filter(None, map(_bounds, typing.get_args(kind))), None)
+
+
+def _is_within(bounds: Meta, value: float) -> bool:
+    return (
+        (bounds.ge is None or value >= bounds.ge)
+        and (bounds.gt is None or value > bounds.gt)
+        and (bounds.le is None or value <= bounds.le)
+        and (bounds.lt is None or value < bounds.lt)
+    )
+
+
+def _in_words(bounds: Meta) -> str:
+    if bounds.ge is not None and bounds.le is not None:
+        return f"between {bounds.ge:g} and {bounds.le:g}"
+    words = {
+        "0 or more" if bounds.ge == 0 and bounds.lt is None else "at least {:g}": bounds.ge,
+        "positive" if bounds.gt == 0 and bounds.le is None else "above {:g}": bounds.gt,
+        "at most {:g}": bounds.le,
+        "below {:g}": bounds.lt,
+    }
+    return " and ".join(text.format(bound) for text, bound in words.items() if bound is not None)
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A field's name in words and the unit that it ends in: ``("theta min", "°")``; no unit is ``""``."""
+    words = name.split("_")
+    for start in range(1, len(words)):
+        if unit := _UNITS.get("_".join(words[start:])):
+            return " ".join(words[:start]), unit
+    return " ".join(words), ""
+
+
+@functools.cache
+def declared(cls: type) -> dict[str, Declaration]:
+    """The fields of a dataclass by path, those of its sections included, in the order of declaration."""
+    kinds, found = typing.get_type_hints(cls, include_extras=True), dict[str, Declaration]()
+    for f in dataclasses.fields(cls):
+        kind = kinds[f.name]
+        if "declaration" in f.metadata:
+            own: Declaration = f.metadata["declaration"]
+            unit = own.unit or split_unit(f.name)[1]
+            found[f.name] = dataclasses.replace(own, path=f.name, kind=kind, unit=unit)
+        elif dataclasses.is_dataclass(kind):  # a section
+            for name, inner in declared(cast(type, kind)).items():
+                path = f"{f.name}.{name}"
+                found[path] = dataclasses.replace(inner, path=path)
+    return found
+
+
+def current_path(known: Mapping[str, Declaration], path: str) -> str:
+    """``path``, or the path of which it is an earlier name."""
+    section, _, name = path.rpartition(".")
+    if path not in known:
+        for d in known.values():
+            if d.alias and (d.path.rpartition(".")[0], d.alias) == (section, name):
+                return d.path
+    return path
+
+
+def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
+    """``did you mean 'budget'?``, or what there is, for a message about an unknown word."""
+    known = list(known)
+    near = difflib.get_close_matches(word, known, count)
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {', '.join(known)}"
+
+
+def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str = "") -> dict[str, Any]:
+    """The raw values of a YAML tree, in which anything may be left out, by path; keys may be paths themselves.
+
+    Raises
+    ------
+    UserError
+        An unknown key, which is called ``what``; another value where there must be a mapping.
+    """
+    if not isinstance(tree, Mapping):
+        raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
+    found = dict[str, Any]()
+    for key, raw in tree.items():
+        path = current_path(known, f"{prefix}{key}")
+        if path in known:
+            found[path] = raw
+        elif any(other.startswith(f"{path}.") for other in known):
+            found |= leaves(known, raw, what, f"{path}.")
+        else:
+            raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
+    return found
+
+
+def replaced(part: T, values: Mapping[str, Any], prefix: str = "") -> T:
+    """A copy of ``part``, a dataclass, with values by path; `UserError`, which begins with the path, where one is refused."""
+    new, below = dict[str, Any](), dict[str, dict[str, Any]]()
+    for path, value in values.items():
+        name, _, rest = path.partition(".")
+        if rest:
+            below.setdefault(name, {})[rest] = value
+        else:
+            new[name] = value
+    for name, inner in below.items():
+        new[name] = replaced(getattr(part, name), inner, f"{prefix}{name}.")
+    try:
+        return cast(T, dataclasses.replace(part, **new))  # type: ignore[type-var]
+    except UserError as error:  # a section names its field, and not itself
+        raise UserError(f"{prefix}{error}") from None
+
+
+def coerce(kind: Any, raw: Any, path: str) -> Any:
+    """``raw`` of a YAML tree as a value of type ``kind``; `UserError`, which begins with ``path``, where it is none."""
+    origin = typing.get_origin(kind)
+    if origin is Annotated:  # `Declaration.check` looks at the bounds
+        return coerce(kind.__origin__, raw, path)
+    if origin is Literal:
+        allowed = typing.get_args(kind)
+        if raw not in allowed:
+            raise UserError(f"{path} is {raw!r}; allowed: {', '.join(map(str, allowed))}")
+        return raw
+    if origin is tuple:
+        args = typing.get_args(kind)
+        if not isinstance(raw, (list, tuple)):
+            raise UserError(f"{path} is {raw!r}; it must be a list")
+        if len(args) == 2 and args[1] is Ellipsis:
+            return tuple(coerce(args[0], item, path) for item in raw)
+        if len(raw) != len(args):
+            raise UserError(f"{path} needs {len(args)} values, not {len(raw)}")
+        return tuple(coerce(a, item, path) for a, item in zip(args, raw))
+    if origin in (types.UnionType, typing.Union):  # of a type and None
+        return None if raw is None else coerce(typing.get_args(kind)[0], raw, path)
+    if isinstance(raw, (int, float)) and not isinstance(raw, bool):
+        if not math.isfinite(raw):
+            raise UserError(f"{path} is {raw!r}; it must be finite")
+        if kind is float:
+            return float(raw)
+        if kind is int and float(raw).is_integer():
+            return int(raw)
+    if kind in (bool, str) and isinstance(raw, kind):
+        return raw
+    if origin is dict and isinstance(raw, dict):
+        return dict(raw)
+    raise UserError(f"{path} is {raw!r}; it must be {_KINDS[origin or kind]}")
+
+
+class Section:
+    """A dataclass whose fields are checked against their declarations; messages name the field, its value and the rule."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields declare."""
+        own: type = type(self)
+        for path, declaration in declared(own).items():
+            if "." not in path:  # a section inside checks itself
+                declaration.check(getattr(self, path))
+
+    def _need(self, ok: bool, name: str, rule: str) -> None:
+        if not ok:
+            raise UserError(f"{name} is {getattr(self, name)!r}; it must be {rule}")
