@@ -15,6 +15,7 @@ import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 from msgspec import Meta
@@ -237,8 +238,8 @@ def declared(cls: type) -> dict[str, Declaration]:
             found[f.name] = dataclasses.replace(own, path=f.name, kind=kind, unit=unit)
         elif dataclasses.is_dataclass(kind):  # a section
             for name, inner in declared(cast(type, kind)).items():
-                path = f"{f.name}.{name}"
-                found[path] = dataclasses.replace(inner, path=path)
+                path, default = f"{f.name}.{name}", attrgetter(name)(cast(Any, f.default_factory)())
+                found[path] = dataclasses.replace(inner, path=path, default=default)
     return found
 
 
@@ -256,7 +257,8 @@ def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
     """``did you mean 'budget'?``, or what there is, for a message about an unknown word."""
     known = list(known)
     near = difflib.get_close_matches(word, known, count)
-    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {', '.join(known)}"
+    some = f"{', '.join(known[:30])}{', ...' if len(known) > 30 else ''}"
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {some}"
 
 
 def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str = "") -> dict[str, Any]:

@@ -102,7 +102,7 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
         ([("covis", "mine_package:LOW")], {"gate.kind": "b"}, "has the name of one that is built in"),
         ([], {"gate.kind": "mine"}, "or a plug-in once it is installed"),
-        ([], {"mine.alpha": 1}, "unknown mission parameter 'mine'"),
+        ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
         (
             [("mine-low", "mine_package:LOW")],
             {"mine_low.alpha": 2},
