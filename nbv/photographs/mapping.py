@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sqlite3
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -208,6 +209,15 @@ def _largest_model(images: _Images) -> Arrays:
     return {"counts": np.array([pairs, *(m.num_reg_images() for m in found)], dtype=np.int64), **files}
 
 
+def _is_sound(database: Path) -> bool:
+    """Whether an import can go on with a database that another one left: COLMAP ends the process at a damaged one."""
+    try:
+        with closing(sqlite3.connect(database)) as opened:
+            return bool(opened.execute("pragma quick_check").fetchone() == ("ok",))
+    except sqlite3.Error:
+        return False
+
+
 def _options(workers: int) -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = workers, 0
@@ -245,8 +255,13 @@ class _Images:
             path, listed = Path(folder) / "database.db", Path(folder) / "pairs.txt"
             if store is not None:
                 key = cache_key(__name__, *self.inputs)
-                path = store.root / "photograph-matches" / key[:2] / key
-                path.parent.mkdir(parents=True, exist_ok=True)
+                kept = store.root / "photograph-matches" / key[:2] / key
+                with suppress(OSError):  # nobody may write there
+                    kept.parent.mkdir(parents=True, exist_ok=True)
+                    if kept.exists() and not _is_sound(kept):
+                        kept.unlink()
+                    kept.touch()
+                    path = kept
             with pycolmap.Database.open(path) as database:
                 self._write_features(database)
                 pairs = self._pairs(database)

@@ -19,7 +19,6 @@ COLOR, UV = (
     "_gatetune_uv",
 )  # attributes of vertices: linear colours (V, 3), coordinates (V, 2)
 MAX_MATERIALS = 10_000
-MAX_MTL_BYTES = 64 * 2**20
 _NO_MATTER = re.compile(
     r"(-(blendu|blendv|cc|clamp|imfchan|texres|bm|boost)\s+\S+\s+)+", re.I
 )  # before map_Kd's file

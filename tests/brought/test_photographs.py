@@ -18,11 +18,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from rendered_photographs import save
 
+from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
 from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
-from nbv.photographs.mapping import _cameras, solve
+from nbv.photographs.mapping import _cameras, _Images, solve
 from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object, settled
 
@@ -355,6 +356,18 @@ def test_one_name_in_two_folders_of_a_model(tmp_path: Path) -> None:
     for side in ("left", "right"):
         shutil.copytree(both / side, tmp_path / "masks" / side)
     assert find_masks(tmp_path / "masks", source.photographs)["left_view_02"].path.parent.name == "left"
+
+
+def test_a_damaged_database_of_matches_is_made_anew(tmp_path: Path) -> None:
+    found = source_of(ball.write_photographs(tmp_path / "photographs"))
+    source = replace(found, store=Store(tmp_path / "store"))
+    images = _Images(source, [p.name for p in source.photographs], *_cameras(source))
+    with images.matched() as path:
+        whole = path.read_bytes()
+    for damaged in (whole, whole[: len(whole) // 2], b"no database" * 1000):
+        path.write_bytes(damaged)
+        with images.matched() as again, pycolmap.Database.open(again) as database:
+            assert again == path and database.num_descriptors() > 0 and database.num_images() == 14
 
 
 def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
