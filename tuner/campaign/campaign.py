@@ -71,14 +71,14 @@ def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = Non
 
 def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None) -> SamplerSettings:
     return SamplerSettings(
-        settings.space,
-        settings.default_values(),
-        settings.instances,
-        settings.seed,
-        settings.initial_size(),
-        settings.blocks,
-        learned,
-        settings.budget,
+        space=settings.space,
+        default=settings.default_values(),
+        places=settings.instances,
+        seed=settings.seed,
+        initial=settings.initial_size(),
+        replicates=settings.blocks,
+        earlier=learned,
+        budget=settings.budget,
         trusted_default=settings.trusted_default,
         at_least=settings.at_least,
         is_share=settings.second is not None and settings.second.is_share,
@@ -198,18 +198,20 @@ class Campaign:
         """Return which objectives the configuration decides; one that any mission in ``history`` contradicts is left out."""
         return self.settings.exact.agreed(history)
 
+    def modelled(self, history: Sequence[Observation]) -> tuple[Objective, list[Observation]]:
+        """Return the objective that has a surrogate, and ``history`` with its outcomes. This is decided here alone.
+
+        It is the second one where the configuration decides the first, and otherwise the first.
+        """
+        second = self.settings.second
+        if second is None or self.exact(history).first is None:
+            return self.settings.objective, list(history)
+        return second, modelled(history)
+
     @property
     def modelled_objective(self) -> Objective:
-        """The objective of the surrogate: the second one where the configuration decides the first."""
-        second = self.settings.second if self._swapped(self.history()) else None
-        return second or self.settings.objective
-
-    def _modelled(self, history: Sequence[Observation]) -> list[Observation]:
-        """Return the history with the outcomes of `modelled_objective`."""
-        return modelled(history) if self._swapped(history) else list(history)
-
-    def _swapped(self, history: Sequence[Observation]) -> bool:
-        return self.settings.second is not None and self.exact(history).first is not None
+        """The objective that has a surrogate after all missions so far."""
+        return self.modelled(self.history())[0]
 
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
@@ -250,7 +252,7 @@ class Campaign:
         result = recommend(
             CampaignData(
                 s.space,
-                self._modelled(history),
+                self.modelled(history)[1],
                 s.instances,
                 s.default_values(),
                 s.blocks,
@@ -288,7 +290,7 @@ class Campaign:
         from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
         s = self.settings
-        return InstanceMeanGP(s.space, self._modelled(history), s.instances)
+        return InstanceMeanGP(s.space, self.modelled(history)[1], s.instances)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -73,7 +73,7 @@ class Ledger:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._directory, self._settings, self._campaign_id = directory, settings, campaign_id
         self._distributions = distributions(settings.space)
-        self._worlds = frozenset(instances_of(settings.instances))
+        self._instances = frozenset(instances_of(settings.instances))
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self._alone = False  # while nobody else may write, what is known is all there is
         self._shown = shown = str(directory / JOURNAL_FILE)
@@ -103,7 +103,6 @@ class Ledger:
                 f"{shown} holds no study {settings.name!r}; the ledger was moved or never made: "
                 "restore it, or start a new campaign"
             ) from error
-        self._study_id = self._study._study_id
         if self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
                 f"the study {settings.name!r} in {shown} belongs to another campaign; "
@@ -179,7 +178,8 @@ class Ledger:
             state=TrialState.RUNNING, params=params, distributions=self._distributions, user_attrs=entry
         )
 
-        entered = self._trial(self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial)))
+        self._study.add_trial(trial)
+        entered = self._trial(self._study.get_trials(deepcopy=False)[-1])
         if entered.number != number or (entered.instance, entered.replicate) != (instance, replicate):
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return entered
@@ -190,7 +190,7 @@ class Ledger:
         frozen, asked = self._known[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
-        objective, second = self._settings.objective, self._settings.second
+        objective, second, limit = self._settings.objective, self._settings.second, self._settings.limit
         measurements = {**ended.measurements, "costs": {**asked.values, **ended.costs}}
         value, why_not = objective.outcome(ended.status, measurements)
         also = None if value is None or second is None else second.measure(measurements)
@@ -200,24 +200,17 @@ class Ledger:
         end |= {"wall_s": round(ended.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")
         end["of_trial"] = self._checksum(number, frozen.params, frozen.user_attrs, value, end)
-        constraints = {} if value is None else self._constraints(also)
-        state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
-
+        told = optuna.trial.Trial(self._study, number)  # a journal of one study counts its trials from 0
+        if told.number != number:
+            raise UserError(
+                f"the ledger {self._shown} holds the trials of another study, too; restore it from a copy"
+            )
         with self.batch():  # the attributes before the state: finished trials are frozen
-            for key, constraint in constraints.items():
-                self._storage.set_trial_system_attr(frozen._trial_id, key, constraint)
-            self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
-            self._storage.set_trial_state_values(frozen._trial_id, state, values)
-        return self._trial(self._storage.get_trial(frozen._trial_id))
-
-    def _constraints(self, measured: float | None) -> dict[str, Any]:
-        """Return the limit on the second objective as system attributes of a trial that measured so much of it."""
-        second, limit = self._settings.second, self._settings.limit
-        told = create_trial(state=TrialState.RUNNING)
-        if second is not None and limit is not None:
-            beyond = math.inf if measured is None else second.sign * (limit - measured)
-            told.set_constraint(second.metric, beyond)
-        return told.system_attrs
+            if value is not None and second is not None and limit is not None:
+                told.set_constraint(second.metric, math.inf if also is None else second.sign * (limit - also))
+            told.set_user_attr(_END, end)
+            self._study.tell(number, value, TrialState.FAIL if value is None else TrialState.COMPLETE)
+        return self._trial(self._study.get_trials(deepcopy=False)[number])
 
     def _checksum(
         self, number: int, params: Mapping[str, Any], entry: Mapping[str, Any], *ending: Any
@@ -258,7 +251,7 @@ class Ledger:
                 raise KeyError
             asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END, *_NO_LONGER)}
             instance = Instance(entry["rock"], entry["condition"])
-            if instance not in self._worlds:
+            if instance not in self._instances:
                 raise KeyError
             return Trial(
                 number=row.number,

@@ -22,7 +22,7 @@ Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock i
 def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[str]:
     """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
 
-    Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first flight.
+    Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first mission.
 
     Raises
     ------

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
-import ctypes
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -61,7 +60,7 @@ def run_campaign(
 
     Missions that were in flight when an earlier session ended are run again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
-    A stop waits for no proposal or recommendation, and a second Ctrl-C interrupts at once. The trial of an infrastructure
+    A stop waits at most for a batch of proposals that is being computed ahead; a second Ctrl-C interrupts at once. The trial of an infrastructure
     failure (`Trial.infrastructure_failure`) stays open too.
 
     Parameters
@@ -224,7 +223,7 @@ class _Session:
                     trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
                     if trial is None:
                         break
-                    if trial.status:  # refused by the configuration: a failure that took no flight
+                    if trial.status:  # refused by the configuration: a failure for which nothing ran
                         refused.append(trial)
                     else:
                         batch.append(trial)
@@ -423,11 +422,7 @@ class ProposalPrefetch:
         return self._asked is not None
 
     def close(self) -> None:
-        """Drop the prefetched proposals and stop computing more."""
-        if self._asked is not None and not self._asked.cancel():
-            for thread in self._thread._threads:  # its next instruction raises this
-                raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
-                raise_in(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+        """Drop the prefetched proposals; a batch that is being computed ends first, in seconds."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _collect(self) -> None:

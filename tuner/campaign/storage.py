@@ -74,9 +74,13 @@ class _Records(JournalFileBackend):
 class _JournalLock(JournalFileSymlinkLock):
     """Optuna's, which says of any disk that fails that a lock was lost."""
 
+    def __init__(self, path: str) -> None:
+        super().__init__(path)
+        self._path = Path(f"{path}.lock")
+
     def release(self) -> None:
-        """``OSError`` where the file system does not let go of it; a resume removes it."""
-        Path(self._lock_file).unlink(missing_ok=True)
+        """Remove the lock; ``OSError`` where the file system does not let go of it. A resume removes it then."""
+        self._path.unlink(missing_ok=True)
 
 
 def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True) -> Journal:

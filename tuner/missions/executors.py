@@ -218,9 +218,11 @@ class LocalProcessExecutor(Executor):
                 attempt = self._attempts[message["id"]]
                 attempt.since, attempt.pid = time.monotonic(), message["pid"]
             if message["event"] == "exited" and message["id"] in self._attempts:
-                self._land(self._attempts.pop(message["id"]), message["status"], message.get("error", ""))
+                self._record_end(
+                    self._attempts.pop(message["id"]), message["status"], message.get("error", "")
+                )
 
-    def _land(self, attempt: _Attempt, status: int | None, error: str) -> None:
+    def _record_end(self, attempt: _Attempt, status: int | None, error: str) -> None:
         job, wall_s = attempt.job, attempt.elapsed_s
         trial = load_trial(job, wall_s)
         if trial is None:
@@ -267,7 +269,7 @@ class LocalProcessExecutor(Executor):
         attempts, self._attempts = self._attempts, {}
         for attempt in attempts.values():
             _wait_for_end(attempt.pid)
-            self._land(attempt, None, error)
+            self._record_end(attempt, None, error)
 
     def _stop_server(self, patience_s: float = 10.0) -> None:
         server, self._server = self._server, None

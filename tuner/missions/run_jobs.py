@@ -1,4 +1,4 @@
-"""The one loop that runs many missions: a source hands out jobs, as many at a time as the executor has room for."""
+"""The loop that runs many missions: a queue hands out as many jobs at a time as the executor has free workers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tuner.missions.job import MissionJob, Trial
 from tuner.missions.long_runs import Stop
 
 _POLL_S = 0.5
-_SHORT_POLL_S = 0.05  # while a job is being thought of and there is room for it
+_SHORT_POLL_S = 0.05  # while a proposal is being computed and a worker is free
 
 
 class JobQueue(Protocol):
-    """What jobs come from, and how their missions ended goes to."""
+    """Hands out jobs and is told how their missions ended."""
 
     @property
     def has_pending(self) -> bool:
@@ -34,11 +34,11 @@ class JobQueue(Protocol):
         ...
 
     def launched(self, job: MissionJob) -> None:
-        """Take note that a job runs."""
+        """Is called when a job has been submitted."""
         ...
 
     def ended(self, trials: Sequence[Trial]) -> None:
-        """Take note of how missions ended; none where none has within half a second."""
+        """Is called with the trials that have ended; with none where none has ended within half a second."""
         ...
 
 
@@ -72,7 +72,7 @@ class JobList:
 
 
 @dataclass
-class _Flight:
+class _Running:
     job: MissionJob
     attempt: int = 1
     excused: bool = False  # an earlier attempt ended by what may have been the machine
@@ -90,13 +90,13 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     UserError
         A mission met a user's mistake, which every other one would meet too.
     """
-    running: dict[str, _Flight] = {}
+    running: dict[str, _Running] = {}
     try:
         while not stop.is_set() and not source.cancelled:
             while (free := executor.capacity - len(running)) > 0 and (jobs := source.next_jobs(free)):
                 for job in jobs:
                     executor.submit(job)
-                    running[job.id] = _Flight(job)
+                    running[job.id] = _Running(job)
                     source.launched(job)
             if not running:
                 if not source.has_pending:
@@ -105,13 +105,13 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
                 continue
             ended = []
             for trial in executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S):
-                flight = running.pop(trial.job_id)
+                ended_run = running.pop(trial.job_id)
                 if trial.reason == "user_error":
                     raise UserError(trial.message)
-                if trial.should_retry(flight.attempt, excused=flight.excused):
-                    executor.submit(flight.job)
-                    excused = flight.excused or trial.possibly_machine_fault
-                    running[trial.job_id] = _Flight(flight.job, flight.attempt + 1, excused)
+                if trial.should_retry(ended_run.attempt, excused=ended_run.excused):
+                    executor.submit(ended_run.job)
+                    excused = ended_run.excused or trial.possibly_machine_fault
+                    running[trial.job_id] = _Running(ended_run.job, ended_run.attempt + 1, excused)
                 else:
                     ended.append(trial)
             source.ended(ended)

@@ -115,7 +115,7 @@ class DaskExecutor(Executor):
         """Return the trials that end within ``timeout_s``."""
         done = self._ended(timeout_s)
         answers = self._answers([attempt.future for attempt in done])
-        return [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
+        return [self._trial_of(attempt, *answer) for attempt, answer in zip(done, answers)]
 
     def _ended(self, timeout_s: float) -> list[_Attempt]:
         """Return all attempts that have ended, waiting up to ``timeout_s`` for the first; cancelled ones are left out."""
@@ -130,7 +130,7 @@ class DaskExecutor(Executor):
                     found.append(attempt)
         return found
 
-    def _landed(self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str) -> Trial:
+    def _trial_of(self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str) -> Trial:
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
