@@ -23,6 +23,7 @@ from nbv.errors import UserError  # noqa: E402
 from tuner.commands import (  # noqa: E402
     cache,
     campaign,
+    compare,
     config,
     doctor,
     evaluate,
@@ -78,6 +79,9 @@ app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look a
 app.command(
     name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."
 )(evaluate.evaluate)
+app.command(name="compare", short_help="Does a planner beat an orbit, and with how many photographs?")(
+    compare.compare
+)
 app.command(
     name="confirm", short_help="Did my rock gain? The recommendation against the default, run afresh."
 )(evaluate.confirm)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from nbv.config import GATES, Condition, MissionConfig, SparseConfig, parameters, under
+from nbv.config import GATES, Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
 from nbv.errors import UserError
 from nbv.mission.target_prior import must_look
 from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
@@ -145,6 +145,8 @@ COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "hyb-o")
 
 def baseline(name: str) -> Baseline:
     """The baseline called ``name``; `UserError` where there is none."""
+    if name not in BASELINES and name in gate_kinds():
+        return Baseline(name, name, "a plug-in's planner")
     if name not in BASELINES:
         close = difflib.get_close_matches(name, BASELINES, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
@@ -339,4 +341,4 @@ def description(strategy: str) -> str:
 def sees_ground_truth(strategy: str) -> bool:
     """Whether a strategy is an upper reference, not deployable."""
     name, _ = _split(strategy)
-    return name in BASELINES and BASELINES[name].uses_ground_truth
+    return (name in BASELINES or name in gate_kinds()) and baseline(name).uses_ground_truth

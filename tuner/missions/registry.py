@@ -27,6 +27,7 @@ FIDELITIES = Registry(
     {
         "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
         "geometric": "nbv.geometric:run_geometric_mission",
+        "curve": "nbv.geometric.curve:run_curve_mission",
         "photographs": "nbv.photographs.mission:run_photographs_mission",
         "external": "tuner.missions.external.mission:run_external_mission",
     },
@@ -37,6 +38,7 @@ _IMPORTED_IN_FLIGHT = {
     "nbv.photogrammetric": ("open3d", "torch"),
     "nbv.photographs.mission": ("open3d",),
     "nbv.geometric": ("open3d",),
+    "nbv.geometric.curve": ("open3d",),
 }
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # runs the missions of mission files, which are not ours
@@ -50,7 +52,7 @@ GEOMETRIC_NOTE = (
 
 def is_geometric(name: str) -> bool:
     """Whether missions of this fidelity are geometric ones."""
-    return name == "geometric"
+    return name in ("geometric", "curve")
 
 
 def fidelity_on(rock: str, fidelity: str) -> str:

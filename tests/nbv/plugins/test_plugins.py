@@ -2,6 +2,7 @@
 
 import sys
 from importlib import metadata
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -187,3 +188,14 @@ def test_a_planner_in_another_process(package, tmp_path, answer, said):
         assert {capture.scorer for capture in mission.trace} == {"outside"}
     with pytest.raises(UserError, match="there is no program 'no-such-program'"):
         plugins.use("a=no-such-program")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["frontier-density", "fisher-information"])
+def test_the_planners_of_the_examples_plan(package, monkeypatch, name):
+    folder = name.replace("-", "_")
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs/examples" / folder)
+    package("scorers", (name, f"gatetune_{folder}:PLANNER"))
+    mission = run_geometric_mission(short(**{"gate.kind": name}), "slab")
+    assert {capture.scorer for capture in mission.trace} == {name}, mission.message
+    assert all(0.0 < capture.top[name]["main"] <= 1.0 for capture in mission.trace)

@@ -1,0 +1,69 @@
+"""A geometric mission that is measured after every photograph: quality over number from one flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from nbv.geometric.completeness import predicted_metrics
+from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.reconstructor import GeometricReconstructor
+from nbv.mission.fidelity import MissionContext
+from nbv.scorers.prediction import predict
+from nbv.types import Capture, Cloud, UpdateReport
+
+
+class _MeasuredReconstructor(GeometricReconstructor):
+    """After the seeds and after every view, the F-score at 48 mm and what the vehicle would predict of it, in percent."""
+
+    fidelity: CurveFidelity
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """See `nbv.types.Reconstructor`."""
+        return self.fidelity.note(super().bootstrap(captures), len(captures))
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """See `nbv.types.Reconstructor`."""
+        return self.fidelity.note(super().add(capture), self.fidelity.curve[-1][0] + 1)
+
+
+class CurveFidelity(GeometricFidelity):
+    """``metrics["curve"]`` has, for each number of photographs, that number, the F-score and its prediction, in percent.
+
+    A mission that plans nothing has the end alone. ``metrics["believed_height_m"]`` is what the vehicle was told of the target.
+    """
+
+    name = "curve"
+
+    def __init__(self, context: MissionContext) -> None:
+        super().__init__(context)
+        config, rock = context.config, context.rock
+        self.curve: list[tuple[int, float, float]] = []
+        self.reconstructor = _MeasuredReconstructor(
+            self._world, config, self.believed.target_m, rock.sha256, context.replicate
+        )
+        self.reconstructor.fidelity = self
+
+    def note(self, report: UpdateReport, photographs: int) -> UpdateReport:
+        """Measure what the photographs so far make of the target."""
+        if self.context.config.adaptive_budget > 0:
+            scores = predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
+            model = report.model
+            told = predict(model.points_m, model.camera_centers_m, self.believed).f_score_percent
+            self.curve.append((photographs, scores["observable"]["f_score_48mm"], told))
+        else:
+            self.curve.append((photographs, 0.0, 0.0))
+        return report
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """See `nbv.mission.fidelity.Fidelity`."""
+        metrics = super().measure(cloud)
+        if self.context.config.adaptive_budget == 0:
+            self.curve = [(self.curve[-1][0], metrics["observable"]["f_score_48mm"], 0.0)]
+        metrics["curve"] = [list(step) for step in self.curve]
+        metrics["believed_height_m"] = 2.0 * self.believed.target_m[2]
+        return metrics
+
+
+# A `nbv.mission.MissionFunction`.
+run_curve_mission = CurveFidelity.run

@@ -1,0 +1,153 @@
+"""``gatetune compare``: curves equal those that research measured, tables, resume, and mistakes in one line."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nbv.errors import UserError
+from nbv.geometric.curve import run_curve_mission
+from tuner.cli import app
+from tuner.evaluation.baselines import baseline, ending_at
+from tuner.evaluation.curves import BASE, SUITES, Series, Suite, at_number, at_share, comparison_plan, verdict
+
+MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
+ROCK = "boulder-20000"
+
+
+def compare(*arguments):
+    result = CliRunner().invoke(app, ["compare", *map(str, arguments)])
+    if isinstance(result.exception, UserError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("strategy", "arm", "numbers"),
+    [
+        ("predicted", "adaptive", range(12, 29)),
+        ("orbit", "one ring at 10°", (16, 28)),
+        ("orbit-two", "rings at 10° and 35°", (22, 24)),
+    ],
+)
+def test_the_curves_are_those_that_research_measured(strategy, arm, numbers):
+    with MEASURED.open() as file:
+        known = next(
+            r for r in csv.DictReader(file) if (r["rock"], r["arm"], r["value"]) == (ROCK, arm, "f_score")
+        )
+    base = Suite((ROCK,)).base
+    if strategy == "predicted":
+        config = ending_at(baseline(strategy).config(base), max(numbers))
+        found = {n: score for n, score, _ in run_curve_mission(config, ROCK).metrics["curve"]}
+    else:
+        found = {
+            n: run_curve_mission(baseline(strategy).orbit(base, n), ROCK).metrics["curve"][0][1]
+            for n in numbers
+        }
+    for n in numbers:
+        assert found[n] == pytest.approx(float(known[str(n)]), abs=6e-4)
+
+
+@pytest.mark.slow
+def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
+    strategies = ("random", "random-stopped", "greedy-oracle", "orbit-two", "orbit-by-height")
+    asked = [part for name in strategies for part in ("--strategy", name)]
+    asked += [
+        "--targets",
+        2,
+        "--numbers",
+        "12,16,20",
+        "--share",
+        "0.5",
+        "--score",
+        "90",
+        "--workers",
+        1,
+        "--out",
+        tmp_path / "run",
+    ]
+    out = compare(*asked)
+    told = json.loads((tmp_path / "run/comparison.json").read_text())
+    assert told["verdict"].split()[0] == "orbit-by-height" in out and told["suite"].startswith("custom-")
+    assert told["ground_truth"] == ["greedy-oracle"] and [f["name"] for f in told["at_share"]] == list(
+        strategies
+    )
+    page = (tmp_path / "run/report.html").read_text()
+    assert "greedy-oracle †" in page and told["verdict"] in page
+    assert (tmp_path / "run/curves.png").stat().st_size > 10_000
+    rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
+    missions = sorted((tmp_path / "run/missions").rglob("mission.json"))
+    assert len(missions) == 2 * (2 + 3), "planned strategies once, an orbit once for each number"
+    trace = next(m for m in missions if "greedy-oracle" in str(m) and ROCK in str(m))
+    last = json.loads(trace.read_text())["metrics"]["curve"][-1]
+    own = [r for r in rows if (r["strategy"], r["target"]) == ("greedy-oracle", ROCK)]
+    assert float(own[-1]["f_score_percent"]) == pytest.approx(last[1], abs=1e-4) and last[0] == 20
+    missions[0].unlink()  # as after a kill
+    before = {m: m.stat().st_mtime_ns for m in missions[1:]}
+    compare(*asked)
+    assert missions[0].is_file() and before == {m: m.stat().st_mtime_ns for m in missions[1:]}
+    with pytest.raises(UserError, match="holds another evaluation"):
+        compare(*asked, "--strategy", "covis")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--numbers", "24,12"], "numbers of photographs must rise"),
+        (["--numbers", "many"], "must be FIRST:LAST:STEP"),
+        (["--numbers", "6:20:2"], "below the 12 seeds"),
+        (["--strategy", "no-such"], "unknown strategy 'no-such'"),
+        (["--family", "cube"], "there is no family 'cube' of rocks"),
+        (["--suite", "rocks-9"], "there is no suite 'rocks-9'"),
+        (["--suite", "rocks-1", "--targets", "12"], "not those of the suite rocks-1"),
+        (["--against", "covis"], "is not among the strategies"),
+        (["--share", "2"], "share 2 must be in"),
+        (["--rock", "slab", "--set", "pool.radius_m=0.5"], "slab reaches .* m from its middle"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(arguments, said, tmp_path):
+    with pytest.raises(UserError, match=said) as error:
+        compare(*arguments, "--out", tmp_path / "run")
+    assert "\n" not in str(error.value) and not (tmp_path / "run").exists()
+
+
+def series(name, photographs, scores):
+    count = np.array(photographs, dtype=float)
+    return Series(name, np.repeat(count[:, None], len(scores[0]), 1), np.array(scores, dtype=float))
+
+
+def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
+    ring = series("ring", (10, 20, 30), [[50, 50, 50, 50], [99, 99, 50, 50], [99, 99, 99, 50]])
+    mine = series("mine", (10, 20, 30), [[50, 50, 50, 99], [99, 99, 99, 99], [99, 99, 99, 99]])
+    never = series("never", (10, 20, 30), [[0, 0, 0, 0]] * 3)
+    found = {f.name: f for f in at_share([ring, mine, never], ring, 0.75, 98.0)}
+    assert (found["ring"].needed, found["mine"].needed, found["mine"].ratio) == (30.0, 20.0, 20 / 30)
+    assert found["mine"].low <= found["mine"].ratio <= found["mine"].high <= 1.0
+    assert found["ring"].low == found["ring"].high == 1.0, "paired with itself nothing varies"
+    said = verdict(list(found.values()), "ring", 0.75, 98.0)
+    assert said.startswith(
+        "ring needs 30.0 photographs for 75 % of targets to reach 98 %. mine needs 0.67 of them ["
+    )
+    assert said.endswith("never never does: at most 0 % of them.")
+    assert "at most 0 % of them; ask for a smaller share" in verdict(
+        list(found.values()), "never", 0.75, 98.0
+    )
+    rows = {row["strategy"]: row for row in at_number([ring, mine], ring, 15, 98.0)}
+    assert rows["mine"]["f_score"][0] == pytest.approx((62.25 + 99) / 2) and rows["mine"]["share"] == 0.625
+    assert rows["ring"]["gain"] == (0.0, 0.0, 0.0)
+
+
+def test_a_suite_is_named_by_all_its_settings():
+    suite = SUITES["rocks-1"]
+    assert suite.name == "rocks-1" and len(suite.targets) == 60
+    changed = Suite(suite.targets, values={**BASE, "pool.radius_m": 3.0})
+    assert changed.name.startswith("custom-") and changed.name != Suite(suite.targets, score=97.0).name
+    plan = comparison_plan(suite, dict.fromkeys(("covis", "orbit-two", "orbit-by-height")))
+    assert plan.missions == 60 * (1 + 19)
+    rendered = Suite(("slab",), (16, 24), fidelity="photogrammetric")
+    assert list(comparison_plan(rendered, {"covis": None}).strategies) == ["covis-16", "covis-24"]

@@ -1,0 +1,160 @@
+"""``gatetune compare``: does a planner beat an orbit, and with how many photographs?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nbv.errors import UserError
+from tuner.commands.console import (
+    AsJson,
+    ComparisonProgress,
+    answer_json,
+    load,
+    local_executor,
+    output,
+    parse_overrides,
+    rock_arguments,
+    show_table,
+    working,
+)
+from tuner.commands.options import Overrides, Timeout, Workers
+
+if TYPE_CHECKING:
+    from nbv.config import MissionConfig
+
+DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")
+
+
+def compare(
+    strategies: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--strategy",
+            help="Baseline, scorer, gate or plug-in, repeatable; orbit-by-height: two rings whose number follows the believed "
+            "height; NAME-stopped: NAME ended by its own prediction (default: hyb-h, predicted, random, greedy-oracle and orbits).",
+        ),
+    ] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Run directory whose recommendation is added.")
+    ] = None,
+    suite: Annotated[
+        str | None, typer.Option(help="Published settings, which nothing else may change: rocks-1.")
+    ] = None,
+    targets: Annotated[int, typer.Option(help="Held-out rocks that are drawn.", min=1)] = 60,
+    families: Annotated[
+        list[str] | None,
+        typer.Option("--family", help="Family they are drawn from, repeatable (default: all six)."),
+    ] = None,
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option("--rock", help="Rock, mesh file or photograph set instead, repeatable."),
+    ] = None,
+    numbers: Annotated[
+        str, typer.Option(help="Numbers of photographs: FIRST:LAST:STEP, or a list N,N,...")
+    ] = "12:48:2",
+    score: Annotated[
+        float, typer.Option(help="F-score at 48 mm that a target shall reach, in percent.")
+    ] = 98.0,
+    share: Annotated[float, typer.Option(help="Share of the targets that shall reach it.")] = 0.75,
+    against: Annotated[
+        str | None, typer.Option(help="Strategy of the ratios (default: orbit-by-height, or the first).")
+    ] = None,
+    replicates: Annotated[int, typer.Option(help="Per target.", min=1)] = 1,
+    fidelity: Annotated[
+        str, typer.Option(help="curve: geometric missions; photogrammetric: with photographs, hours.")
+    ] = "curve",
+    set_: Overrides = None,
+    workers: Workers = None,
+    timeout_s: Timeout = 600.0,
+    out: Annotated[Path, typer.Option(help="Run directory; one that was interrupted goes on.")] = Path(
+        "runs/compare"
+    ),
+    as_json: AsJson = False,
+) -> None:
+    """Run strategies on unseen targets; say how many photographs each needs, with intervals, a figure and a page.
+
+    Example: gatetune compare --strategy predicted --strategy random --strategy orbit-by-height --targets 12
+    """
+    output.print("comparing strategies")  # before what takes seconds to load
+    load("tuner.evaluation.curves")
+    from tuner.evaluation import curves
+    from tuner.evaluation.run import run_evaluation
+    from tuner.report.curves import write_comparison
+
+    names = list(dict.fromkeys(strategies or DEFAULT))
+    chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
+    if suite is not None and suite not in curves.SUITES:
+        raise UserError(f"there is no suite {suite!r}; there are {', '.join(curves.SUITES)}")
+    places = (
+        tuple(rock_arguments(rocks))
+        if rocks
+        else curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
+    )
+    asked = curves.Suite(
+        places,
+        _numbers(numbers),
+        replicates,
+        score,
+        share,
+        fidelity,
+        {**curves.BASE, **parse_overrides(set_ or [])},
+    )
+    if suite is not None and asked.to_dict() != curves.SUITES[suite].to_dict():
+        raise UserError(
+            f"these settings are not those of the suite {suite}; leave --suite out, or what changes it"
+        )
+    if campaign is not None:
+        from tuner.campaign.campaign import Campaign
+        from tuner.problem.search_space import builtin
+
+        chosen["tuned"] = builtin(Campaign.open(campaign, read_only=True).recommended_config())
+    reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
+    if reference not in chosen:
+        raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
+    plan = curves.comparison_plan(asked, chosen)
+    if rocks:
+        with working("looking at the targets"):
+            curves.require_room(places, asked.base)
+    executor = local_executor(fidelity, workers, timeout_s)
+    output.print(f"{asked.name}: {len(chosen)} strategies on {len(places)} targets, {plan.missions} missions")
+    with executor, ComparisonProgress("observable.f_score_48mm") as show:
+        run = run_evaluation(plan, out, executor, show)
+    if not run.complete:
+        output.print("not complete; the same command goes on where it stopped")
+        raise typer.Exit(130)
+    with working("drawing"):
+        document = write_comparison(asked, list(chosen), reference, run.records, out)
+    rows = [
+        (
+            f["name"],
+            _text(f["needed"], 1),
+            _text(f["ratio"]),
+            f"{_text(f['low'])} to {_text(f['high'])}",
+            f"{100 * f['reached']:.0f} %",
+        )
+        for f in document["at_share"]
+    ]
+    title = f"photographs until {100 * share:g} % of {len(places)} targets have {score:g} %"
+    show_table(("strategy", "photographs", f"of {reference}", "95 %", "largest share"), rows, title, right=4)
+    output.print(document["verdict"], style="bold")
+    for reason, times in run.failures.items():
+        output.print(f"failed {times} times: {reason}", style="red")
+    output.print(f"report: {out / 'report.html'}")
+    answer_json(document)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        if ":" in text:
+            first, last, step = (int(part) for part in text.split(":"))
+            return tuple(range(first, last + 1, step))
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise UserError(f"--numbers {text!r} must be FIRST:LAST:STEP or N,N,...") from error
+
+
+def _text(value: float | None, decimals: int = 2) -> str:
+    return "never" if value is None else f"{value:.{decimals}f}"

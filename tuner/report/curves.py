@@ -1,0 +1,176 @@
+"""What `gatetune compare` leaves: a figure, a page, tables as CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from nbv.mission.result import json_ready
+from nbv.rocks.families import generated_name
+from nbv.safe_files import write_atomic
+from nbv.types import Floats, Ints
+from tuner.evaluation import curves
+from tuner.evaluation.curves import Series, Suite
+from tuner.missions.job import Trial
+from tuner.report import style
+from tuner.report.pages import write_page
+
+AT_NUMBERS = (16, 20, 24, 32, 40)
+
+
+def write_comparison(
+    suite: Suite, strategies: Sequence[str], reference: str, records: Sequence[Trial], directory: Path
+) -> dict[str, Any]:
+    """Write ``report.html``, ``curves.svg``, ``curves.csv``, ``targets.csv`` and ``comparison.json``; return the last.
+
+    Parameters
+    ----------
+    reference
+        The strategy of the ratios and gains.
+    records
+        Of all missions of the suite.
+    """
+    series = curves.all_series(suite, strategies, records)
+    base = next(one for one in series if one.name == reference)
+    findings = curves.at_share(series, base, suite.share, suite.score)
+    verdict = curves.verdict(findings, reference, suite.share, suite.score)
+    numbers = [n for n in AT_NUMBERS if suite.numbers[0] <= n <= suite.numbers[-1]] or [suite.numbers[-1]]
+    at_number = [row for n in numbers for row in curves.at_number(series, base, n, suite.score)]
+    document: dict[str, Any] = {
+        "suite": suite.name,
+        "settings": suite.to_dict(),
+        "strategies": list(strategies),
+        "ground_truth": [one.name for one in series if one.sees_ground_truth],
+        "reference": reference,
+        "verdict": verdict,
+        "at_share": curves.findings_of(findings),
+        "at_number": at_number,
+    }
+    write_atomic(directory / "comparison.json", json.dumps(json_ready(document), indent=1))
+    _write_csv(
+        directory / "curves.csv",
+        ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share"),
+        (
+            (one.name, k, one.photographs[k].mean(), *curves.mean_interval(row), (row >= suite.score).mean())
+            for one in series
+            for k, row in enumerate(one.scores)
+        ),
+    )
+    _write_csv(
+        directory / "targets.csv",
+        ("strategy", "target", "photographs", "f_score_percent"),
+        (
+            (one.name, target, one.photographs[k, r], one.scores[k, r])
+            for one in series
+            for r, target in enumerate(suite.targets)
+            for k in range(len(one.scores))
+        ),
+    )
+    figure = _figure(suite, series)
+    style.save_figure(figure, directory, "curves")
+    marks = {one.name: f"{one.name} †" if one.sees_ground_truth else one.name for one in series}
+    share_rows = [
+        (
+            marks[f.name],
+            _number(f.needed, 1),
+            _number(f.ratio),
+            f"{_number(f.low)} to {_number(f.high)}",
+            f"{100 * f.reached:.0f} %",
+        )
+        for f in findings
+    ]
+    number_rows = [
+        (
+            f"{marks[row['strategy']]}, {row['photographs']}",
+            "{:.2f} [{:.2f}, {:.2f}]".format(*row["f_score"]),
+            "{:+.2f} [{:+.2f}, {:+.2f}]".format(*row["gain"]),
+            f"{100 * row['share']:.0f} %",
+            row["failed"],
+        )
+        for row in at_number
+    ]
+    tables = [
+        {
+            "title": f"Photographs until {100 * suite.share:g} % of targets have {suite.score:g} %",
+            "head": ("strategy", "photographs", f"of {reference}", "95 %", "largest share"),
+            "rows": share_rows,
+        },
+        {
+            "title": "At equal number of photographs",
+            "head": (
+                "strategy, photographs",
+                "F-score, %",
+                f"less {reference}",
+                f"share at {suite.score:g} %",
+                "failed",
+            ),
+            "rows": number_rows,
+        },
+    ]
+    write_page(
+        directory / "report.html",
+        "curves.html.j2",
+        title="Planners against orbits",
+        sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs; † sees the true surface",
+        verdict=verdict,
+        figure=style.embed(figure),
+        tables=tables,
+    )
+    return document
+
+
+def _number(value: float | None, decimals: int = 2) -> str:
+    return "never" if value is None else f"{value:.{decimals}f}"
+
+
+def _write_csv(path: Path, head: Sequence[str], rows: Any) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([f"{c:.4f}" if isinstance(c, float) else c for c in row] for row in rows)
+    write_atomic(path, text.getvalue())
+
+
+def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
+    named = [generated_name(target) for target in suite.targets]
+    of_family: dict[str, list[int]] = {}
+    for r, name in enumerate(named):
+        of_family.setdefault(name[0] if name else "others", []).append(r)
+    panels: list[tuple[str, Ints]] = [("all targets", np.arange(len(suite.targets)))]
+    if len(of_family) > 1:
+        panels += [(family, np.array(rows)) for family, rows in of_family.items()]
+    columns = min(4, len(panels) + 1)
+    rows = -(-(len(panels) + 1) // columns)
+    with style.look():
+        figure = style.new_figure(3.1 * columns, 2.6 * rows + 0.6)
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axis in axes[len(panels) + 1 :]:
+            axis.set_visible(False)
+        reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
+        _panel(axes[0], f"share of targets at {suite.score:g} %", series, reached, panels[0][1])
+        for axis, (title, of) in zip(axes[1:], panels):
+            _panel(axis, f"F-score, {title}", series, [one.scores for one in series], of)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        figure.supxlabel("photographs (mean)", fontsize=9)
+    return figure
+
+
+def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Floats], of: Ints) -> None:
+    rng = np.random.default_rng(0)
+    for index, (one, own) in enumerate(zip(series, values)):
+        x, y = one.mean_photographs(of), own[:, of].mean(axis=1)
+        draws = of[rng.integers(0, len(of), (300, len(of)))]
+        low, high = np.percentile(own[:, draws].mean(axis=2), [2.5, 97.5], axis=1)
+        colour = style.colour(index)
+        axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=colour, label=one.name, lw=1.4)
+        axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
+    axis.set_title(title, fontsize=9)
+    axis.set_ylim(bottom=max(0.0, float(min(v[len(v) // 4 :, of].mean(axis=1).min() for v in values)) - 1.0))
