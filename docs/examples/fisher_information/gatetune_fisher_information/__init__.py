@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nbv.config import MissionConfig, Weights
-from nbv.config.sources import Section, not_in_paper
+from nbv.config.declaration import Positive, Section, not_in_paper
 from nbv.scorers import Scorer, SharedTerms
 from nbv.types import CandidatePool
 
@@ -20,14 +20,14 @@ from nbv.types import CandidatePool
 class Settings(Section):
     """Read as ``config.fisher_information``."""
 
-    max_incidence_deg: float = not_in_paper(
-        60.0, "a point is not seen from farther off its mean observed direction", least=10.0, most=180.0
+    max_incidence_deg: Positive = not_in_paper(
+        60.0, "a point is not seen from farther off its mean observed direction"
     )
-    sigma_px: float = not_in_paper(1.0, "error of a feature's place in the image", least=0.1, most=10.0)
+    sigma_px: Positive = not_in_paper(1.0, "error of a feature's place in the image")
     weights: Weights = field(default_factory=lambda: Weights(main=1.0, nov=0.0, move=0.0, ang=0.0))
 
 
-def information(points_m: np.ndarray, views_m: np.ndarray, focal_px: float, sigma_px: float) -> np.ndarray:
+def information(points_m: np.ndarray, views_m: np.ndarray, focal_px: float, sigma_px: Positive) -> np.ndarray:
     """(N, 3, 3) what a view (N, 3) aimed at a point (N, 3) says of it: nothing along its ray, (f / d sigma)^2 across."""
     ray = points_m - views_m
     squared = np.einsum("ni,ni->n", ray, ray)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig, Weights
-from nbv.config.sources import Section, not_in_paper
+from nbv.config.declaration import Positive, Section, Share, not_in_paper
 from nbv.scorers import Scorer, SharedTerms
 from nbv.types import CandidatePool
 
@@ -21,9 +21,9 @@ from nbv.types import CandidatePool
 class Settings(Section):
     """Read as ``config.frontier_density``."""
 
-    spacings: float = not_in_paper(4.0, "radius in median spacings of the points", least=1.0, most=20.0)
-    core_share: float = not_in_paper(
-        0.5, "share of the median number of neighbours from which a point is core", least=0.0, most=1.0
+    spacings: Positive = not_in_paper(4.0, "radius in median spacings of the points")
+    core_share: Share = not_in_paper(
+        0.5, "share of the median number of neighbours from which a point is core"
     )
     weights: Weights = field(default_factory=lambda: Weights(main=1.0, nov=0.5, move=0.0, ang=0.4))
 
