@@ -1,4 +1,4 @@
-"""Conditions: named worlds to fly in, each a YAML file laid over the sections of a configuration that describe the world.
+"""Conditions: named environments of a mission; each is a YAML file that replaces fields of the sections that describe one.
 
 ``conditions/NAME.yaml`` holds sections and their fields, and may say ``description: ...``::
 
@@ -30,7 +30,7 @@ WORLD_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")
 
 @dataclass(frozen=True)
 class Condition:
-    """A world to fly in."""
+    """A named environment: light, sensor, ground, wind, telemetry and knowledge of the target."""
 
     name: str
     values: dict[str, dict[str, Any]] = field(default_factory=dict)  # fields by section
@@ -50,7 +50,7 @@ IDEAL_CONDITION = Condition(IDEAL)
 
 
 def under(config: MissionConfig, condition: Condition) -> MissionConfig:
-    """``config`` with the condition's world; the very same under ``ideal``.
+    """``config`` under the condition; the same object under ``ideal``.
 
     Raises
     ------

@@ -267,7 +267,7 @@ class TelemetryConfig(Section):
     def covariance_m2(self) -> tuple[float, float, float]:
         """Variance of the reported position along east, north and up: noise and drift.
 
-        The lever arm is no part of it: nobody knows of one that nobody corrects.
+        It excludes the uncorrected bias of the lever arm.
         """
         horizontal, vertical = self.horizontal_noise_m**2, self.vertical_noise_m**2
         return (horizontal + self.drift_m**2, horizontal + self.drift_m**2, vertical + self.drift_m**2)

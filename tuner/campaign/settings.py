@@ -141,7 +141,7 @@ class CampaignSettings(Section):
     )
     mission: MissionFile | None = setting(
         None,
-        "a mission of your own to tune, its mission file (see `gatetune mission init`), which says what is not said here",
+        "a mission of your own to tune, its mission file (see `gatetune mission init`), which supplies every setting that is not given here",
         option="--mission",
         panel=WHAT,
         has_paths=True,
@@ -234,7 +234,7 @@ class CampaignSettings(Section):
     )
     in_step: OneOrMore | None = setting(
         None,
-        "N: each proposal waits for, and learns from, all missions before it but the last N - 1, so that the campaign "
+        "N: each proposal waits for, and uses, all results except the latest N - 1, so that the campaign "
         "is the same with any number of workers",
         shown="a proposal learns from the missions that have ended, and waits for none",
         unit="missions",
