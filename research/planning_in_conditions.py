@@ -24,7 +24,7 @@ from nbv.config.conditions import Condition, load_condition
 from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.scorers.prediction import predict
 from nbv.types import Floats
-from research.adaptive_plans import FIDELITIES, base, run_jobs
+from research.adaptive_plans import FIDELITIES, base, run_missions
 from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
 from research.where_planning_pays import PLANNED as UNBOUND
 
@@ -82,10 +82,10 @@ def mission(
     percent
         The prediction at which one does.
     fidelity
-        As `research.adaptive_plans.run_jobs` has it.
+        As `research.adaptive_plans.run_missions` has it.
     """
     values = arm_values(arm, count, percent)
-    evaluated = run_jobs(under(base(**values), condition_of(condition)), rock, fidelity)
+    evaluated = run_missions(under(base(**values), condition_of(condition)), rock, fidelity)
     result, costs = evaluated.result, evaluated.result.costs
     score = told = float("nan")
     if result.status == "failed":

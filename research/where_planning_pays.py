@@ -36,7 +36,7 @@ from nbv.rocks.families import HELD_OUT_FROM
 from nbv.scorers.prediction import predict
 from nbv.types import Bools, Floats, Ints, SparseModel, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from research.adaptive_plans import base, rocks_of, run_jobs
+from research.adaptive_plans import base, rocks_of, run_missions
 
 MOST = 48
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
@@ -75,7 +75,7 @@ def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[i
         percent = predict(model.points_m, model.camera_centers_m, believed).f_score_percent
         steps.append((scores["observable"]["f_score_48mm"], percent))
 
-    evaluated = run_jobs(config, rock, listen=look).result
+    evaluated = run_missions(config, rock, listen=look).result
     first = int(evaluated.costs["images"]) - len(steps) + 1  # seeds that make no model are flown twice
     return ((first + k, *step) for k, step in enumerate(steps))
 
