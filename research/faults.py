@@ -57,7 +57,7 @@ budget: {budget}
 sampler: sobol
 learn_from: []
 objective: observable.f_score_48mm
-fidelity: research.faults_mission:fly
+fidelity: research.faults_mission:run_missions
 """
 
 
@@ -208,7 +208,7 @@ class Flight:
                 "campaign",
                 "run",
                 "--fidelity",
-                "research.faults_mission:fly",
+                "research.faults_mission:run_missions",
                 "--out",
                 str(self.run),
             ]

@@ -148,7 +148,7 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
 def against_local(missions: int, repeats: int, seconds: float | None) -> list[dict[str, Any]]:
     """Rows of both executors, in turns."""
     space, rows = load_search_space("gate_and_weights"), []
-    fidelity = "geometric" if seconds is None else "research.faults_mission:fly"
+    fidelity = "geometric" if seconds is None else "research.faults_mission:run_missions"
     os.environ |= {
         "FAULTS_SECONDS": str(seconds),
         "FAULTS_RECORD": os.devnull,

@@ -19,7 +19,7 @@ from tuner.missions.external.mission_file import external_config, load_mission_f
 
 FLY = """
 import math
-def fly(request):
+def run(request):
     c, away = request["configuration"], len(request["instance"]["name"])
     if c["gain"] > 3.9:
         return {"failure": "tipped_over"}

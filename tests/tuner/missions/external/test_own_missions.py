@@ -225,7 +225,7 @@ def test_the_skeleton_passes_its_own_check(gatetune, shell):
 
 
 @pytest.mark.parametrize(
-    ("run", "says"),
+    ("body", "says"),
     [
         ("return {}", "machine_error: no_result: result.json needs metrics, cloud or failure"),
         ("return {'metrics': {'lose': 1}}", "no_metric: there is no 'loss'"),
@@ -233,8 +233,8 @@ def test_the_skeleton_passes_its_own_check(gatetune, shell):
         ("raise ValueError('no such sensor')", "ValueError: no such sensor"),
     ],
 )
-def test_the_check_says_what_is_wrong(gatetune, tmp_path, run_missions, says):
-    (tmp_path / "mine.py").write_text(f"def fly(request):\n    {run_missions}\n")
+def test_the_check_says_what_is_wrong(gatetune, tmp_path, body, says):
+    (tmp_path / "mine.py").write_text(f"def run(request):\n    {body}\n")
     mission_file(tmp_path, function="mine:run")
     code, out, _ = gatetune("mission", "check", tmp_path / "mission.yaml")
     assert code == 1 and "not ready: " in out and says in out
