@@ -85,7 +85,10 @@ def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
             {"ground.neighbour_gap_m": [0.0, 1.0]},
             r"ground\.neighbour_gap_m is \(0\.0, 1\.0\); it must be between 0\.05 and 3",
         ),
-        ({"ground.neighbour_height_m": [1.0, 0.5]}, r"neighbour_height_m is \(1\.0, 0\.5\); it must be the least before"),
+        (
+            {"ground.neighbour_height_m": [1.0, 0.5]},
+            r"neighbour_height_m is \(1\.0, 0\.5\); it must be the least before",
+        ),
         ({"ground.burial_m": -0.2}, r"ground\.burial_m is -0\.2; it must be 0 or more"),
         ({"wind.gust_m_s": -1}, r"wind\.gust_m_s is -1\.0; it must be 0 or more"),
         (

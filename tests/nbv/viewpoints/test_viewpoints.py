@@ -66,7 +66,10 @@ def test_seeds_on_one_turn_take_their_elevations_in_turn() -> None:
             {"seed.ring_elevations_deg": [], "seed.ring_azimuth_counts": []},
             "at least one ring: no mission begins",
         ),
-        ({"seed.count": 0, "seed.ring_azimuth_counts": [0, 0, 0, 0]}, "seed.ring_azimuth_counts is .*; it must be at least 1"),
+        (
+            {"seed.count": 0, "seed.ring_azimuth_counts": [0, 0, 0, 0]},
+            "seed.ring_azimuth_counts is .*; it must be at least 1",
+        ),
         (
             {"seed.lowest_deg": -8.0},
             "meets the ground: it lies at 0.24 m, and the camera flies no lower than 0.3",
