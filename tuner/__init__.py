@@ -18,6 +18,7 @@ import lazy_loader  # noqa: E402
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
+    from tuner.evaluation.objective import objective
     from tuner.evaluation.run import EvaluationRun
     from tuner.jobs import evaluate, frame, reproduce, tune
     from tuner.recommendation.recommendation import Recommendation
@@ -29,6 +30,7 @@ __all__ = [
     "Recommendation",
     "evaluate",
     "frame",
+    "objective",
     "reproduce",
     "tune",
 ]
@@ -37,6 +39,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "campaign.campaign": ["Campaign"],
         "campaign.settings": ["CampaignSettings"],
+        "evaluation.objective": ["objective"],
         "evaluation.run": ["EvaluationRun"],
         "recommendation.recommendation": ["Recommendation"],
         "jobs": ["evaluate", "frame", "reproduce", "tune"],

@@ -1,0 +1,61 @@
+"""Missions as a function for an optimiser of one's own, and what the page shows of it."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+import tuner
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.mission import MissionResult
+
+PAGE = Path(__file__).resolve().parents[3] / "docs/reference/api.md"
+EXAMPLES = dict(re.findall(r'```python title="(\w+)"\n(.*?)```', PAGE.read_text(), re.DOTALL))
+SMALL = {"overrides": {"stop.adaptive_budget": 2}}
+
+
+def test_it_is_the_mean_of_the_missions():
+    f = tuner.objective("gate_and_weights", ["slab", "waist"], replicates=2, **SMALL)
+    config = f.settings.config(f.default)
+    missions = [run_geometric_mission(config, rock, k) for rock in ("slab", "waist") for k in (0, 1)]
+    mean = sum(m.metric(f.settings.objective.metric) for m in missions) / 4
+    assert f({}) == f(f.default) == pytest.approx(mean, abs=1e-9)
+    assert f([f.default[name] for name in f.names]) == pytest.approx(mean, abs=1e-9)
+
+
+def test_bounds_and_names_are_those_of_the_space():
+    f = tuner.objective("plan", ["slab"])
+    for p, name, (low, high), ax in zip(
+        f.settings.space.parameters, f.names, f.bounds, f.ax_parameters(), strict=True
+    ):
+        assert name == p.path == ax["name"] and name in f.optuna_distributions()
+        if p.kind == "categorical":
+            assert (low, high) == (0, len(p.choices) - 1) and ax["values"] == list(p.choices)
+            assert f._by_path([b[1] for b in f.bounds])[name] == p.choices[-1]
+        else:
+            assert (low, high) == (p.low, p.high) and ax["bounds"] == [p.low, p.high]
+
+
+def test_a_failed_mission_and_a_mistake(monkeypatch):
+    def fails(config, rock, replicate, directory):
+        return MissionResult("failed", "seeds", "", config.digest(), rock, replicate, {}, [], {}, {})
+
+    monkeypatch.setattr("tuner.evaluation.objective.mission_function", lambda fidelity: fails)
+    assert math.isnan(tuner.objective("gate", ["slab"])({}))
+    f = tuner.objective("gate", ["slab"], failed=-1.0)
+    assert f({}) == -1.0
+    with pytest.raises(UserError, match=r"'gate\.d96_m' is not in the search space; it has gate"):
+        f({"gate.d96_m": 1.0})
+    with pytest.raises(UserError, match="there are 2 parameters"):
+        f([1.0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("title", EXAMPLES)
+def test_the_page_s_examples_run(title, capsys):
+    if title == "Ax":
+        pytest.importorskip("ax")
+    exec(compile(EXAMPLES[title], title, "exec"), {})
+    assert capsys.readouterr().out or title == "Ax"

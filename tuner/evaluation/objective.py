@@ -1,0 +1,147 @@
+"""A mission as a function of the tuned values, for an optimiser of one's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from optuna.distributions import BaseDistribution
+
+from nbv.errors import UserError
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import asked_settings
+from tuner.missions.registry import mission_function
+from tuner.problem.search_space import Parameter, Values
+from tuner.samplers.optuna import distributions
+
+
+@dataclass(frozen=True)
+class MissionObjective:
+    """The mean of a metric over instances and replicates; missions run in this process, one after the other."""
+
+    settings: CampaignSettings
+    failed: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' paths, in the order of `bounds` and of a sequence of values."""
+        return tuple(p.path for p in self.settings.space.parameters)
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """(low, high) of each parameter, both included, in its own unit; of a categorical one the indices of its choices."""
+        return [
+            (0.0, len(p.choices) - 1.0) if p.kind == "categorical" else (float(p.low), float(p.high))
+            for p in self.settings.space.parameters
+        ]
+
+    @property
+    def default(self) -> Values:
+        """The paper's values by path."""
+        return self.settings.default_values()
+
+    def __call__(self, values: Mapping[str, Any] | Sequence[float]) -> float:
+        """The metric in its own unit and direction.
+
+        Parameters
+        ----------
+        values
+            Values by path; what is left out has its default. Or (d,) numbers in the order of `names`: whole numbers are
+            rounded, and a categorical parameter takes the index of its choice.
+
+        Returns
+        -------
+        float
+            ``failed`` where a mission fails.
+
+        Raises
+        ------
+        UserError
+            A path is not in the space, or a value is out of its range.
+        """
+        s, found = self.settings, self._by_path(values)
+        run, outcomes = mission_function(s.fidelity), list[float]()
+        for instance in s.instances:
+            config = s.config(found, instance.condition)
+            for replicate in range(s.replicates):
+                result = run(config, s.rock_evaluated(instance.rock, replicate), replicate, None)
+                measured = {**result.metrics, "costs": result.costs}
+                outcome, _ = s.objective.outcome(result.status, measured)
+                if outcome is None:
+                    return self.failed
+                outcomes.append(outcome)
+        return sum(outcomes) / len(outcomes)
+
+    def _by_path(self, values: Mapping[str, Any] | Sequence[float]) -> Values:
+        parameters = self.settings.space.parameters
+        if isinstance(values, Mapping):
+            if unknown := sorted(set(values) - set(self.names)):
+                raise UserError(f"{unknown[0]!r} is not in the search space; it has {', '.join(self.names)}")
+            return {**self.default, **values}
+        if len(values) != len(parameters):
+            raise UserError(
+                f"there are {len(parameters)} parameters ({', '.join(self.names)}), not {len(values)}"
+            )
+        return {p.path: _value(p, float(x)) for p, x in zip(parameters, values, strict=True)}
+
+    def optuna_distributions(self) -> dict[str, BaseDistribution]:
+        """Optuna's distributions by path, for ``study.ask``."""
+        return distributions(self.settings.space)
+
+    def ax_parameters(self) -> list[dict[str, Any]]:
+        """Ax's parameters, for ``AxClient.create_experiment``."""
+        return [_ax_parameter(p) for p in self.settings.space.parameters]
+
+
+def objective(
+    space: str,
+    rocks: Sequence[str],
+    fidelity: str = "geometric",
+    *,
+    failed: float = math.nan,
+    **settings: Any,
+) -> MissionObjective:
+    """Return missions on ``rocks`` as a function of the values of a search space.
+
+    Parameters
+    ----------
+    space
+        Name or file of a search space.
+    rocks
+        Catalogue names or mesh files.
+    fidelity
+        Such as ``geometric`` or ``photogrammetric``.
+    failed
+        What a failed mission counts as.
+    settings
+        Other settings of a campaign by name, such as ``objective``, ``replicates``, ``conditions``, ``overrides``.
+
+    Raises
+    ------
+    UserError
+        A setting is wrong.
+    """
+    asked = {"name": "objective", "space": space, "rocks": list(rocks), "fidelity": fidelity, **settings}
+    return MissionObjective(asked_settings(asked, "objective()"), failed)
+
+
+def _value(p: Parameter, x: float) -> Any:
+    if p.kind == "categorical":
+        return p.choices[min(max(round(x), 0), len(p.choices) - 1)]
+    return round(x) if p.kind == "int" else x
+
+
+def _ax_parameter(p: Parameter) -> dict[str, Any]:
+    if p.kind == "categorical":
+        return {"name": p.path, "type": "choice", "values": list(p.choices), "is_ordered": False}
+    kind = "int" if p.kind == "int" else "float"
+    cast = int if p.kind == "int" else float
+    return {
+        "name": p.path,
+        "type": "range",
+        "bounds": [cast(p.low), cast(p.high)],
+        "value_type": kind,
+        "log_scale": p.scale == "log",
+    }
