@@ -110,7 +110,7 @@ def make_ledger(directory: Path, count: int) -> None:
     ledger = begin_campaign(directory, settings).ledger
     extra = {f"metric_{i}": float(i) for i in range(40)}
     config = settings.base_config()
-    with ledger.together():  # one write
+    with ledger.batch():  # one write
         for o in Landscape(0).missions(count):
             proposal = Proposal(dict(o.values), {"sampler": "gp"})
             trial = ledger.start(proposal, Instance(o.rock, "ideal"), o.replicate, config.digest())
