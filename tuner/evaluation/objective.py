@@ -13,6 +13,7 @@ from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import asked_settings
 from tuner.missions.registry import mission_function
+from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Values
 from tuner.samplers.optuna import distributions
 
@@ -27,7 +28,7 @@ class MissionObjective:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters' paths, in the order of `bounds` and of a sequence of values."""
-        return tuple(p.path for p in self.settings.space.parameters)
+        return tuple(self.settings.space.paths)
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -75,16 +76,22 @@ class MissionObjective:
         return sum(outcomes) / len(outcomes)
 
     def _by_path(self, values: Mapping[str, Any] | Sequence[float]) -> Values:
-        parameters = self.settings.space.parameters
-        if isinstance(values, Mapping):
-            if unknown := sorted(set(values) - set(self.names)):
-                raise UserError(f"{unknown[0]!r} is not in the search space; it has {', '.join(self.names)}")
-            return {**self.default, **values}
-        if len(values) != len(parameters):
-            raise UserError(
-                f"there are {len(parameters)} parameters ({', '.join(self.names)}), not {len(values)}"
-            )
-        return {p.path: _value(p, float(x)) for p, x in zip(parameters, values, strict=True)}
+        parameters = {p.path: p for p in self.settings.space.parameters}
+        if not isinstance(values, Mapping):
+            if len(values) != len(parameters):
+                raise UserError(
+                    f"there are {len(parameters)} parameters ({', '.join(parameters)}), not {len(values)}"
+                )
+            values = {
+                path: _value(p, float(x)) for (path, p), x in zip(parameters.items(), values, strict=True)
+            }
+        for path, value in values.items():
+            if path not in parameters:
+                raise UserError(f"{path!r} is not in the search space; it has {', '.join(parameters)}")
+            if not parameters[path].contains(value):
+                ends = ", ".join(map(short, parameters[path].ends))
+                raise UserError(f"{path} is {value!r}, outside of the search space: {ends}")
+        return {**self.default, **values}
 
     def optuna_distributions(self) -> dict[str, BaseDistribution]:
         """Optuna's distributions by path, for ``study.ask``."""
@@ -123,14 +130,20 @@ def objective(
     UserError
         A setting is wrong.
     """
-    asked = {"name": "objective", "space": space, "rocks": list(rocks), "fidelity": fidelity, **settings}
+    asked = {
+        "name": "objective",
+        "space": space,
+        "rocks": rocks if isinstance(rocks, str) else list(rocks),
+        "fidelity": fidelity,
+        **settings,
+    }
     return MissionObjective(asked_settings(asked, "objective()"), failed)
 
 
 def _value(p: Parameter, x: float) -> Any:
-    if p.kind == "categorical":
-        return p.choices[min(max(round(x), 0), len(p.choices) - 1)]
-    return round(x) if p.kind == "int" else x
+    if p.kind == "float" or not math.isfinite(x):
+        return x
+    return p.choices[round(x)] if p.kind == "categorical" and 0 <= round(x) < len(p.choices) else round(x)
 
 
 def _ax_parameter(p: Parameter) -> dict[str, Any]:

@@ -86,12 +86,12 @@ class Candidates:
 
     def only(self, indices: Iterable[int]) -> Candidates:
         """Return the candidates of these indices, in this order."""
-        order = list(dict.fromkeys(indices))
+        order, eligible = list(dict.fromkeys(indices)), set(self.eligible)
         return Candidates(
             [self.values[i] for i in order],
             [self.missions[i] for i in order],
             [self.keeps[i] for i in order],
-            [k for k, i in enumerate(order) if i in set(self.eligible)],
+            [k for k, i in enumerate(order) if i in eligible],
             self.limit_kept,
         )
 

@@ -50,6 +50,15 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
         f({"gate.d96_m": 1.0})
     with pytest.raises(UserError, match="there are 2 parameters"):
         f([1.0])
+    plan = tuner.objective("plan", ["slab"])
+    for wrong in (
+        [math.nan] * len(plan.names),
+        {"seed.count": 10**9},
+        {"seed.count": "x"},
+        [99.0] * len(plan.names),
+    ):
+        with pytest.raises(UserError, match=r"outside of the search space: "):
+            plan(wrong)
 
 
 @pytest.mark.slow
