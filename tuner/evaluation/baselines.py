@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
@@ -142,6 +142,9 @@ TUNED_WEIGHTS = "tuned-paper-thresholds"
 # In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
 COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "hyb-o")
 
+PLANNER = ("gate", "covis", "b_aware", "matchable", "shared", "plugins")  # sections that choose views
+PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
+
 
 def baseline(name: str) -> Baseline:
     """The baseline called ``name``; `UserError` where there is none."""
@@ -157,6 +160,11 @@ def baseline(name: str) -> Baseline:
 def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) -> dict[str, MissionConfig]:
     """Configurations by strategy name, all from the same base."""
     return {name: baseline(name).config(base) for name in names}
+
+
+def with_sections_of(source: MissionConfig, sections: Sequence[str], base: MissionConfig) -> MissionConfig:
+    """``base`` with some of the sections of ``source``, such as `PLAN`."""
+    return dataclasses.replace(base, **{name: getattr(source, name) for name in sections})
 
 
 def at_equal_number(

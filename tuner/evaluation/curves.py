@@ -21,7 +21,7 @@ from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, drawn_by
 from nbv.types import Bools, Floats, Ints
-from tuner.evaluation.baselines import baseline, ending_at, sees_ground_truth
+from tuner.evaluation.baselines import PLAN, baseline, ending_at, sees_ground_truth, with_sections_of
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 
@@ -118,7 +118,8 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     Parameters
     ----------
     strategies
-        By name; None: the baseline, scorer or gate of that name.
+        By name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken, and photographs are
+        reconstructed and measured as those of all others are.
 
     Raises
     ------
@@ -128,6 +129,7 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     most, base, configs = suite.numbers[-1], suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():
         source = TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
+        given = None if given is None else with_sections_of(given, PLAN, base)
         planned = given if given is not None else baseline(source).config(ending_at(base, most))
         if planned.adaptive_budget and suite.fidelity == CURVE:
             configs[source] = ending_at(planned, most)

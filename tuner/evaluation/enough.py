@@ -17,7 +17,7 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from tuner.evaluation.baselines import baseline
+from tuner.evaluation.baselines import PLANNER, baseline, with_sections_of
 from tuner.evaluation.comparison import Interval, mean_interval
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
@@ -36,7 +36,6 @@ WAYS = {
 SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/real_photographs.md)
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
-_TUNED_SECTIONS = ("gate", "covis", "b_aware", "matchable", "shared")
 _BELOW_ALL_M = -3.0
 
 
@@ -115,8 +114,7 @@ def enough_plans(
             continue
         for way in WAYS:
             if way == "tuned":
-                sections = {name: getattr(planner, name) for name in _TUNED_SECTIONS}
-                strategies[_name(way, number)] = dataclasses.replace(shared, **sections)
+                strategies[_name(way, number)] = with_sections_of(planner, PLANNER, shared)
             elif way != RING:
                 strategies[_name(way, number)] = shared.with_values({"gate.kind": way})
     everything = base.with_values(

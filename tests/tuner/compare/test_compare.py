@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve import run_curve_mission
 from tuner.cli import app
@@ -151,3 +152,15 @@ def test_a_suite_is_named_by_all_its_settings():
     assert plan.missions == 60 * (1 + 19)
     rendered = Suite(("slab",), (16, 24), fidelity="photogrammetric")
     assert list(comparison_plan(rendered, {"covis": None}).strategies) == ["covis-16", "covis-24"]
+
+
+def test_a_recommendation_is_measured_as_all_others_are():
+    """It was tuned with six agreeing views; beside strategies with three it would lose by its yardstick."""
+    suite = Suite((ROCK,), numbers=(24, 28))
+    tuned = preset("campaign").with_values(
+        {"dense.agreeing_views": 6, "gate.d95_m": 0.4, "pool.max_altitude_m": 1.5}
+    )
+    plan = comparison_plan(suite, {"tuned": tuned, "random": None}).strategies
+    assert plan["tuned"].gate == tuned.gate and plan["tuned"].pool == tuned.pool
+    for section in ("dense", "sparse", "evaluation", "target", "telemetry"):
+        assert getattr(plan["tuned"], section) == getattr(plan["random"], section)
