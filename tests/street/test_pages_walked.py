@@ -34,9 +34,13 @@ def test_every_command_of_a_page_runs(page, tmp_path):
         (tmp_path / block).write_text(name)
     if "SPACE.yaml" in text:
         shutil.copy(ROOT / "search_spaces/photographs.yaml", tmp_path / "SPACE.yaml")
-    street = Street(tmp_path, SMALL | PAGES[page])
-    if "gatetune evaluate runs/tune" in text:  # what `make tune` left
-        street.run("gatetune campaign run --quick --name tune")
+    street = Street(
+        tmp_path, SMALL | {"against": "hyb-h"} | PAGES[page]
+    )  # one baseline, where a page names none
+    if (
+        "gatetune evaluate runs/tune" in text
+    ):  # what `make tune` leaves, which test_make_tune_walked runs whole
+        street.run("gatetune campaign run --name tune --rock slab --rock cavern")
     for line in lines:
         street.run(line)
 
