@@ -11,7 +11,7 @@ from street import ROOT, SMALL, Street, commands_on
 from nbv.config import config_from_dict
 from tuner.campaign.campaign import Campaign
 
-BUDGET = "24"
+BUDGET = "16"
 
 
 def recipe(target: str, name: str) -> str:
