@@ -77,8 +77,9 @@ class SeedConfig(Section):
     )
     second_turn: bool = not_in_paper(
         False,
-        "where the seeds make no model, fly as many again between them, out of the planned views",
-        why="the paper's mission fails",
+        "where the seeds make no model, fly as many again between them, out of the planned views; where a part of them is "
+        "missing from it, fly between registered and missing ones until all are in it",
+        why="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
 

@@ -4,7 +4,7 @@ Two of them see the ground truth and are upper references, not planners: they sa
 """
 
 from nbv.gates.base import Gate, Oracle, gate_class, make_gate
-from nbv.gates.bridging import bridge
+from nbv.gates.bridging import bridge, next_between
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
 
@@ -16,5 +16,6 @@ __all__ = [
     "gate_class",
     "gate_features",
     "make_gate",
+    "next_between",
     "oracle_rewards",
 ]

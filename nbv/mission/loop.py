@@ -9,7 +9,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import Gate
+from nbv.gates import Gate, next_between
 from nbv.geometry.target import find_target
 from nbv.mission.recorder import Recorder
 from nbv.mission.target_prior import must_look, with_target_found
@@ -72,6 +72,9 @@ class AdaptiveMission:
             if not self.config.seed.second_turn or not self.retry_with_interleaved_seeds(failure):
                 raise
             report = self._seed_model()
+        else:
+            if self.config.seed.second_turn:
+                report = self.join_missing_seeds(report)
         self.recorder.seed_model(report)
         return report.model
 
@@ -85,11 +88,29 @@ class AdaptiveMission:
         views = self.planner.viewpoints.second_turn(self.config)[:budget]
         if not views:
             return False
-        self.recorder.second_turn(failure, len(views))
+        self.recorder.second_turn(f"no seed model ({failure.message})", len(views))
         for view in views:
             self._fly_and_photograph(view)
         self._plan_by(self.config.changed(stop={"adaptive_budget": budget - len(views)}))
         return True
+
+    def join_missing_seeds(self, report: UpdateReport) -> UpdateReport:
+        """Photograph between registered and missing seeds, one by one in place of planned views, until none is missing or between."""
+        seeds, budget = tuple(self.captures), self.config.adaptive_budget
+        missing = len(seeds) - len(report.model.camera_names)
+        if not missing:
+            return report
+        views, left = list(self.planner.viewpoints.second_turn(self.config)), budget
+        while left and (view := next_between(views, seeds, report.model, self.config)) is not None:
+            views.remove(view)
+            capture = self._fly_and_photograph(view)
+            with self.recorder.timed("update"):
+                report = self.reconstructor.add(capture)
+            left -= 1
+        if left < budget:
+            self.recorder.second_turn(f"{missing} of {len(seeds)} seeds not registered", budget - left)
+            self._plan_by(self.config.changed(stop={"adaptive_budget": left}))
+        return report
 
     def _plan_by(self, config: MissionConfig) -> None:
         self.config = config

@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict
 
 from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Oracle, gate_features, oracle_rewards
 from nbv.mission.function import Log, no_log
@@ -70,10 +69,10 @@ class Recorder:
         """The first seeds have shown the target at this place, or None where they show none."""
         self._log("retargeted", {"target_m": target_m})
 
-    def second_turn(self, failure: MissionFailure, seeds: int) -> None:
-        """The seeds have made no model: so many further seeds are photographed between them."""
+    def second_turn(self, why: str, seeds: int) -> None:
+        """The seeds have made no model, or not all are in it: so many further seeds between them."""
         self.notes.append("second_turn")
-        self._log("second-turn", {"reason": failure.reason, "message": failure.message, "seeds": seeds})
+        self._log("second-turn", {"message": why, "seeds": seeds})
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""

@@ -40,7 +40,7 @@ def say_event(event: str, facts: dict[str, Any]) -> None:
     """A line for what a mission found or chose."""
     text = ""
     if event == "second-turn":
-        text = f"no seed model ({facts['message']}): {facts['seeds']} seeds between them"
+        text = f"{facts['message']}: {facts['seeds']} seeds between them"
     elif event == "retargeted":
         at = facts["target_m"]
         text = "target " + (
