@@ -1,6 +1,6 @@
 """Is the expected believed saving worth its code? The fewest photographs of a quality, by it and by BoTorch's constrained logNEI.
 
-    OMP_NUM_THREADS=1 python -m research.expected_saving --seeds 6
+    OMP_NUM_THREADS=1 python -m research.believed_saving --seeds 6
 
 The missions are the tests' fake ones on two rocks: 24 photographs are the fewest that give 98. Both fly 24 missions, whose last
 ones confirm the favourite by the same rule.

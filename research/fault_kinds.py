@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from research import failing_calls
-from research.faults import Flight, Session, kill_all, send
+from research.fault_campaign import Flight, Session, kill_all, send
 
 DISK_BYTES = 3_000_000
 _DEADLY = (signal.SIGKILL, signal.SIGABRT, signal.SIGSEGV, signal.SIGTERM)

@@ -4,10 +4,10 @@
     python -m research.planning_in_conditions tell field.csv
     python -m research.planning_in_conditions stop docs/results/data/stop_with_photographs.csv
 
-The vehicle knows how large a drawn rock is to `TargetConfig.size_error_percent`. Where the condition has a target to be found, what it is told of the place is off by
-the condition's error, and it finds the rock in its own photographs: a re-aimed orbit after the first `REAIM_AFTER`, the
-planned arms after their seeds. Scores are registered where telemetry errs, and a failed mission scores 0. ``tell`` pairs the
-arms rock by rock, with 95 % bootstrap intervals over rocks.
+The vehicle knows the size of a drawn rock to `TargetConfig.size_error_percent`. Where the condition has a target that must
+be found, the position it is told has the condition's error, and it finds the rock in its own photographs: a re-targeted orbit
+after its first 12, a planned strategy after its seeds. Scores are registered where telemetry errs; a failed mission scores 0.
+``tell`` pairs the strategies rock by rock, with 95 % bootstrap intervals over rocks.
 """
 
 from __future__ import annotations
@@ -25,21 +25,27 @@ from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.scorers.prediction import predict
 from nbv.types import Floats
 from research.adaptive_plans import FIDELITIES, base, run_missions
-from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
-from research.where_planning_pays import PLANNED as UNBOUND
+from research.where_planning_pays import interval, read
 
-REAIM_AFTER = 12
-TWO_RINGS = FIXED["rings at 10° and 35°"]
-REAIMED: dict[str, Any] = {"seed.retarget_after": REAIM_AFTER}
+MOST = 48
+SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0, "seed.second_turn": True}
+TWO_RINGS: dict[str, Any] = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
+RETARGETED: dict[str, Any] = {"seed.retarget_after": 12}
 ORBITS: dict[str, dict[str, Any]] = {
     "one ring": {},
     "two rings": TWO_RINGS,
-    "one ring, re-aimed": REAIMED,
-    "two rings, re-aimed": {**TWO_RINGS, **REAIMED},
+    "one ring, re-aimed": RETARGETED,
+    "two rings, re-aimed": {**TWO_RINGS, **RETARGETED},
 }
 PLANNED: dict[str, dict[str, Any]] = {
-    **UNBOUND,
-    "random views in the tuned pool": {**UNBOUND["random views"], "pool.max_altitude_m": 1.45},
+    "adaptive": {"gate.kind": "predicted"},
+    "random views": {"gate.kind": "random"},
+    "greedy oracle": {
+        "gate.kind": "greedy-oracle",
+        "gate.oracle_coverage": "matchable",
+        "gate.oracle_samples": 3000,
+    },
+    "random views in the tuned pool": {"gate.kind": "random", "pool.max_altitude_m": 1.45},
 }
 STOPPED = "stopped"
 # Flown beside those of ``conditions/``.

@@ -29,7 +29,7 @@ from nbv.geometric.completeness import predicted_metrics
 from nbv.rocks.families import FAMILIES, SHAPES
 from nbv.scorers.prediction import Calibration, predict
 from nbv.types import Floats, SparseModel
-from research.adaptive_plans import base, rocks_of, run_jobs
+from research.adaptive_plans import base, rocks_of, run_missions
 from research.other_shapes import KEPT, SEEN
 
 BINS = 10
@@ -81,7 +81,7 @@ def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str
         rows.append(dict(zip(HEAD, values, strict=True)))
 
     for name, planned in plans.items():
-        result = run_jobs(base(**planned), rock, listen=functools.partial(look, name)).result
+        result = run_missions(base(**planned), rock, listen=functools.partial(look, name)).result
         if result.status == "failed":
             print(f"{rock} {name}: {result.reason}", flush=True)
     return rows

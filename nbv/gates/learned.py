@@ -6,7 +6,7 @@ leaf ``{"scorer": NAME, "probability": P}``, P being the share of training sampl
 leaf that agree with its scorer. Other keys (how it was trained, on what) are for people and ignored.
 
 Without a file of one's own, the policy that comes with the package is used: ``policies/default.json``, made
-by ``python -m research.learn_gate``; it names the training rocks and how it fared on rocks that it had not seen.
+by ``python -m research.learn_gate`` of commit ccd4413c; it names the training rocks and how it fared on rocks that it had not seen.
 """
 
 from __future__ import annotations

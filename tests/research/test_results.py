@@ -1,6 +1,7 @@
 """Pages of results: one question each, with its claim, figure, table, limits and command; data with its source."""
 
 import csv
+import importlib
 import importlib.util
 import re
 from pathlib import Path
@@ -47,6 +48,13 @@ def test_every_row_of_data_is_complete(path):
     head, *rows = csv.reader(path.open(newline="", encoding="utf-8"))
     assert rows and len(set(head)) == len(head)
     assert all(len(row) == len(head) for row in rows)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "research").glob("**/*.py")), ids=lambda path: path.stem)
+def test_a_script_imports_what_exists(path):
+    if path.stem.endswith("_server"):
+        pytest.skip("runs in the environment of a peer optimiser")
+    importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
 
 
 def test_pages_that_the_code_names_exist():
