@@ -201,6 +201,12 @@ def plugins(group: str) -> dict[str, Plugin]:
     return found
 
 
+def sources(group: str, *names: str) -> list[str]:
+    """Source digests of the plug-ins among ``names``: what is kept of their work depends on them."""
+    found = plugins(group)
+    return [found[name].source for name in names if name in found]
+
+
 @functools.cache
 def installed(group: str) -> tuple[Plugin, ...]:
     """What the entry points of installed distributions bring, which may repeat a name."""

@@ -12,6 +12,7 @@ from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.run_directory import RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
+from nbv.plugins import plugins, sources
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
@@ -53,6 +54,7 @@ class PhotogrammetricFidelity(Fidelity):
             config.ground,
             config.scene.ground_seed,
             camera_shell(config),
+            *sources("metrics", *sorted(plugins("metrics"))),
         ]
         with self.context.stopwatch.timed("evaluation"):
             found = cached_json(store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)

@@ -24,6 +24,7 @@ from nbv.dense.views import PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.mission.planning_state import arrays_of, model_of
+from nbv.plugins import sources
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
@@ -144,8 +145,9 @@ class PhotogrammetricReconstructor(Reconstructor):
     def cloud_key(self) -> str:
         """Digest of all that decides the cloud."""
         config = self._config
-        box = [] if self._half_extents_m is None else [self._half_extents_m]
-        return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *box)
+        more = [] if self._half_extents_m is None else [self._half_extents_m]
+        more += sources("dense", config.dense.backend)
+        return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *more)
 
     def export_sparse(self, directory: Path, images: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""

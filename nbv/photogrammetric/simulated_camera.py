@@ -15,6 +15,7 @@ from nbv.config import CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
 from nbv.memory import give_back_freed_memory
+from nbv.plugins import sources
 from nbv.rocks import Rock
 from nbv.scene import Renderer, Sensor
 from nbv.types import Camera, Capture, Floats, Viewpoint
@@ -42,7 +43,10 @@ class SimulatedCamera(Camera):
         self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._store = rock, replicate, store
-        self._world = (config.camera, config.scene, config.sensor, config.ground, config.target_m)
+        self._world = (
+            *(config.camera, config.scene, config.sensor, config.ground, config.target_m),
+            *sources("renderers", config.scene.backend),
+        )
         self._sensor = Sensor(config)
         self._target_m = config.target_m
         self._errors = TelemetryErrors(

@@ -8,6 +8,7 @@ import numpy as np
 from skimage.measure import marching_cubes
 
 from nbv.cache import Arrays, Store, cached
+from nbv.plugins import sources
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
@@ -35,7 +36,8 @@ def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID
     It takes a few seconds to make.
     """
     recipe = recipe_of(name)
-    found = cached(store, "rocks", partial(_made, recipe, grid_m), code=__name__, inputs=[name, grid_m])
+    inputs = [name, grid_m, *sources("families", *(generated_name(name) or ())[:1])]
+    found = cached(store, "rocks", partial(_made, recipe, grid_m), code=__name__, inputs=inputs)
     return make_rock(name, **found, split=recipe.split, difficulty=recipe.difficulty)  # type: ignore[arg-type]
 
 

@@ -82,7 +82,7 @@ def compare(
     load("tuner.evaluation.curves")
     from tuner.evaluation import curves
     from tuner.evaluation.run import run_evaluation
-    from tuner.report.curves import write_comparison
+    from tuner.report.curves import share_table, write_comparison
 
     names = list(dict.fromkeys(strategies or DEFAULT))
     chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
@@ -127,18 +127,8 @@ def compare(
         raise typer.Exit(130)
     with working("drawing"):
         document = write_comparison(asked, list(chosen), reference, run.records, out)
-    rows = [
-        (
-            f["name"],
-            _text(f["needed"], 1),
-            _text(f["ratio"]),
-            f"{_text(f['low'])} to {_text(f['high'])}",
-            f"{100 * f['reached']:.0f} %",
-        )
-        for f in document["at_share"]
-    ]
-    title = f"photographs until {100 * share:g} % of {len(places)} targets have {score:g} %"
-    show_table(("strategy", "photographs", f"of {reference}", "95 %", "largest share"), rows, title, right=4)
+    title, head, rows = share_table(document)
+    show_table(head, rows, title, right=3)
     output.print(document["verdict"], style="bold")
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
@@ -154,7 +144,3 @@ def _numbers(text: str) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:
         raise UserError(f"--numbers {text!r} must be FIRST:LAST:STEP or N,N,...") from error
-
-
-def _text(value: float | None, decimals: int = 2) -> str:
-    return "never" if value is None else f"{value:.{decimals}f}"

@@ -6,7 +6,7 @@ photographs are rendered or given, every number is a mission of its own for all 
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -270,21 +270,35 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
     return findings
 
 
-def verdict(findings: Sequence[Finding], reference: str, share: float, score: float) -> str:
-    """Return the outcome in a sentence for each strategy beside the reference."""
-    goal = f"{100 * share:g} % of targets to reach {score:g} %"
-    by_name = {finding.name: finding for finding in findings}
-    if (base := by_name[reference]).needed is None:
-        return f"{reference} does not bring {goal}: at most {100 * base.reached:.0f} % of them; ask for a smaller share."
-    said = [f"{reference} needs {base.needed:.1f} photographs for {goal}."]
-    for finding in findings:
-        if finding.name == reference:
-            continue
-        if finding.ratio is None:
-            said.append(f"{finding.name} never does: at most {100 * finding.reached:.0f} % of them.")
-        else:
+def share_compared(reference: Series, share: float, score: float) -> float:
+    """The share that is asked for; where the reference never has it, the largest whole twentieth that it does."""
+    reached = float((reference.scores >= score).mean(axis=1).max())
+    return share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
+
+
+def verdict(findings: Sequence[Finding], reference: str, asked: float, share: float, score: float) -> str:
+    """Return the outcome in a sentence for each strategy; ``share`` as `share_compared` has it of the one ``asked`` for."""
+    base = next(finding for finding in findings if finding.name == reference)
+    most = (
+        f"{reference} brings at most {100 * base.reached:.0f} % of the targets to an F-score of {score:g} %"
+    )
+    if share == 0.0 or base.needed is None:
+        return (
+            f"{most}: nothing can be compared with it; ask for a smaller --score, or name another --against."
+        )
+    said = []
+    if share < asked:
+        said.append(f"{most}, not the {100 * asked:g} % asked for; {100 * share:g} % are compared instead.")
+    said.append(
+        f"{reference} needs {base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an F-score of {score:g} %."
+    )
+    for f in findings:
+        if f.ratio is None:
+            said.append(f"{f.name} never does so: it brings at most {100 * f.reached:.0f} % of them there.")
+        elif f.low is not None and f.high is not None and f.name != reference:
+            shown = "fewer" if f.high < 1.0 else "more" if f.low > 1.0 else "no difference is shown"
             said.append(
-                f"{finding.name} needs {finding.ratio:.2f} of them [{finding.low:.2f}, {finding.high:.2f}]."
+                f"{f.name} needs {f.ratio:.2f} times as many photographs as {reference} [{f.low:.2f}, {f.high:.2f}]: {shown}."
             )
     return " ".join(said)
 
@@ -313,8 +327,3 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
             }
         )
     return rows
-
-
-def findings_of(facts: Sequence[Finding]) -> list[dict[str, Any]]:
-    """JSON form."""
-    return [dataclasses.asdict(finding) for finding in facts]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,8 @@ def write_comparison(
     """
     series = curves.all_series(suite, strategies, records)
     base = next(one for one in series if one.name == reference)
-    findings = curves.at_share(series, base, suite.share, suite.score)
-    verdict = curves.verdict(findings, reference, suite.share, suite.score)
+    share = curves.share_compared(base, suite.share, suite.score)
+    findings = curves.at_share(series, base, share, suite.score)
     numbers = [n for n in AT_NUMBERS if suite.numbers[0] <= n <= suite.numbers[-1]] or [suite.numbers[-1]]
     at_number = [row for n in numbers for row in curves.at_number(series, base, n, suite.score)]
     document: dict[str, Any] = {
@@ -50,8 +51,9 @@ def write_comparison(
         "strategies": list(strategies),
         "ground_truth": [one.name for one in series if one.sees_ground_truth],
         "reference": reference,
-        "verdict": verdict,
-        "at_share": curves.findings_of(findings),
+        "share": share,
+        "verdict": curves.verdict(findings, reference, suite.share, share, suite.score),
+        "at_share": [dataclasses.asdict(finding) for finding in findings],
         "at_number": at_number,
     }
     write_atomic(directory / "comparison.json", json.dumps(json_ready(document), indent=1))
@@ -76,20 +78,9 @@ def write_comparison(
     )
     figure = _figure(suite, series)
     style.save_figure(figure, directory, "curves")
-    marks = {one.name: f"{one.name} †" if one.sees_ground_truth else one.name for one in series}
-    share_rows = [
-        (
-            marks[f.name],
-            _number(f.needed, 1),
-            _number(f.ratio),
-            f"{_number(f.low)} to {_number(f.high)}",
-            f"{100 * f.reached:.0f} %",
-        )
-        for f in findings
-    ]
     number_rows = [
         (
-            f"{marks[row['strategy']]}, {row['photographs']}",
+            f"{_marked(document, row['strategy'])}, {row['photographs']}",
             "{:.2f} [{:.2f}, {:.2f}]".format(*row["f_score"]),
             "{:+.2f} [{:+.2f}, {:+.2f}]".format(*row["gain"]),
             f"{100 * row['share']:.0f} %",
@@ -97,38 +88,38 @@ def write_comparison(
         )
         for row in at_number
     ]
-    tables = [
-        {
-            "title": f"Photographs until {100 * suite.share:g} % of targets have {suite.score:g} %",
-            "head": ("strategy", "photographs", f"of {reference}", "95 %", "largest share"),
-            "rows": share_rows,
-        },
-        {
-            "title": "At equal number of photographs",
-            "head": (
-                "strategy, photographs",
-                "F-score, %",
-                f"less {reference}",
-                f"share at {suite.score:g} %",
-                "failed",
-            ),
-            "rows": number_rows,
-        },
-    ]
+    at = f"share at {suite.score:g} %"
+    head = ("strategy, photographs", "F-score, %", f"less {reference}", at, "failed")
     write_page(
         directory / "report.html",
         "curves.html.j2",
         title="Planners against orbits",
         sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs; † sees the true surface",
-        verdict=verdict,
+        verdict=document["verdict"],
         figure=style.embed(figure),
-        tables=tables,
+        tables=[share_table(document), ("At equal number of photographs", head, number_rows)],
     )
     return document
 
 
-def _number(value: float | None, decimals: int = 2) -> str:
-    return "never" if value is None else f"{value:.{decimals}f}"
+def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], list[tuple[str, ...]]]:
+    """Return title, head and rows of what each strategy needs for the share."""
+    share, score = 100 * document["share"], document["settings"]["score"]
+    title = f"Photographs until {share:g} % of the targets have {score:g} %, and their ratio to {document['reference']}"
+    rows = [
+        (
+            _marked(document, f["name"]),
+            "never" if f["needed"] is None else f"{f['needed']:.1f}",
+            "" if f["ratio"] is None else f"{f['ratio']:.2f} [{f['low']:.2f}, {f['high']:.2f}]",
+            f"{100 * f['reached']:.0f} %",
+        )
+        for f in document["at_share"]
+    ]
+    return title, ("strategy", "photographs", "ratio", "largest share"), rows
+
+
+def _marked(document: Mapping[str, Any], name: str) -> str:
+    return f"{name} †" if name in document["ground_truth"] else name
 
 
 def _write_csv(path: Path, head: Sequence[str], rows: Any) -> None:

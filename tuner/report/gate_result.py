@@ -190,7 +190,7 @@ def _sentences(sources: Sequence[tuple[ResultBlock, list[Trial]]], best: Recomme
         name = max(controls, key=lambda control: controls[control])
         d = strategy_difference(records, TUNED, name, metric)
         said.append(
-            f"The best control on the {there} is {label(name)}; over it Tuned gains {_interval(d)} points."
+            f"The best control on the {there} is {label(name)}; Tuned's difference from it is {_interval(d)} points."
         )
     if rows["hyb-h"].same_as:
         said.append(

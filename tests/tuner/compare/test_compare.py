@@ -13,7 +13,17 @@ from nbv.errors import UserError
 from nbv.geometric.curve import run_curve_mission
 from tuner.cli import app
 from tuner.evaluation.baselines import baseline, ending_at
-from tuner.evaluation.curves import BASE, SUITES, Series, Suite, at_number, at_share, comparison_plan, verdict
+from tuner.evaluation.curves import (
+    BASE,
+    SUITES,
+    Series,
+    Suite,
+    at_number,
+    at_share,
+    comparison_plan,
+    share_compared,
+    verdict,
+)
 
 MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
 ROCK = "boulder-20000"
@@ -74,7 +84,11 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     ]
     out = compare(*asked)
     told = json.loads((tmp_path / "run/comparison.json").read_text())
-    assert told["verdict"].split()[0] == "orbit-by-height" in out and told["suite"].startswith("custom-")
+    assert told["verdict"].split()[0] == "orbit-by-height" and told["suite"].startswith("custom-")
+    table = [line for line in out.splitlines() if "│" in line]
+    assert len(table) == len(strategies) and max(map(len, out.splitlines())) <= 80, (
+        "one line for each, unwrapped"
+    )
     assert told["ground_truth"] == ["greedy-oracle"] and [f["name"] for f in told["at_share"]] == list(
         strategies
     )
@@ -130,17 +144,29 @@ def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
     assert (found["ring"].needed, found["mine"].needed, found["mine"].ratio) == (30.0, 20.0, 20 / 30)
     assert found["mine"].low <= found["mine"].ratio <= found["mine"].high <= 1.0
     assert found["ring"].low == found["ring"].high == 1.0, "paired with itself nothing varies"
-    said = verdict(list(found.values()), "ring", 0.75, 98.0)
+    said = verdict(list(found.values()), "ring", 0.75, 0.75, 98.0)
     assert said.startswith(
-        "ring needs 30.0 photographs for 75 % of targets to reach 98 %. mine needs 0.67 of them ["
+        "ring needs 30.0 photographs for 75 % of the targets to reach an F-score of 98 %. "
     )
-    assert said.endswith("never never does: at most 0 % of them.")
-    assert "at most 0 % of them; ask for a smaller share" in verdict(
-        list(found.values()), "never", 0.75, 98.0
-    )
+    assert "mine needs 0.67 times as many photographs as ring [" in said
+    assert said.endswith("never never does so: it brings at most 0 % of them there.")
+    assert "nothing can be compared with it" in verdict(list(found.values()), "never", 0.75, 0.0, 98.0)
     rows = {row["strategy"]: row for row in at_number([ring, mine], ring, 15, 98.0)}
     assert rows["mine"]["f_score"][0] == pytest.approx((62.25 + 99) / 2) and rows["mine"]["share"] == 0.625
     assert rows["ring"]["gain"] == (0.0, 0.0, 0.0)
+
+
+def test_a_share_that_the_reference_never_has_is_replaced_by_one_that_it_has():
+    ring = series("ring", (10, 20, 30), [[50, 50, 50], [99, 50, 50], [99, 99, 50]])
+    mine = series("mine", (10, 20, 30), [[50, 50, 50], [99, 99, 50], [99, 99, 99]])
+    share = share_compared(ring, 0.75, 98.0)
+    assert share == 0.65 and share_compared(mine, 0.75, 98.0) == 0.75
+    said = verdict(at_share([ring, mine], ring, share, 98.0), "ring", 0.75, share, 98.0)
+    assert said.startswith(
+        "ring brings at most 67 % of the targets to an F-score of 98 %, not the 75 % asked for; 65 % are compared instead. "
+        "ring needs 30.0 photographs for 65 %"
+    )
+    assert "mine needs 0.67 times as many" in said
 
 
 def test_a_suite_is_named_by_all_its_settings():
