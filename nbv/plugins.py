@@ -12,6 +12,7 @@ import hashlib
 import importlib
 import importlib.util
 import sys
+import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -59,16 +60,20 @@ class Plugin:
 
     @functools.cached_property
     def source(self) -> str:
-        """Digest of the Python files of its package, or of its module, and of the command of a program."""
-        found = importlib.util.find_spec(self.place.partition(":")[0].partition(".")[0])
-        roots = [] if found is None else list(found.submodule_search_locations or ())
+        """Digest of the Python files of its package, or of its module, and of the command of a program.
+
+        Of what was typed into a notebook, which has none, another in every process.
+        """
+        top = self.place.partition(":")[0].partition(".")[0]
+        module = sys.modules[top] if top == "__main__" else importlib.util.find_spec(top)
+        roots = getattr(module, "submodule_search_locations", None) or ()
         files = [file for root in roots for file in sorted(Path(root).rglob("*.py"))]
-        if not files and found is not None and found.origin:
-            files = [Path(found.origin)]
+        if not files and (file := getattr(module, "origin", None) or getattr(module, "__file__", None)):
+            files = [Path(file)]
         hasher = hashlib.sha256(getattr(self.part, "identity", "").encode())
         for file in files:
             hasher.update(file.read_bytes() if file.is_file() else b"")
-        return hasher.hexdigest()[:32]
+        return hasher.hexdigest()[:32] if files else uuid.uuid4().hex
 
     @property
     def facts(self) -> dict[str, str]:

@@ -25,11 +25,14 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from nbv import plugins
+from nbv.cache import code_digest
 from nbv.errors import UserError
+from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
@@ -60,6 +63,7 @@ class MissionServer:
                 plugins.use(name)
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
+        _learn_what_missions_ask(preload)
         adopt_orphans()
         self._fork = sys.platform.startswith("linux") and _thread_count() == 1
         self._wake_read, self._wake_write = os.pipe()
@@ -210,6 +214,16 @@ class MissionServer:
             self._out.write(json.dumps(message).encode() + b"\n")
         except BrokenPipeError:
             raise SystemExit(0) from None
+
+
+def _learn_what_missions_ask(modules: Sequence[str]) -> None:
+    """Find out, once for all missions, what does not change: the revision, installed plug-ins, digests of the code."""
+    provenance()
+    for group in plugins.GROUPS:
+        plugins.installed(group)
+    for module in modules:
+        with contextlib.suppress(ValueError):  # of another package
+            code_digest(module)
 
 
 def _children() -> set[int]:

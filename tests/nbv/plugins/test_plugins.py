@@ -1,5 +1,6 @@
 """Parts of other packages: found by name, guarded, recorded, and refused in one line where they are none."""
 
+import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -166,6 +167,25 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
     with pytest.raises(UserError, match="settings must be a frozen dataclass"):
         bad = SimpleNamespace(main_term=0, weights=0, rank=0, settings=Section())
         plugins.register("scorers", "b", bad)
+
+
+def test_a_script_may_register_a_part_and_fly_it(tmp_path):
+    (tmp_path / "script.py").write_text(
+        MINE
+        + """
+from nbv.config import preset
+from nbv.geometric import run_geometric_mission
+from nbv.plugins import register
+
+register("scorers", "mine-low", LOW)
+config = preset("campaign").with_values({"gate.kind": "mine-low", "stop.adaptive_budget": 2})
+mission = run_geometric_mission(config, "slab")
+print(mission.status, *mission.provenance["plugins"], config.digest())
+"""
+    )
+    runs = [subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True) for _ in "12"]
+    assert runs[0].stdout.startswith("ok scorers/mine-low"), runs[0].stderr
+    assert runs[0].stdout == runs[1].stdout
 
 
 @pytest.mark.parametrize(
