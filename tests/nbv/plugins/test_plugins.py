@@ -183,7 +183,9 @@ mission = run_geometric_mission(config, "slab")
 print(mission.status, *mission.provenance["plugins"], config.digest())
 """
     )
-    runs = [subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True) for _ in "12"]
+    runs = [
+        subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True) for _ in "12"
+    ]
     assert runs[0].stdout.startswith("ok scorers/mine-low"), runs[0].stderr
     assert runs[0].stdout == runs[1].stdout
 
