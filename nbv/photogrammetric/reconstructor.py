@@ -145,8 +145,8 @@ class PhotogrammetricReconstructor(Reconstructor):
     def cloud_key(self) -> str:
         """Digest of all that decides the cloud."""
         config = self._config
-        more = [] if self._half_extents_m is None else [self._half_extents_m]
-        more += sources("dense", config.dense.backend)
+        box = [] if self._half_extents_m is None else [self._half_extents_m]
+        more = (*box, *sources("dense", config.dense.backend))
         return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *more)
 
     def export_sparse(self, directory: Path, images: Path) -> None:

@@ -102,7 +102,7 @@ def write_comparison(
     return document
 
 
-def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], list[tuple[str, ...]]]:
+def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequence[Sequence[str]]]:
     """Return title, head and rows of what each strategy needs for the share."""
     share, score = 100 * document["share"], document["settings"]["score"]
     title = f"Photographs until {share:g} % of the targets have {score:g} %, and their ratio to {document['reference']}"
