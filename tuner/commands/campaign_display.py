@@ -49,7 +49,7 @@ class CampaignProgress(FlightProgress):
             self.load_trial(str(trial.number), mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
             output.print(f"{event.kind}: {event.message}", style="yellow")
-        elif event.kind == "recommendation" and event.recommendation is not None:
+        if event.recommendation is not None:
             self._best = f", best {best_text(event.recommendation)}"
         evaluated, left = event.finished - self._began, event.budget - event.finished
         rest_s = (
@@ -134,6 +134,9 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
         f"({facts.failed} failed, {facts.running} open); "
         f"{duration(facts.mission_wall_s)} of computing"
     )
+    if facts.repeats:
+        repeats = counted(facts.repeats, "mission")
+        output.print(f"{repeats} more took the photographs of an earlier one and used no budget")
     parts = {place: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition

@@ -13,6 +13,7 @@ The default was chosen by hand, not by an outcome: nothing flatters it.
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -278,11 +279,14 @@ def without_outliers(model: InstanceMeanGP) -> tuple[InstanceMeanGP, list[Observ
     """Return the model without missions that contradict all others, and these; at most one in `FEW`.
 
     The mission that is worst predicted by the others is left out where it lies more than `CONTRADICTS` standard deviations from
-    what a model fitted without it says.
+    what a model fitted without it says. Missions in an instance with fewer than ``FEW / 2`` stay: an instance may gain more from
+    a configuration than the others do, and nothing but its own missions tells that from an outlier.
     """
     left_out: list[Observation] = []
-    for _ in range(len(model.observations) // FEW + 1 if len(model.observations) >= FEW // 2 else 0):
-        z = np.abs(model.leave_one_out_z())
+    for _ in range(len(model.observations) // FEW + 1):
+        of_instance = Counter(o.instance for o in model.observations)
+        enough_beside = [of_instance[model.observations[i].instance] >= FEW // 2 for i in model.fitted_to]
+        z = np.where(enough_beside, np.abs(model.leave_one_out_z()), 0.0)
         worst = model.fitted_to[int(z.argmax())]
         if z.max() < SUSPECT:
             break

@@ -113,3 +113,17 @@ def test_numbers_have_the_digits_that_their_spread_deserves(number: float, sprea
 
 def test_a_number_alone_shows_its_first_digits() -> None:
     assert [number_text(x) for x in (94.567, -1e-8, 0.0, 1e12)] == ["94.57", "−1.000e−8", "0.00", "1.000e12"]
+
+
+def test_a_rock_that_gains_more_than_the_others_is_no_outlier() -> None:
+    """Three missions a rock: the default and twice the same change, worth one point on five rocks and 2.4 on the sixth."""
+    rocks = [f"rock-{k}" for k in range(6)]
+    history = [
+        Observation(3 * k + i, {"x": x}, rock, 0, y, y)
+        for k, rock in enumerate(rocks)
+        for i, x in enumerate((0.1, 0.3, 0.30001))
+        for y in [90.0 + k + (i > 0) * (2.4 if k == 5 else 1.0)]
+    ]
+    best = recommend(CampaignData(LINE, history, tuple(rocks), {"x": 0.1}), Goal(Objective("q")))
+    assert best is not None and best.outliers == ()
+    assert best.improvement == pytest.approx((5 * 1.0 + 2.4) / 6, abs=0.2)
