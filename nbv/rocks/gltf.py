@@ -1,8 +1,8 @@
-"""glTF as trimesh reads it right: numbers as they are meant, texture coordinates where the picture lies, a tree of nodes.
+"""glTF rewritten so that trimesh reads it as the standard means it: numbers, texture coordinates, a tree of nodes.
 
 trimesh reads the scene, the buffers, Draco and the pictures. It takes normalised numbers raw and passes over sparse
-accessors, `KHR_texture_transform`, further sets of texture coordinates and colours beside a texture. So its file gets a
-header of ours, whose primitives carry an extension that does this when they are read.
+accessors, `KHR_texture_transform`, further sets of texture coordinates and colours beside a texture. So the file gets a
+new header, whose primitives carry an extension that does this when they are read.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
+import lazy_loader
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.rocks.looks import COLOR, UV, Look, UnusableMesh
+from nbv.rocks.materials import COLOR, UV, Material, UnusableMesh
 from nbv.safe_files import MIB, parse_json, require
 from nbv.types import Floats
 
+trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
 MAX_HEADER_BYTES = 64 * MIB
 MAX_VALUES = 5_000_000
 MAX_NODES = 20_000  # a few seconds
 MAX_ELEMENTS = 200_000_000  # of all accessors, before memory is taken
 _DRACO, _GLOSS = "KHR_draco_mesh_compression", "KHR_materials_pbrSpecularGlossiness"
-OURS = "GATETUNE_as_meant"
+EXTENSION = "GATETUNE_as_meant"
 _READ = {_DRACO, "KHR_texture_transform", "KHR_mesh_quantization", "EXT_texture_webp"}
 _TYPES: dict[int, type[Any]] = {
     5120: np.int8,
@@ -39,8 +41,8 @@ _TYPES: dict[int, type[Any]] = {
 _WRAP = {33071: "clamp", 33648: "mirror"}
 
 
-def as_meant(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict[str, Look]]:
-    """The file with a header that trimesh reads as glTF 2.0 means it, and what its materials look like.
+def rewritten_gltf(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict[str, Material]]:
+    """The file with a header that trimesh reads as glTF 2.0 means it, and its materials by number.
 
     `UnusableMesh` where it is no glTF, or needs what is not read; `UserError` where it is too large, or its decoder is not
     installed.
@@ -50,7 +52,7 @@ def as_meant(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict
     require(end - start, MAX_HEADER_BYTES, f"the size of the header of {source} in bytes")
     try:
         header = parse_json(content[start:end].decode("utf-8-sig"), source, MAX_VALUES)
-        looks = _rewrite(header, source, notes)
+        materials = _rewrite(header, source, notes)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
         raise UnusableMesh(
             f"is no valid glTF 2.0 ({type(error).__name__}: {error}); export it again"
@@ -58,12 +60,12 @@ def as_meant(content: bytes, source: str, notes: list[str]) -> tuple[bytes, dict
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     if not binary:
-        return text, looks
+        return text, materials
     sizes = struct.pack("<II", 20 + len(text) + len(content) - end, len(text))
-    return content[:8] + sizes + content[16:20] + text + content[end:], looks
+    return content[:8] + sizes + content[16:20] + text + content[end:], materials
 
 
-def _rewrite(header: dict[str, Any], source: str, notes: list[str]) -> dict[str, Look]:
+def _rewrite(header: dict[str, Any], source: str, notes: list[str]) -> dict[str, Material]:
     needed = set(header.get("extensionsRequired", ()))
     views, accessors = header.get("bufferViews", ()), header.get("accessors", [])
     primitives = [p for mesh in header.get("meshes", ()) for p in mesh["primitives"]]
@@ -95,10 +97,10 @@ def _rewrite(header: dict[str, Any], source: str, notes: list[str]) -> dict[str,
         texture, factor = bases[p["material"]] if "material" in p else (None, None)
         indices = [*p["attributes"].values(), *([p["indices"]] if "indices" in p else [])]
         told = {str(i): accessors[i] for i in indices}
-        ours = {OURS: {"accessors": told, "texture": texture, "factor": factor}}
-        p["extensions"] = {k: v for k, v in p.get("extensions", {}).items() if k == _DRACO} | ours
+        extension = {EXTENSION: {"accessors": told, "texture": texture, "factor": factor}}
+        p["extensions"] = {k: v for k, v in p.get("extensions", {}).items() if k == _DRACO} | extension
     _register()
-    return {str(i): _look(header, texture) for i, (texture, _) in enumerate(bases)}
+    return {str(i): _material(header, texture) for i, (texture, _) in enumerate(bases)}
 
 
 def _base_color(material: dict[str, Any]) -> tuple[dict[str, Any] | None, list[float] | None]:
@@ -127,27 +129,25 @@ def _check_tree(header: dict[str, Any], source: str) -> None:
         waiting += nodes[index].get("children", ())
 
 
-def _look(header: dict[str, Any], texture: Mapping[str, Any] | None) -> Look:
+def _material(header: dict[str, Any], texture: Mapping[str, Any] | None) -> Material:
     if texture is None:
-        return Look()
+        return Material()
     found = header["textures"][texture["index"]]
     sampler = header["samplers"][found["sampler"]] if "sampler" in found else {}
     index = found.get("extensions", {}).get("EXT_texture_webp", found).get("source")
     image = {} if index is None else header["images"][index]
     uri = "" if image.get("uri", "").startswith("data:") else image.get("uri", "")
     label = uri[:60] or image.get("mimeType") or "of an unknown kind"
-    return Look(label, wrap=tuple(_WRAP.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT")))
+    return Material(label, wrap=tuple(_WRAP.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT")))
 
 
 @functools.cache
 def _register() -> None:
-    from trimesh.exchange.gltf.extensions import register_handler  # noqa: PLC0415  half a second to load
-
-    register_handler(OURS, "primitive_preprocess")(_as_meant_primitive)
+    trimesh.exchange.gltf.extensions.register_handler(EXTENSION, "primitive_preprocess")(_read_primitive)
 
 
-def _as_meant_primitive(context: dict[str, Any]) -> None:
-    """Give a primitive its points as numbers, its linear colours and its texture coordinates, as attributes of our own."""
+def _read_primitive(context: dict[str, Any]) -> None:
+    """Give a primitive its points as numbers, its linear colours and its texture coordinates, as attributes of its own."""
     primitive, arrays, data = context["primitive"], context["accessors"], context["data"]
     attributes = primitive["attributes"]
 

@@ -6,16 +6,17 @@ import re
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
+import lazy_loader
 import numpy as np
 
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.looks import UnusableMesh
-from nbv.rocks.mesh_file import GLTF, Soup, read_mesh_file
+from nbv.rocks.materials import UnusableMesh
+from nbv.rocks.mesh_file import GLTF, FileMesh, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
 from nbv.safe_files import expanded
@@ -23,6 +24,7 @@ from nbv.types import Floats
 
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
+trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
 MAX_REACH_M = 3.0  # viewpoints are 3.5 m from the target
@@ -65,24 +67,22 @@ def import_mesh(
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     notes: list[str] = []
-    soup, _ = _placed(path, height_m, up, notes)
-    area_m2 = float(meshes.face_areas(soup.values[:, :3], soup.faces).sum())
+    mesh, _ = _placed(path, height_m, up, notes)
+    area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
     if max_edge_m > MAX_EDGE_M:
         notes.append(f"{area_m2:.0f} m2 of surface: subdivided to {max_edge_m * 1e3:.0f} mm only")
-    from trimesh.remesh import subdivide_to_size  # noqa: PLC0415  half a second to load
-
     # Both faces at an edge are split together: what is watertight stays so. What vertices carry is averaged.
-    values, faces = subdivide_to_size(soup.values, soup.faces, max_edge_m, max_iter=60)
-    if len(faces) > len(soup.faces):
-        notes.append(f"subdivided from {len(soup.faces)} to {len(faces)} faces; the surface is unchanged")
-    colors = _own_colors(soup, values, 0.6 * max_edge_m, notes)
+    values, faces = trimesh.remesh.subdivide_to_size(mesh.values, mesh.faces, max_edge_m, max_iter=60)
+    if len(faces) > len(mesh.faces):
+        notes.append(f"subdivided from {len(mesh.faces)} to {len(faces)} faces; the surface is unchanged")
+    colors = _own_colors(mesh, values, 0.6 * max_edge_m, notes)
     vertices, welded = np.unique(values[:, :3], axis=0, return_inverse=True)
     welded = welded.reshape(-1)
     faces = welded[faces]
     if colors is not None and colors.std(0).max() > ONE_COLOR:
-        own = "texture" if soup.textures else "colours"
+        own = "texture" if mesh.textures else "colours"
         linear = own == "colours" and path.suffix.lower() in GLTF
         notes.append(
             f"albedo: the mesh's own {own}, {'linear in glTF' if linear else 'converted from sRGB to linear'}"
@@ -94,10 +94,10 @@ def import_mesh(
         if any(note.startswith("not read") for note in notes):
             why = "the mesh's own was not read"
         notes.append(f"albedo: procedural, since {why}")
-        coarse = np.unique(soup.values[:, :3], axis=0)
+        coarse = np.unique(mesh.values[:, :3], axis=0)
         seed = zlib.crc32(np.round(coarse * 1e4).astype("<i8").tobytes()) & 0xFFFF
         albedo = procedural_albedo(vertices, meshes.vertex_normals(vertices, faces), seed)
-    overhanging = overhanging_share(soup.values[:, :3], soup.faces)
+    overhanging = overhanging_share(trimesh.Trimesh(mesh.values[:, :3], mesh.faces, process=False))
     return make_rock(
         name or re.sub(r"[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:64] or "rock",
         vertices,
@@ -114,24 +114,26 @@ def frame_of_file(path: str | Path) -> Similarity:
     return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", [])[1]
 
 
-def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
+def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[FileMesh, Similarity]:
     """The file's largest body upright on the ground, and how it got there."""
     if not path.is_file():
         raise UserError(f"there is no mesh file {str(path)!r}; check the path")
     try:
-        soup = _clean(read_mesh_file(path, notes), notes)
-        return _upright(soup, path, height_m, up, notes)
+        mesh = _clean(read_mesh_file(path, notes), notes)
+        return _upright(mesh, path, height_m, up, notes)
     except UnusableMesh as error:
         raise UserError(f"mesh file {str(path)!r} {error}") from error
 
 
-def _upright(soup: Soup, path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
+def _upright(
+    mesh: FileMesh, path: Path, height_m: float, up: Up, notes: list[str]
+) -> tuple[FileMesh, Similarity]:
     axis: str = up
     if up == "auto":
         axis = "y" if path.suffix.lower() in GLTF else "z"
     if axis != "z":
         notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
-    turned = soup.values[:, :3] @ _UP[axis].T
+    turned = mesh.values[:, :3] @ _UP[axis].T
     extents = np.ptp(turned, axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(turned.T)), 0))
     if spread[0] < 1e-4 * spread[2] or extents[2] < 1e-4 * extents.max():
@@ -148,14 +150,12 @@ def _upright(soup: Soup, path: Path, height_m: float, up: Up, notes: list[str]) 
     if sideways_m > 1.5:
         notes.append(f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
     frame = Similarity(scale, _UP[axis], placed[0] - scale * turned[0])
-    return replace(soup, values=np.hstack([placed, soup.values[:, 3:]])), frame
+    return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]])), frame
 
 
-def _clean(soup: Soup, notes: list[str]) -> Soup:
+def _clean(mesh: FileMesh, notes: list[str]) -> FileMesh:
     """Put duplicate vertices in one place, drop collapsed and repeated faces and all but the largest body, turn it outward."""
-    import trimesh  # noqa: PLC0415  half a second to load
-
-    values, faces = soup.values, soup.faces
+    values, faces = mesh.values, mesh.faces
     low, size = values[:, :3].min(axis=0), float(np.ptp(values[:, :3], axis=0).max())
     if size <= 0:
         raise UnusableMesh("has no extent: all vertices coincide")
@@ -179,13 +179,15 @@ def _clean(soup: Soup, notes: list[str]) -> Soup:
         good[np.flatnonzero(good)[labels != np.argmax(areas)]] = False
     body.update_faces(good)
     body.remove_unreferenced_vertices()
-    _check_step(soup.step, body.vertices, notes)
+    _check_step(mesh.step, body.vertices, notes)
     if not body.is_watertight:
         notes.append("not watertight")
     wound = body.faces.copy()
     if not body.is_winding_consistent:
         trimesh.repair.fix_winding(body)
-    if meshes.signed_volume(body.vertices, body.faces) < 0:
+    if (
+        trimesh.Trimesh(body.vertices - body.centroid, body.faces, process=False).volume < 0
+    ):  # it may have holes
         body.invert()
     faces = faces[good]
     turned = (body.faces != wound).any(axis=1)
@@ -193,7 +195,7 @@ def _clean(soup: Soup, notes: list[str]) -> Soup:
         notes.append(f"turned {turned.sum()} faces that were inside out or wound against their neighbours")
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
     values, faces = meshes.drop_unused_vertices(values, faces)
-    return replace(soup, values=values, faces=faces)
+    return replace(mesh, values=values, faces=faces)
 
 
 def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
@@ -209,14 +211,14 @@ def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
         notes.append(f"has {told}")
 
 
-def _own_colors(soup: Soup, values: Floats, spacing_m: float, notes: list[str]) -> Floats | None:
+def _own_colors(mesh: FileMesh, values: Floats, spacing_m: float, notes: list[str]) -> Floats | None:
     """(V, 3) linear colours of the subdivided mesh's vertices ``spacing_m`` apart; None if nothing has a colour."""
     kinds, colors = values[:, 8].astype(int), values[:, 3:6].copy()
-    for index, (image, wrap) in enumerate(soup.textures):
-        faces = soup.faces[soup.values[soup.faces[:, 0], 8] == index]
+    for index, (image, wrap) in enumerate(mesh.textures):
+        faces = mesh.faces[mesh.values[mesh.faces[:, 0], 8] == index]
         if len(faces):
-            corner_uv = soup.values[faces][..., 6:8]
-            area_m2 = float(meshes.face_areas(soup.values[:, :3], faces).sum())
+            corner_uv = mesh.values[faces][..., 6:8]
+            area_m2 = float(meshes.face_areas(mesh.values[:, :3], faces).sum())
             shrunk = shrink(fill_gutters(image, corner_uv), spacing_m / texel_side(image, corner_uv, area_m2))
             colors[kinds == index] *= sample(shrunk, values[kinds == index, 6:8], wrap)
     known = np.isfinite(colors).all(axis=1)

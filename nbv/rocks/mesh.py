@@ -1,4 +1,4 @@
-"""Plain operations on triangle meshes: areas, normals, bodies, placement."""
+"""What trimesh does otherwise, or too slowly: normals weighted by area, bodies joined by any edge, placement."""
 
 from __future__ import annotations
 
@@ -14,20 +14,10 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
     return 0.5 * np.asarray(np.linalg.norm(_weighted_normals(vertices, faces), axis=1))
 
 
-def face_normals(vertices: Floats, faces: Ints) -> Floats:
-    """(F, 3) unit normals; zero for a face without area."""
-    return _unit(_weighted_normals(vertices, faces))
-
-
 def _weighted_normals(vertices: Floats, faces: Ints) -> Floats:
     """(F, 3) normals twice as long as the faces' areas."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return np.cross(b - a, c - a)
-
-
-def _unit(vectors: Floats) -> Floats:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
 
 def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
@@ -37,32 +27,15 @@ def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     for axis in range(3):
         for corner in range(3):
             out[:, axis] += np.bincount(faces[:, corner], weights=weighted[:, axis], minlength=len(vertices))
-    return _unit(out)
-
-
-def signed_volume(vertices: Floats, faces: Ints) -> float:
-    """Enclosed volume, positive if faces wind counter-clockwise seen from outside.
-
-    For a mesh with small holes this is the volume with each hole closed towards the centroid.
-    """
-    a, b, c = (vertices[faces[:, i]] - vertices.mean(0) for i in range(3))
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
-
-
-def _edge_keys(faces: Ints) -> Ints:
-    """(3F,) one integer per undirected edge of each face: edges 01, 12, 20 of all faces in turn."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)  # (F, 3, 2)
-    return (edges[..., 0] * (int(faces.max(initial=0)) + 1) + edges[..., 1]).ravel()
-
-
-def edge_face_counts(faces: Ints) -> Ints:
-    """(E,) number of faces at each distinct undirected edge."""
-    return np.unique(_edge_keys(faces), return_counts=True)[1]
+    lengths = np.linalg.norm(out, axis=1, keepdims=True)
+    return np.divide(out, lengths, out=np.zeros_like(out), where=lengths > 0)
 
 
 def body_labels(faces: Ints) -> Ints:
     """(F,) a label per face; faces that share an edge (also a non-manifold one) share a label."""
-    _, edge_ids = np.unique(_edge_keys(faces), return_inverse=True)
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)  # (F, 3, 2)
+    keys = (edges[..., 0] * (int(faces.max(initial=0)) + 1) + edges[..., 1]).ravel()
+    _, edge_ids = np.unique(keys, return_inverse=True)
     face_ids = np.repeat(np.arange(len(faces)), 3)
     n = len(faces)
     rows, columns = face_ids, n + edge_ids

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
+import lazy_loader
 import numpy as np
 
-from nbv.rocks.mesh import edge_face_counts, face_areas, face_normals, signed_volume
 from nbv.types import Floats, Floats32, Ints
 
+trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands describe no rock
 Split = Literal["train", "validation", "held-out", "extra"]
 SPLITS: tuple[Split, ...] = get_args(Split)
 RockSource = Literal["procedural", "imported", "photographs"]
@@ -101,32 +102,29 @@ def make_rock(
     return Rock(name, vertices_m, faces, albedo, split, difficulty, sha256, notes)
 
 
-def overhanging_share(vertices_m: Floats, faces: Ints) -> float:
-    """Share of the area of a mesh on the ground that leans over by more than 10 degrees, clear of the ground."""
-    areas = face_areas(vertices_m, faces)
-    leaning = face_normals(vertices_m, faces)[:, 2] < -np.sin(np.deg2rad(OVERHANG_ANGLE_DEG))
-    clear = vertices_m[faces][:, :, 2].mean(1) > CONTACT_BAND_M
-    return float(areas[leaning & clear].sum() / areas.sum())
+def overhanging_share(mesh: Any) -> float:
+    """Share of the area of a trimesh mesh on the ground that leans over by more than 10 degrees, clear of the ground."""
+    leaning = mesh.face_normals[:, 2] < -np.sin(np.deg2rad(OVERHANG_ANGLE_DEG))
+    clear = mesh.triangles_center[:, 2] > CONTACT_BAND_M
+    return float(mesh.area_faces[leaning & clear].sum() / mesh.area)
 
 
 def describe(rock: Rock) -> RockFacts:
     """Facts about the rock's shape and albedo."""
-    corners = rock.vertices_m[rock.faces]
-    counts = edge_face_counts(rock.faces)
-    boundary, non_manifold = int((counts == 1).sum()), int((counts > 2).sum())
-    extents = rock.vertices_m.max(0) - rock.vertices_m.min(0)
+    mesh = trimesh.Trimesh(rock.vertices_m, rock.faces, process=False)
+    faces_at_edge = np.bincount(mesh.edges_unique_inverse)
+    boundary = int((faces_at_edge == 1).sum())
     grey = rock.albedo.mean(1)
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return RockFacts(
-        extents_m=(float(extents[0]), float(extents[1]), float(extents[2])),
+        extents_m=tuple(mesh.extents.tolist()),
         vertices=len(rock.vertices_m),
         faces=len(rock.faces),
-        mean_edge_m=float(edges.mean()),
-        area_m2=float(face_areas(rock.vertices_m, rock.faces).sum()),
-        volume_m3=float(signed_volume(rock.vertices_m, rock.faces)) if boundary == 0 else None,
+        mean_edge_m=float(mesh.edges_unique_length.mean()),
+        area_m2=float(mesh.area),
+        volume_m3=float(mesh.volume) if boundary == 0 else None,
         boundary_edges=boundary,
-        non_manifold_edges=non_manifold,
-        overhang_fraction=overhanging_share(rock.vertices_m, rock.faces),
-        mean_albedo=tuple(float(c) for c in rock.albedo.mean(0)),  # type: ignore[arg-type]
+        non_manifold_edges=int((faces_at_edge > 2).sum()),
+        overhang_fraction=overhanging_share(mesh),
+        mean_albedo=tuple(rock.albedo.mean(0).tolist()),
         albedo_contrast=float(grey.std() / max(float(grey.mean()), 1e-9)),
     )

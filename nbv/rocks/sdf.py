@@ -7,17 +7,14 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from nbv.types import Floats
 
 
 def rotation(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Floats:
     """(3, 3) rotation: about x by roll, then y by pitch, then z by yaw."""
-    a, b, c = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
-    rx = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-    ry = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    rz = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
-    return rz @ ry @ rx
+    return np.asarray(Rotation.from_euler("xyz", [roll_deg, pitch_deg, yaw_deg], degrees=True).as_matrix())
 
 
 def _about(points: Floats, center: Sequence[float], turn: Floats | None) -> Floats:

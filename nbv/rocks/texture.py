@@ -74,7 +74,7 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
 
 
 def sample(image: Linear, uv: Floats, wrap: Sequence[str] = ("repeat", "repeat")) -> Linear:
-    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row; beyond 0 to 1 as `Look` has it."""
+    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row; beyond 0 to 1 as `Material` has it."""
     height, width = image.shape[:2]
     beyond = {
         "clamp": lambda x: np.clip(x, 0, 1),

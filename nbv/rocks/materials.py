@@ -1,4 +1,4 @@
-"""What a mesh file's materials look like, and the materials of OBJ and PLY files, of which trimesh reads the plain ones only."""
+"""Materials of mesh files; those of OBJ and PLY files are read here, since trimesh reads the plain ones only."""
 
 from __future__ import annotations
 
@@ -14,14 +14,11 @@ from PIL import Image, UnidentifiedImageError
 from nbv.safe_files import require
 from nbv.types import Floats
 
-COLOR, UV = (
-    "_gatetune_color",
-    "_gatetune_uv",
-)  # attributes of vertices: linear colours (V, 3), coordinates (V, 2)
+# Attributes of vertices: linear colours (V, 3) and texture coordinates (V, 2).
+COLOR, UV = "_gatetune_color", "_gatetune_uv"
 MAX_MATERIALS = 10_000
-_NO_MATTER = re.compile(
-    r"(-(blendu|blendv|cc|clamp|imfchan|texres|bm|boost)\s+\S+\s+)+", re.I
-)  # before map_Kd's file
+# Options before map_Kd's file that do not change a colour's place.
+_HARMLESS = re.compile(r"(-(blendu|blendv|cc|clamp|imfchan|texres|bm|boost)\s+\S+\s+)+", re.I)
 
 Files = Callable[[str], bytes]
 
@@ -31,7 +28,7 @@ class UnusableMesh(Exception):
 
 
 @dataclass(frozen=True)
-class Look:
+class Material:
     """One material."""
 
     label: str = ""  # of its picture, "" where it has none
@@ -40,22 +37,22 @@ class Look:
     wrap: tuple[str, ...] = ("repeat", "repeat")  # beyond 0 to 1, of u and v: repeat, mirror or clamp
 
 
-def open_image(files: Files, name: str, notes: list[str]) -> Look:
+def open_image(files: Files, name: str, notes: list[str]) -> Material:
     """The picture called ``name`` of the mesh's; a note where it cannot be opened."""
     try:
-        return Look(name, Image.open(io.BytesIO(files(name))))
+        return Material(name, Image.open(io.BytesIO(files(name))))
     except Exception as error:  # what Pillow raises depends on the file
         told = (
             "no picture" if isinstance(error, UnidentifiedImageError) else " ".join(str(error).split())[:100]
         )
         notes.append(f"not read: texture {name!r} ({told})")
-        return Look()
+        return Material()
 
 
-def plain_obj(
+def rewritten_obj(
     content: bytes, files: Files, notes: list[str]
-) -> tuple[bytes, dict[str, bytes], dict[str, Look]]:
-    """An OBJ file whose materials are called by number, the MTL file with those, and what they look like.
+) -> tuple[bytes, dict[str, bytes], dict[str, Material]]:
+    """The OBJ file with materials called by number, an MTL file with those numbers, and the materials by number.
 
     Names of materials are taken in another letter case where there is just one; a file whose faces name none has the only
     one of its MTL. Colours of vertices go before those of materials, textures before both.
@@ -75,14 +72,14 @@ def plain_obj(
             known |= _read_mtl(files(name))
         except Exception as error:
             notes.append(f"not read: materials {name!r} ({' '.join(str(error).split())[:100]})")
-    looks = {}
+    found = {}
     for called, number in numbers.items():
         same = _named(_text(called), bool(names), known, ", ".join(libraries), notes)
-        if same is not None and (look := _mtl_look(same, files, notes)) != Look():
-            looks[number] = look
-    textured = any(look.label for look in looks.values())
+        if same is not None and (material := _mtl_material(same, files, notes)) != Material():
+            found[number] = material
+    textured = any(material.label for material in found.values())
     if not textured and re.search(rb"^v([ \t]+[^ \t\r\n]+){6}[ \t\r]*$", content, re.M):
-        looks = {}
+        found = {}
         if re.search(rb"^v([ \t]+\S+){3}.*[ \t]([2-9]|\d\d+)(\.\d*)?(?=\s)", content, re.M):
             notes.append("colours of vertices go beyond 1: taken as parts of 255")
             content = re.sub(
@@ -99,8 +96,8 @@ def plain_obj(
         content,
         flags=re.M,
     )
-    mtl = "".join(f"newmtl {number}\nillum 1\n" for number in looks)
-    return b"mtllib plain.mtl\nusemtl 0\n" + content, {"plain.mtl": mtl.encode()}, looks
+    mtl = "".join(f"newmtl {number}\nillum 1\n" for number in found)
+    return b"mtllib plain.mtl\nusemtl 0\n" + content, {"plain.mtl": mtl.encode()}, found
 
 
 def _named(
@@ -134,19 +131,19 @@ def _read_mtl(content: bytes) -> dict[str, dict[str, str]]:
     return found
 
 
-def _mtl_look(material: dict[str, str], files: Files, notes: list[str]) -> Look:
-    if picture := _NO_MATTER.sub("", material.get("map_kd", "")):
+def _mtl_material(material: dict[str, str], files: Files, notes: list[str]) -> Material:
+    if picture := _HARMLESS.sub("", material.get("map_kd", "")):
         if picture.startswith("-"):
             notes.append(f"not read: texture with options (map_Kd {picture[:60]})")
-            return Look()
+            return Material()
         return open_image(files, picture.strip('"'), notes)
     try:
-        return Look(color=tuple(float(c) for c in material.get("kd", "").split()[:3])[:3] or None)
+        return Material(color=tuple(float(c) for c in material.get("kd", "").split()[:3])[:3] or None)
     except ValueError:
-        return Look()
+        return Material()
 
 
-def ply_pictures(content: bytes) -> list[str]:
+def ply_images(content: bytes) -> list[str]:
     """Names of the pictures that a PLY file's header names."""
     header = content[: content.find(b"end_header")]
     return [
