@@ -20,12 +20,12 @@ from nbv.errors import UserError
 from research.paired_cells import difference_text, markdown_table
 from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.console import rock_arguments
-from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import MetricRow, strategy_difference, strategy_interval
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
+from tuner.problem.baselines import baseline
 
 LOW = {"pool.max_altitude_m": 1.5}  # the 10 degree ring alone
 NO_NOVELTY = {"covis.weights.nov": 0.0, "b_aware.weights.nov": 0.0}

@@ -16,11 +16,11 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
-from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES
 from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import EvaluationRun, place_for, run_evaluation
 from tuner.missions.executors import local_executor
+from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 from tuner.report.records import records_of
 
 if TYPE_CHECKING:

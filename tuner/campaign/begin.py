@@ -20,7 +20,6 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.campaign.transfer import learn_from
-from tuner.missions.external.program import trust
 from tuner.missions.long_runs import exclusive
 
 
@@ -70,8 +69,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
                 with contextlib.suppress(OSError):  # not empty: somebody else's
                     directory.rmdir()
             raise
-        if settings.mission is not None:
-            trust(identity, settings.mission)
+        settings.problem.trust(identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger, identity)

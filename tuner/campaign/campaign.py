@@ -17,16 +17,16 @@ import collections
 import contextlib
 import functools
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger
-from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -35,13 +35,13 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
     with_mission_file,
 )
-from tuner.missions.external.program import require_trusted, trust
 from tuner.missions.job import Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
+from tuner.problem.problem import Making
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, make_sampler
@@ -166,16 +166,14 @@ class Campaign:
         return campaign
 
     def allow_program(self, *, named: bool, unchanged: bool = True) -> None:
-        """Before a mission file's program runs, raise `UserError` where neither the caller ``named`` it nor the user began this here.
+        """Raise `UserError` where neither the caller ``named`` the program of the missions nor the user began this here.
 
         ``unchanged``: nor where the program is another one by now; a session asks about that itself.
         """
-        if self.settings.mission is None:
-            return
         if named:
-            trust(self.identity, self.settings.mission)
+            self.settings.problem.trust(self.identity)
         else:
-            require_trusted(self.identity, self.settings.mission, program=unchanged)
+            self.settings.problem.require_trusted(self.identity, unchanged=unchanged)
 
     # -- looking ---------------------------------------------------------------------------------------------
 
@@ -306,15 +304,17 @@ class Campaign:
             running.append(in_flight(asked, history, running, proposal))
         return ask_many(self._sampler, asked, history, running, count)
 
-    def unseen_rocks(self, rocks: Sequence[str] | None, making: Making = nullcontext) -> tuple[str, ...]:
-        """Look up ``rocks``, or the held-out procedural ones, and return them.
+    def unseen(
+        self, rocks: Sequence[str] | None, replicates: int = 1, making: Making = nullcontext
+    ) -> tuple[tuple[str, ...], int]:
+        """Look up ``rocks``, or the held-out instances, and return them and the replicates with which they are evaluated.
 
         Raises
         ------
         UserError
-            A rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
+            A rock that the campaign, or one that it learned from, was tuned on; as `Problem.evaluated_on`.
         """
-        chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
+        chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates, making)
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
         seen |= {self.settings.rock_evaluated(t.rock, t.replicate) for t in self.trials()}
         for rock in chosen:
@@ -323,7 +323,16 @@ class Campaign:
                     f"rock {rock!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
                     "on rocks that neither has seen"
                 )
-        return chosen
+        return chosen, replicates
+
+    def photographs_taken(self, values: Mapping[str, Any]) -> int | None:
+        """Return how many photographs missions at ``values`` took, mean rounded up; None where none is known."""
+        numbers = [
+            taken
+            for t in self.trials()
+            if dict(t.values) == dict(values) and (taken := t.costs.get("images")) is not None
+        ]
+        return math.ceil(sum(numbers) / len(numbers)) if numbers else None
 
     def recommended_config(self) -> Configuration:
         """Return the recommendation as a complete mission configuration, under no condition; raises as `recommended`."""

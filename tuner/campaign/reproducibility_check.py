@@ -6,14 +6,11 @@ from the last trial of its kind the session stops and asks, so that no ledger mi
 
 from __future__ import annotations
 
-import hashlib
-
 from nbv import plugins
 from nbv.cache import digest
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
-from tuner.missions.registry import code_of
 from tuner.problem.instances import family_of
 
 ACCEPT = "--accept-changes"
@@ -25,9 +22,8 @@ class ReproducibilityCheck:
     def __init__(self, campaign: Campaign, *, accept: bool) -> None:
         self._directory, self._accept = campaign.directory, accept
         self._rocks: dict[str, tuple[str, int]] = {}
-        self.code, mission = code_of(campaign.settings.fidelity), campaign.settings.mission
-        if mission is not None:
-            self.code = hashlib.sha256(f"{self.code} {mission.program}".encode()).hexdigest()[:32]
+        problem = campaign.settings.problem
+        self.code = problem.code()
         if of_plugins := plugins.used():
             self.code = digest(self.code, of_plugins)
         if accept:
@@ -35,8 +31,7 @@ class ReproducibilityCheck:
         trials = campaign.trials()
         known = [t for t in trials if t.code]
         if known and known[-1].code != self.code:
-            what = "code" if mission is None else "program"
-            self._ask(f"the {what} of its missions changed after trial {known[-1].number}")
+            self._ask(f"the {problem.code_word} of its missions changed after trial {known[-1].number}")
         for trial in trials:
             self._remember(trial, trial.rock_sha256)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from nbv.cache import Store
@@ -11,12 +11,10 @@ from nbv.errors import UserError
 from nbv.rocks import list_rocks, load_coarse_rock
 from nbv.safe_files import is_file
 from tuner.problem.instances import family_of
+from tuner.problem.problem import Making
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 QUICK_HELD_OUT = ["arch", "fin"]
-
-
-Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock is made
 
 
 def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[str]:

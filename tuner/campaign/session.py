@@ -20,11 +20,9 @@ from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.reproducibility_check import ReproducibilityCheck
 from tuner.campaign.simplify import simplified
 from tuner.missions.executors import Executor
-from tuner.missions.external.program import trust
 from tuner.missions.job import MissionJob, Trial, load_trial, repeated
 from tuner.missions.long_runs import Stop, long_run
 from tuner.missions.run_jobs import run_jobs
-from tuner.problem.objective import dotted
 from tuner.problem.observations import Proposal, configuration_key, next_block
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
@@ -116,10 +114,10 @@ class _Session:
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
         self._simplified = collections.deque[Proposal]()
-        finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
+        finished = campaign.status().finished >= campaign.settings.budget
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
-        if mission is not None and not finished:
-            trust(campaign.identity, mission)
+        if not finished:
+            campaign.settings.problem.trust(campaign.identity)
         self.prefetch = ProposalPrefetch(campaign)
 
     def run(self, stop: Stop) -> CampaignSummary:
@@ -335,26 +333,19 @@ class _Session:
             self._last_infrastructure_failure = self._last_failure
             self._emit("lost", trial, message=f"{ended.reason}: {ended.message}")
             return None
-        self._require_metric(ended)
+        self._require_measured(ended)
         return self._enter(trial, ended)
 
     def _note_failure(self, trial: Trial) -> None:
         self._failures_in_row += 1
         self._last_failure = f"{trial.reason!r}" + (f" ({trial.message})" if trial.message else "")
 
-    def _require_metric(self, ended: Trial) -> None:
-        """Raise `UserError` where the first missions of a mission file end well without the objective's metric."""
+    def _require_measured(self, ended: Trial) -> None:
+        """Raise `UserError` where the first missions end well without a metric that they are tuned for."""
         s = self._settings
-        if s.mission is None or ended.status == "failed":
-            return
-        # A parameter counts as a cost: see `Trial.measurements`.
-        measured = {**ended.metrics, "costs": {**dict.fromkeys(s.space.paths, 0.0), **ended.costs}}
-        missing = [o.metric for o in (s.objective, s.second) if o is not None and o.measure(measured) is None]
-        if missing and not any(t.state == "complete" for t in self._ledger.trials()):
-            there = ", ".join(dotted({**ended.metrics, "costs": ended.costs})) or "none"
-            raise UserError(
-                f"{s.mission.path}: a mission ended without metric {missing[0]!r}, which it is tuned for; it has {there}"
-            )
+        if ended.status != "failed" and not any(t.state == "complete" for t in self._ledger.trials()):
+            objectives = [o for o in (s.objective, s.second) if o is not None]
+            s.problem.require_measured(objectives, {**ended.metrics, "costs": ended.costs})
 
     def _enter(self, trial: Trial, ended: Trial) -> Trial:
         self._reproducibility.require(trial, ended.rock_sha256)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,33 +14,31 @@ from nbv.config import (
     IDEAL_CONDITION,
     PRESETS,
     Condition,
-    MissionConfig,
     condition_from_dict,
     load_conditions,
-    preset,
     require_distinct,
-    under,
 )
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.rock_choice import training_rocks
+from tuner.campaign.rock_problem import RockProblem
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
-from tuner.missions.external.mission_file import MissionFile, external_config, load_mission_file
+from tuner.missions.external.mission_file import MissionFile, load_mission_file
+from tuner.missions.external.problem import MissionFileProblem
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
-from tuner.problem.deterministic_metrics import DeterministicMetrics, deterministic_metric
+from tuner.problem.deterministic_metrics import DeterministicMetrics
 from tuner.problem.instances import (
     Instance,
     are_drawn,
     instances_over,
     require_rocks,
     training_rock,
-    with_families,
 )
-from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of, require_share
+from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
-from tuner.problem.search_space import Configuration, SearchSpace, Values, builtin
-from tuner.problem.share import rocks_that_show
+from tuner.problem.problem import Problem
+from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.samplers.base import SAMPLERS
 from tuner.samplers.design import initial_design_size
@@ -255,8 +251,6 @@ class CampaignSettings(Section):
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         require_rocks(self.rocks)
         require_distinct(self.conditions)
-        if self.mission is None:
-            with_families(self.rocks)
         if twice := set(self.compare_on) & set(self.rocks):
             raise UserError(
                 f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
@@ -273,20 +267,17 @@ class CampaignSettings(Section):
             raise UserError(
                 "the fidelity external and a mission file belong together; name one with --mission"
             )
+        self.problem.check_instances(self.rocks)
         if self.mission is None:
             return
-        builtin = {"overrides": self.overrides, "conditions": self.conditions != (IDEAL_CONDITION,)}
-        for what, given in builtin.items():
+        for what, given in {
+            "overrides": self.overrides,
+            "conditions": self.conditions != (IDEAL_CONDITION,),
+        }.items():
             if given:
-                raise UserError(f"{what} are of our own missions; with a mission file leave them out")
+                raise UserError(f"{what} are of missions over rocks; with a mission file leave them out")
         if self.space != self.mission.space:
             raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
-        for rock in self.rocks:
-            if rock not in self.mission.instances:
-                held = rock in self.mission.held_out
-                why = "is held out: it may not be tuned on" if held else "is no instance"
-                names = ", ".join(self.mission.instances)
-                raise UserError(f"{rock!r} {why}; {self.mission.path} has {names} to tune on")
 
     def _check_conditions(self) -> None:
         own = {
@@ -321,47 +312,14 @@ class CampaignSettings(Section):
                 else "a limit is of a second objective"
             )
             raise UserError(f"{missing}; write both as --objective f_score@photographs<=21")
-        if self.limit is None or self.second is None:
-            return
-        if self.second.is_share:
-            self._check_share(self.limit / 100.0)
-        counted = (
-            self.second.metric in COUNTS and self.second.direction == "minimise" and self.mission is None
-        )
-        if counted and self.limit < (least := self._fewest_photographs()):
-            raise UserError(
-                f"the limit of {self.limit:g} photographs is below the {least} that every configuration here takes; raise it, "
-                "or tune or --set the seed phase or stop.adaptive_budget"
-            )
-
-    def _check_share(self, share: float) -> None:
-        require_share(share, "the limit")
-        # So many rocks must reach it, and none fail, before anybody may believe it (`tuner.problem.share`).
-        needed = rocks_that_show(share)
-        if self.mission is None and not self.draws_rocks and len(self.rocks) < needed:
-            raise UserError(
-                f"{len(self.rocks)} rocks cannot show what {100 * share:g} % of rocks reach, {needed} can; let them be drawn, "
-                "with --rock any, or any-FAMILY"
-            )
-
-    def _fewest_photographs(self) -> int:
-        """Return the least number at the ends of what is tuned of the seed phase and of the stopping rule."""
-        tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
-        default, found = self.default_values(), list[int]()
-        for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
-            with contextlib.suppress(UserError):  # ends that exclude one another
-                config = builtin(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
-                found.append(config.seed.total + (0 if config.stop.may_end_early else config.adaptive_budget))
-        return min(found, default=0)
+        if self.limit is not None and self.second is not None:
+            self.problem.check_limit(self.second, self.limit)
 
     @functools.cached_property
     def exact(self) -> DeterministicMetrics:
         """Which objectives the configuration decides, as far as no mission contradicts it (`Exact.agreed`)."""
-        found = [
-            None if o is None else deterministic_metric(self.space, self.config, self.default_values(), o)
-            for o in (self.objective, self.second)
-        ]
-        return DeterministicMetrics(*found)
+        of = self.problem.deterministic_metric
+        return DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
 
     @property
     def at_least(self) -> float | None:
@@ -393,33 +351,26 @@ class CampaignSettings(Section):
         """Every rock under every condition, in the order of their turns."""
         return instances_over(self.rocks, [condition.name for condition in self.conditions])
 
-    def base_config(self) -> Configuration:
-        """Return the mission configuration on which conditions and tuned values are laid."""
-        if self.mission is not None:
-            return external_config(self.mission, {})
-        return self._base
-
     @functools.cached_property
-    def _base(self) -> MissionConfig:
-        return self.space.base_config(preset(self.preset).with_values(self.overrides))
+    def problem(self) -> Problem:
+        """What is tuned: missions over rocks, or the one of a mission file."""
+        if self.mission is not None:
+            return MissionFileProblem(self.mission)
+        return RockProblem(
+            self.space, self.preset, self.overrides, self.rocks, self.conditions, self.fidelity
+        )
+
+    def base_config(self) -> Configuration:
+        """Return the configuration on which conditions and tuned values are laid."""
+        return self.problem.base_config()
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
-        """Return the mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
-        if self.mission is not None:
-            return external_config(self.mission, values)
-        config = self._base.with_values(self.space.complete(values))
-        named = {c.name: c for c in self.conditions}
-        return config if condition == IDEAL else under(config, named[condition])
+        """Return the configuration at tuned ``values``, under one of the campaign's conditions or none."""
+        return self.problem.config(values, condition)
 
     def default_values(self) -> Values:
-        """Return the values at which every sampler starts: the paper's, or a mission file's defaults."""
-        return dict(self._default_values)
-
-    @functools.cached_property
-    def _default_values(self) -> Values:
-        if self.mission is not None:
-            return dict(external_config(self.mission, {}).values)
-        return self.space.default(preset(self.preset).with_values(self.overrides))
+        """Return the values at which every sampler starts."""
+        return self.problem.default_values()
 
     @property
     def trusted_default(self) -> bool:
@@ -455,8 +406,6 @@ class CampaignSettings(Section):
     @functools.cached_property
     def sources(self) -> tuple[str, ...]:
         """The campaigns that it learns from."""
-        if self.learn_from is None and self.mission is not None:
-            return ()
         if self.learn_from is None:
             return sources_by_default(self.space, self.objective, self.sampler, self.second)
         if NOTHING in self.learn_from and len(self.learn_from) > 1:

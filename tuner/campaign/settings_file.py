@@ -115,7 +115,7 @@ def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) ->
     """
     mission, began = load_mission_file(file), stored.get("mission")
     if not isinstance(began, Mapping):
-        raise UserError(f"the campaign in {directory} is of our own missions; leave --mission out")
+        raise UserError(f"the campaign in {directory} is of missions over rocks; leave --mission out")
     if mission.sha256 != began.get("sha256"):
         raise UserError(f"{mission.path} is not the mission file that the campaign in {directory} began with")
     return {**stored, "mission": {"file": str(mission.path), "sha256": mission.sha256}}
@@ -217,7 +217,7 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
     Raises
     ------
     UserError
-        As `read_settings_file`; a setting of our own missions beside a mission file; a mission file that was not
+        As `read_settings_file`; a setting of missions over rocks beside a mission file; a mission file that was not
         ``given``: a settings file may not choose what is run.
     """
     read = read_settings_file(file) if file else {}
@@ -226,7 +226,9 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
     if "mission" in given:
         wrong = [s.option for name, s in SETTINGS.items() if s.builtin and name in given]
         if wrong or quick:
-            raise UserError(f"{[*wrong, '--quick'][0]} is of our own missions; with --mission leave it out")
+            raise UserError(
+                f"{[*wrong, '--quick'][0]} is of missions over rocks; with --mission leave it out"
+            )
         return {"name": load_mission_file(Path(given["mission"])).name, **tree}
     if "mission" in tree:
         named = tree["mission"]["file"] if isinstance(tree["mission"], dict) else tree["mission"]
@@ -262,7 +264,7 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
 
 
 def _require_metrics(settings: CampaignSettings) -> None:
-    """Raise `UserError` where our missions have no such metric: better now than after eight of them."""
+    """Raise `UserError` where missions have no such metric: better now than after eight of them."""
     if settings.fidelity not in ("photogrammetric", "geometric"):
         return
     thresholds = builtin(settings.base_config()).evaluation.thresholds_mm

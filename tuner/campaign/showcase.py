@@ -18,7 +18,7 @@ SHOWN = "shown"  # in a campaign's directory
 def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     """Return both missions on the campaign's first rock, in ``RUN/shown/``; one where both are the same.
 
-    The list is empty without a recommendation, and for missions that are not ours.
+    The list is empty without a recommendation, and where missions leave nothing that a page shows.
     """
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):

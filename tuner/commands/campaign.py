@@ -185,7 +185,7 @@ def status(
 
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
-    show_counts(counts, "rock" if campaign.settings.mission is None else "instance")
+    show_counts(counts, campaign.settings.problem.instance_word)
     if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
         output.print(f"recommended after {known} of them; a resume makes it anew")
     show_recommendation(best, campaign)
@@ -234,7 +234,7 @@ def _measured_on(row: Mapping[str, Any]) -> str:
 def _row(directory: Path) -> dict[str, Any]:
     """A campaign in a line; of one that cannot be read, why."""
     from tuner.campaign.campaign import Campaign
-    from tuner.report.answer import place_word, use_sentence
+    from tuner.report.answer import use_sentence
 
     row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
     try:
@@ -250,7 +250,7 @@ def _row(directory: Path) -> dict[str, Any]:
     return {
         **row,
         "objective": objective_text(s.objective, s.second, s.limit),
-        "place": place_word(s),
+        "place": s.problem.instance_word,
         "rocks": s.rocks,
         "conditions": [condition.name for condition in s.conditions],
         "space": s.space.name,

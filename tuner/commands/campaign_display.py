@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
 from tuner.commands.console import FlightProgress, output, show_table
-from tuner.evaluation.baselines import photographs
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
-from tuner.problem.search_space import builtin
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 if TYPE_CHECKING:
@@ -66,9 +64,8 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     s, status, one_s = campaign.settings, campaign.status(), 0.0
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
-    elif s.mission is None and ":" not in s.fidelity:
-        config = builtin(s.config(s.default_values()))
-        one_s = GEOMETRIC_S if is_geometric(s.fidelity) else PER_PHOTOGRAPH_S * photographs(config)
+    elif number := s.problem.photographs(s.default_values()):
+        one_s = GEOMETRIC_S if is_geometric(s.fidelity) else PER_PHOTOGRAPH_S * number
     return one_s * status.remaining / max(1, workers)
 
 
@@ -127,8 +124,8 @@ def event_line(event: CampaignEvent) -> str:
     return json.dumps(json_ready(fields))
 
 
-def show_counts(facts: CampaignStatus, place: str) -> None:
-    """Missions, failures and costs so far; ``place``: what missions are run on."""
+def show_counts(facts: CampaignStatus, word: str) -> None:
+    """Missions, failures and costs so far; ``word``: what missions run on."""
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
@@ -137,7 +134,7 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
     if facts.repeats:
         repeats = counted(facts.repeats, "mission")
         output.print(f"{repeats} more took the photographs of an earlier one and used no budget")
-    parts = {place: facts.per_rock}
+    parts = {word: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition
     for what, counts in parts.items():
@@ -154,7 +151,6 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
         output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
         return
     from tuner.report.answer import (  # loads every metric
-        place_word,
         runner_up_sentence,
         use_sentence,
         worth_sentences,
@@ -172,12 +168,12 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
         ]
         show_table(("parameter", "default", "recommended"), changed, right=2)
     label, digits = metric_label(best.modelled_metric), decimals_for(best.noise_sd)
-    place = place_word(settings)
+    word = settings.problem.instance_word
     rows = [
         f"{row.instance.label} {format_number(label.possible(row.predicted), digits)}"
         + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
         for row in best.per_rock
     ]
-    output.print(f"{label.axis}, {place} by {place}: {', '.join(rows)}", highlight=False)
+    output.print(f"{label.axis}, {word} by {word}: {', '.join(rows)}", highlight=False)
     if rival := runner_up_sentence(best, settings):
         output.print(rival, highlight=False)

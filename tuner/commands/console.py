@@ -268,7 +268,7 @@ def executor_at(
     timeout_s
         A mission that takes longer is killed.
     mission
-        The mission file, of missions that are not ours.
+        The mission file, where there is one.
 
     Raises
     ------

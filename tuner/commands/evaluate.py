@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nbv.config import IDEAL, PRESETS, load_conditions
-from nbv.errors import UserError
 from nbv.rocks.catalogue import is_photographed
 from tuner.commands.console import (
     AsJson,
@@ -81,7 +80,7 @@ def evaluate(
     load("tuner.evaluation.of_campaign")
     from tuner.evaluation.of_campaign import held_out
 
-    source = _open(campaign, mission, fidelity)
+    source = _open(campaign, mission)
     asked = held_out(
         source,
         rocks=rocks,
@@ -98,7 +97,7 @@ def evaluate(
         out,
         workers=workers,
         timeout_s=timeout_s,
-        title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.place}s",
+        title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.instance_word}s",
         mission=source.settings.mission,
         campaign=source,
     )
@@ -124,7 +123,7 @@ def confirm(
     load("tuner.evaluation.of_campaign")
     from tuner.evaluation.of_campaign import confirmation
 
-    source = _open(campaign, mission, fidelity)
+    source = _open(campaign, mission)
     asked = confirmation(source, rocks=rocks, replicates=replicates, margin=margin, fidelity=fidelity)
     if asked is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
@@ -136,19 +135,17 @@ def confirm(
         out,
         workers=workers,
         timeout_s=timeout_s,
-        title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.place}s, fresh replicates",
+        title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.instance_word}s, fresh replicates",
         mission=source.settings.mission,
         campaign=source,
     )
 
 
-def _open(directory: Path, mission: Path | None, fidelity: str) -> Campaign:
+def _open(directory: Path, mission: Path | None) -> Campaign:
     from tuner.campaign.campaign import Campaign
 
     source = Campaign.open(directory, read_only=True, mission=mission)
     source.allow_program(named=mission is not None)
-    if source.settings.mission is not None and fidelity != DEFAULT_FIDELITY:
-        raise UserError("--fidelity is of our own missions; a mission file says itself how it runs")
     return source
 
 
@@ -235,7 +232,7 @@ def compare(
     paper
         Show the paper's numbers beside.
     mission
-        The mission file, of missions that are not ours.
+        The mission file, where there is one.
     campaign
         Whose page is written anew: it shows what its evaluations found.
     """
@@ -243,7 +240,7 @@ def compare(
     from tuner.report import comparison
     from tuner.report.labels import counted, duration
 
-    plan, place = asked.plan, asked.asked.place
+    plan, word = asked.plan, asked.asked.instance_word
     directory = out or place_for(plan, usual)
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
     notes = (*asked.notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else asked.notes
@@ -252,7 +249,7 @@ def compare(
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
@@ -263,7 +260,7 @@ def compare(
     tables = {"Results by strategy": facts.summary}
     tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for name, table in tables.items():
-        shown = comparison.table_by_strategy(table, name, None, place)
+        shown = comparison.table_by_strategy(table, name, None, word)
         output.print(*shown.for_terminal(output.width))
     if paper:
         shown = comparison.table_i(

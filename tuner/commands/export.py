@@ -79,7 +79,7 @@ def export(
         return answer_json({**values, "files": listed, "write": first})
     file = next((file for file in files if file.name == to.value), None)
     if file is None:
-        raise UserError(f"the missions of {run} are not ours; run: {first}")
+        raise UserError(f"the missions of {run} are of a mission file; run: {first}")
     if not file.useful:
         why = f": {file.remarks[0]}" if not file.text else ""
         raise UserError(
@@ -151,7 +151,9 @@ def _recommended_mission(run: Path) -> Path:
     campaign = Campaign.open(run, read_only=True)
     jobs = showcase_jobs(campaign)
     if not jobs:
-        raise UserError(f"{run} has no route: it has no recommendation, or its missions are not ours")
+        raise UserError(
+            f"{run} has no route: it has no recommendation, or its missions are of a mission file"
+        )
     if not was_run(jobs[-1]):
         raise UserError(
             f"{run} has not run its recommendation with everything kept; run: gatetune mission view {run}"

@@ -145,7 +145,6 @@ def enough(
         raise UserError(f"--keep {keep:g} must lie above 0 and up to 100 per cent")
     output.print(f"how many photographs of {name} would have done")  # before what takes seconds to load
     load("tuner.evaluation.enough")
-    from nbv.config import MissionConfig
     from nbv.photographs import PhotographSet
     from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
     from tuner.evaluation.run import run_evaluation
@@ -156,13 +155,9 @@ def enough(
     tuned = None
     if campaign is not None:
         from tuner.campaign.campaign import Campaign
+        from tuner.problem.search_space import builtin
 
-        found = Campaign.open(campaign, read_only=True).recommended_config()
-        if not isinstance(found, MissionConfig):
-            raise UserError(
-                f"{campaign} runs a mission file of its own, which has no gate and scorers of ours"
-            )
-        tuned = found
+        tuned = builtin(Campaign.open(campaign, read_only=True).recommended_config())
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
     output.print(

@@ -21,9 +21,9 @@ from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, drawn_by
 from nbv.types import Bools, Floats, Ints
-from tuner.evaluation.baselines import PLAN, baseline, ending_at, sees_ground_truth, with_sections_of
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
+from tuner.problem.baselines import PLAN, baseline, ending_at, sees_ground_truth, with_sections_of
 
 BY_HEIGHT, STOPPED = "orbit-by-height", "-stopped"  # derived from the missions of others
 TWO_RINGS = "orbit-two"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tuner.evaluation.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.evaluation.comparison import MetricRow, PairedDifference, strategy_difference
 from tuner.missions.job import Trial
+from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.problem.groups import CHOICE, THRESHOLDS, grouped
 from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation

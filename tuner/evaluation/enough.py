@@ -17,11 +17,13 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from tuner.evaluation.baselines import PLANNER, baseline, with_sections_of
 from tuner.evaluation.comparison import Interval, mean_interval
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
 from tuner.missions.registry import PHOTOGRAPHS
+from tuner.problem.baselines import PLANNER, baseline, with_sections_of
+from tuner.problem.baselines import photographs as taken_by
+from tuner.problem.search_space import builtin
 
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
@@ -191,10 +193,7 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
     """About how long one processor runs the missions of these plans."""
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
-    taken = sum(
-        n * min(most, c.seed.total + c.adaptive_budget) for c, n in configs if isinstance(c, MissionConfig)
-    )
-    return SECONDS_PER_PHOTOGRAPH * taken
+    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, taken_by(builtin(c))) for c, n in configs)
 
 
 def _name(way: str, number: int) -> str:

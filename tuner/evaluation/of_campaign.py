@@ -3,51 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Collection, Mapping, Sequence
+import os
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from nbv.photographs import PhotographSet
-from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_choice import Making, rock_arguments
+from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.evaluation.baselines import (
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.baselines import (
     COMPARISON,
     CONTROLS,
-    EVALUATION_BASELINES,
-    REAIMED_ORBITS,
     REPRODUCTION_STRATEGIES,
     TUNED,
     TUNED_POOL_HYB_H,
-    TUNED_POOL_RANDOM,
-    any_must_look,
-    at_equal_number,
     baseline_configs,
-    ending_at,
-    is_orbit,
     kind_of,
-    orbits_at_number,
-    tuned_configs,
+    reference_of,
 )
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.external.mission_file import external_config
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
-from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import COUNTS, Objective
-from tuner.problem.search_space import Configuration, builtin
+from tuner.problem.problem import Making
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
-HIGHEST_DEG = 60.0
 HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
 
 
@@ -62,7 +46,7 @@ class ComparisonSpec:
     decided: frozenset[str] = frozenset(
         COUNTS
     )  # metrics that the configuration decides: they have no interval
-    place: str = "rock"  # what missions are run on: rocks, or the instances of a mission file
+    instance_word: str = "rock"  # what missions run on, as `Problem.instance_word`
 
     @property
     def counts(self) -> list[Objective]:
@@ -105,39 +89,17 @@ def held_out(
         No mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the campaign.
     """
     s, found = source.settings, source.recommended()
-    recommended, notes = s.config(found.values), _notes(found)
-    if s.mission is not None:
-        if conditions:
-            raise UserError("--condition is of our own missions; a mission file has instances")
-        known = {"default": {}, **s.mission.baselines}
-        for name in strategies or ():
-            if name not in known:
-                raise UserError(f"{s.mission.path} has no baseline {name!r}; there are {', '.join(known)}")
-        configs: dict[str, Configuration] = {
-            name: external_config(s.mission, known[name]) for name in strategies or known
-        }
-        against = _reference(configs, "default")
-        evaluated = {TUNED: recommended, **configs}
-        plan = EvaluationPlan(evaluated, _instances(s, rocks), replicates, fidelity=EXTERNAL)
-        return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
-    instances = tuple(conditions or s.conditions)
-    dataclasses.replace(s, conditions=instances)  # says where the two contradict each other
-    looking = any_must_look(builtin(s.base_config()), _looking(instances, rocks or ()))
-    names = tuple(strategies or (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ())))
-    if not rocks and are_drawn(s.rocks):
-        rocks = s.rocks
-    if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
-        rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
-    configs_of_ours, more = _against(source, found, names, instances, rocks or ())
+    under = tuple(conditions or s.conditions)
+    dataclasses.replace(s, conditions=under)  # says where the two contradict each other
+    chosen, replicates = source.unseen(rocks, replicates, making)
+    taken = source.photographs_taken(found.values)
+    configs, notes = s.problem.strategies(found.values, strategies, taken, under, chosen)
     plan = EvaluationPlan(
-        configs_of_ours,
-        source.unseen_rocks(rocks, making),
-        replicates,
-        fidelity=fidelity,
-        conditions=instances,
+        configs, chosen, replicates, fidelity=s.problem.fidelity(fidelity), conditions=under
     )
-    notes = (*notes, *more, *_conditions(source, instances))
-    return CampaignEvaluation(plan, _reference(names, "hyb-h"), asked_of(s, margin), notes)
+    against = reference_of([name for name in configs if name != TUNED], s.problem.reference)
+    notes = (*_notes(found), *notes, *_conditions(source, under))
+    return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
 
 
 def confirmation(
@@ -157,7 +119,7 @@ def confirmation(
         No mission has succeeded; a rock was not tuned on.
     """
     s = source.settings
-    known = {rock if s.mission is not None else Path(rock).stem: rock for rock in s.rocks}
+    known = {Path(rock).stem if os.sep in rock else rock: rock for rock in s.rocks}
     chosen = tuple(rock if rock in s.rocks else known.get(Path(rock).stem, rock) for rock in rocks or s.rocks)
     for rock in chosen:
         if rock not in s.rocks:
@@ -167,25 +129,21 @@ def confirmation(
     found = source.recommended()
     if found.keep_default:
         return None
-    tuned = s.config(found.values)
-    orbits: dict[str, MissionConfig] = {}
-    more: tuple[str, ...] = ()
-    if s.mission is None:
-        seen = _looking(s.conditions, chosen)
-        orbits, more = where_photographed(orbits_at_number(_counted(source, found.values), seen), chosen)
+    taken = source.photographs_taken(found.values)
+    controls, notes = s.problem.controls(found.values, taken, s.conditions, chosen)
     first = _first_fresh(source)
     if s.draws_rocks:
         chosen = tuple(s.rock_evaluated(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
-        {TUNED: tuned, "default": s.config(s.default_values()), **orbits},
+        {TUNED: s.config(found.values), "default": s.config(s.default_values()), **controls},
         chosen,
         replicates,
         first_replicate=first,
-        fidelity=EXTERNAL if s.mission is not None else fidelity,
+        fidelity=s.problem.fidelity(fidelity),
         conditions=s.conditions,
     )
-    return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *more))
+    return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *notes))
 
 
 def reproduction(
@@ -216,7 +174,7 @@ def reproduction(
         conditions=tuple(conditions),
     )
     return CampaignEvaluation(
-        plan, _reference(configs, "hyb-h"), ComparisonSpec(Objective("whole.completeness_48mm"))
+        plan, reference_of(configs, "hyb-h"), ComparisonSpec(Objective("whole.completeness_48mm"))
     )
 
 
@@ -227,12 +185,13 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
     replicates, and the controls are compared on the held-out rocks, where a gain counts.
     """
     s, found = source.settings, source.recommended()
-    strategies, notes = _against(source, found, COMPARISON, s.conditions, s.rocks)
+    taken = source.photographs_taken(found.values)
+    strategies, notes = s.problem.strategies(found.values, COMPARISON, taken, s.conditions, s.rocks)
     kept = {
         name: c for name, c in strategies.items() if kind_of(name) != CONTROLS or name == TUNED_POOL_HYB_H
     }
     plan = EvaluationPlan(kept, s.rocks, replicates, fidelity=s.fidelity, conditions=s.conditions)
-    return CampaignEvaluation(plan, _reference(strategies, "hyb-h"), asked_of(s), notes)
+    return CampaignEvaluation(plan, reference_of(strategies, "hyb-h"), asked_of(s), notes)
 
 
 def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str, CampaignEvaluation]:
@@ -246,46 +205,9 @@ def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str,
     return {HELD_OUT: unseen, TRAINING: training_comparison(source)}
 
 
-def _against(
-    source: Campaign,
-    found: Recommendation,
-    names: Sequence[str],
-    conditions: Sequence[Condition],
-    rocks: Sequence[str],
-) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
-    """The recommendation with the arms that split its gain, and baselines at its number of photographs; notes on them."""
-    s = source.settings
-    base, tuned, counted = (
-        builtin(s.base_config()),
-        builtin(s.config(found.values)),
-        _counted(source, found.values),
-    )
-    baselines = baseline_configs(list(names), base)
-    against = _reference(baselines, "hyb-h")
-    controls, notes = where_photographed(at_equal_number(baselines, counted, against), rocks)
-    arms = tuned_configs(tuned, base, counted)
-    if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
-        arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
-    return {TUNED: arms.pop(TUNED), **controls, **arms}, notes
-
-
 def _first_fresh(source: Campaign) -> int:
     """The first replicate that the campaign has not run anywhere."""
     return max([source.settings.blocks, *(trial.replicate + 1 for trial in source.trials())])
-
-
-def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
-    """The conditions under which a mission may have to look for its target: what was photographed stays where it was."""
-    return () if are_photographed(rocks) else conditions
-
-
-def _counted(source: Campaign, values: Mapping[str, Any]) -> MissionConfig:
-    """The configuration with the number of photographs that it takes; the mean of its missions, rounded up, where they vary."""
-    config = builtin(source.settings.config(values))
-    if not config.stop.may_end_early:
-        return config
-    numbers = [t.costs["images"] for t in source.trials() if t.costs and dict(t.values) == dict(values)]
-    return ending_at(config, math.ceil(sum(numbers) / len(numbers))) if numbers else config
 
 
 def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:
@@ -293,24 +215,8 @@ def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Comp
     exact = settings.exact
     computed = {cost.objective.metric for cost in (exact.first, exact.second) if cost is not None}
     decided = frozenset({*COUNTS, *computed})
-    place = "rock" if settings.mission is None else "instance"
-    return ComparisonSpec(settings.objective, settings.second, settings.limit, margin, decided, place)
-
-
-def _reference(configs: Collection[str], usual: str) -> str:
-    """What differences are taken against: the paper's default, or the first that is run."""
-    return usual if usual in configs else next(iter(configs))
-
-
-def _instances(settings: CampaignSettings, rocks: Sequence[str] | None) -> tuple[str, ...]:
-    assert settings.mission is not None
-    names, path = list(settings.mission.held_out), settings.mission.path
-    if not names:
-        raise UserError(f"{path} holds nothing out; name instances under held_out")
-    for rock in rocks or ():
-        if rock not in names:
-            raise UserError(f"{rock!r} is not held out; {path} holds out {', '.join(names)}")
-    return tuple(rocks or names)
+    word = settings.problem.instance_word
+    return ComparisonSpec(settings.objective, settings.second, settings.limit, margin, decided, word)
 
 
 def _notes(found: Recommendation) -> tuple[str, ...]:
@@ -338,27 +244,3 @@ def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
     if (seen := [name for name in names if name in evaluated]) and names != [IDEAL]:
         notes.append(f"Tuned under, so no test of transfer: {', '.join(seen)}.")
     return notes
-
-
-def where_photographed(
-    strategies: Mapping[str, MissionConfig], rocks: Sequence[str]
-) -> tuple[dict[str, MissionConfig], tuple[str, ...]]:
-    """``strategies`` whose plain orbits run where the photographs are, if all ``rocks`` are sets, and a note that says so.
-
-    One ring runs at the median elevation of all photographs, two rings at their quartiles.
-    """
-    if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
-        return dict(strategies), ()
-    elevations_deg = np.concatenate([PhotographSet.read(rock).coverage.elevations_deg for rock in rocks])
-    low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()
-
-    def placed(config: MissionConfig) -> MissionConfig:
-        one = config.seed.upper_share == 0
-        ring = {"seed.lowest_deg": middle if one else low, "seed.span_deg": 0.0 if one else high - low}
-        return config.with_values(ring)
-
-    note = (
-        f"Plain orbits run where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
-        f"{high:g}° (the quartiles)."
-    )
-    return {name: placed(c) if is_orbit(name) else c for name, c in strategies.items()}, (note,)

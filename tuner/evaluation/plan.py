@@ -16,7 +16,6 @@ from nbv.config import (
     IDEAL,
     IDEAL_CONDITION,
     Condition,
-    MissionConfig,
     condition_from_dict,
     require_distinct,
     under,
@@ -29,7 +28,7 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
-from tuner.problem.search_space import Configuration
+from tuner.problem.search_space import Configuration, builtin
 
 PLAN_FILE = "evaluation.yaml"
 FORMAT_VERSION = 3  # 2 might call its fidelity a runner
@@ -151,7 +150,7 @@ class EvaluationPlan:
         folder = f"{self.rocks.index(instance.rock):02d}_{name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
-            under(config, condition) if isinstance(config, MissionConfig) else config,
+            config if condition.name == IDEAL else under(builtin(config), condition),
             instance.rock,
             replicate,
             directory / "missions" / owner / folder,

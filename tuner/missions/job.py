@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from nbv import plugins
 from nbv.checksums import CHECKSUM, require_checksum
-from nbv.config import IDEAL, MissionConfig
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
@@ -117,7 +117,7 @@ class Trial:
     wall_s: float = 0.0
     rock_sha256: str = ""  # of the rock that was run, where the mission says so
     checksum: str = ""  # of its mission.json
-    photographs: str = ""  # `photographs_key`, of our own missions
+    photographs: str = ""  # `photographs_key`
     switched: bool | None = None  # whether its views are of more than one scorer; None where none was planned
     job_id: str = ""
     strategy: str = ""  # in an evaluation
@@ -255,6 +255,7 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     if tree is None or not _is_of(tree, job):
         return None
     scorers = {step.get("scorer") for step in tree.get("trace") or ()}
+    chosen = [str(step.get("chosen")) for step in tree.get("trace") or ()]
     return job.trial(
         status=tree.get("status", "failed"),
         reason=tree.get("reason") or "",
@@ -262,16 +263,10 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
         wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
         rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
         checksum=str(tree.get(CHECKSUM) or ""),
-        photographs=_photographs(tree, job.config),
+        photographs="" if tree.get("status") == "failed" else photographs_key(job.config, chosen),
         switched=len(scorers) > 1 if scorers else None,
         measured_then={key: tree.get(key) or {} for key in _MEASURED},
     )
-
-
-def _photographs(tree: Mapping[str, Any], config: Configuration) -> str:
-    if not isinstance(config, MissionConfig) or tree.get("status") == "failed":
-        return ""
-    return photographs_key(config, [str(step.get("chosen")) for step in tree.get("trace") or ()])
 
 
 def repeated(trials: Iterable[Trial]) -> set[int]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from nbv.cache import KnownOnly
-from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from tuner.missions.job import MissionJob
-from tuner.missions.registry import EXTERNAL, FIDELITIES, fidelity_on, mission_function
+from tuner.missions.registry import fidelity_on, mission_function, runs_on_rocks
 from tuner.problem.observations import photographs_key
 
 
@@ -15,11 +14,7 @@ def known_photographs(job: MissionJob) -> str:
 
     The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
     """
-    if (
-        not isinstance(job.config, MissionConfig)
-        or job.fidelity not in FIDELITIES.own
-        or job.fidelity == EXTERNAL
-    ):
+    if not runs_on_rocks(job.fidelity):
         return ""
     run = mission_function(fidelity_on(job.rock, job.fidelity))
     try:

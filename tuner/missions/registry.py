@@ -41,7 +41,7 @@ _IMPORTED_IN_FLIGHT = {
     "nbv.geometric.curve": ("open3d",),
 }
 PHOTOGRAPHS = "photographs"
-EXTERNAL = "external"  # runs the missions of mission files, which are not ours
+EXTERNAL = "external"  # runs the missions of mission files
 
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
@@ -55,10 +55,14 @@ def is_geometric(name: str) -> bool:
     return name in ("geometric", "curve")
 
 
+def runs_on_rocks(fidelity: str) -> bool:
+    """Whether missions of this fidelity take the catalogue's rocks; what others call a rock is their own business."""
+    return fidelity in FIDELITIES.own and fidelity != EXTERNAL
+
+
 def fidelity_on(rock: str, fidelity: str) -> str:
-    """The fidelity of a mission of ours on ``rock``: over a set of photographs nothing is rendered nor simulated."""
-    builtin = fidelity in FIDELITIES.own and fidelity != EXTERNAL
-    if builtin and is_photographed(rock):
+    """The fidelity of a mission on ``rock``: over a set of photographs nothing is rendered nor simulated."""
+    if runs_on_rocks(fidelity) and is_photographed(rock):
         return PHOTOGRAPHS
     if fidelity == PHOTOGRAPHS:
         raise UserError(f"{rock} is no set of photographs; gatetune photographs import makes one")

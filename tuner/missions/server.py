@@ -37,7 +37,7 @@ from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
 from tuner.missions.job import LOG_FILE
-from tuner.missions.registry import EXTERNAL, FIDELITIES, is_geometric, module_of
+from tuner.missions.registry import is_geometric, module_of, runs_on_rocks
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
@@ -189,10 +189,8 @@ class MissionServer:
         Never before a mission has run it: a mesh that ends the process that reads it ends a mission, not the server.
         """
         rock, fidelity = job["rock"], job["fidelity"]
-        builtin = (
-            fidelity in FIDELITIES.own and fidelity != EXTERNAL
-        )  # what others call a rock is their own business
-        if not builtin or rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES:
+        held = rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES
+        if held or not runs_on_rocks(fidelity):
             return
         self._known_rocks.add(rock)
         try:

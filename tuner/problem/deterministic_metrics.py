@@ -1,7 +1,7 @@
 """Costs that the configuration decides: they are computed, never modelled.
 
-The photographs of a mission are its seeds and its budget of captures, unless something may end it early. A parameter of a
-mission that is not ours is what it is. Flight time, early stops and whatever a mission measures are left to a model.
+The photographs of a mission over rocks are its seeds and its budget of captures, unless something may end it early. A parameter
+of a mission file is what it is. Flight time, early stops and whatever a mission measures are left to a model.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Configuration, SearchSpace
+from tuner.problem.search_space import SearchSpace
 
 PHOTOGRAPHS = "costs.images"
 DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
@@ -76,13 +76,21 @@ def modelled(history: Sequence[Observation]) -> list[Observation]:
     return [replace(o, outcome=o.second, second=o.outcome) for o in both]
 
 
-def deterministic_metric(
+def parameter_metric(space: SearchSpace, objective: Objective) -> DeterministicMetric | None:
+    """Return the objective where it is a parameter as a cost; None where only a mission can tell it."""
+    path = objective.metric.removeprefix("costs.")
+    if path not in {p.path for p in space.parameters if p.kind != "categorical"}:
+        return None
+    return DeterministicMetric(objective, (path,), lambda values: float(values[path]))
+
+
+def photographs_metric(
     space: SearchSpace,
-    config: Callable[[Mapping[str, Any]], Configuration],
+    config: Callable[[Mapping[str, Any]], MissionConfig],
     default: Mapping[str, Any],
     objective: Objective,
 ) -> DeterministicMetric | None:
-    """Return the objective as a function of the tuned values; None where only a mission can tell it.
+    """Return the objective where it is the number of photographs; None where only a mission can tell it.
 
     Parameters
     ----------
@@ -91,23 +99,13 @@ def deterministic_metric(
     default
         The default values; what is not tuned is read from their configuration.
     """
-    base = config(default)
-    if not isinstance(base, MissionConfig):
-        path = objective.metric.removeprefix("costs.")
-        numbers = {p.path for p in space.parameters if p.kind != "categorical"}
-        return (
-            DeterministicMetric(objective, (path,), lambda values: float(values[path]))
-            if path in numbers
-            else None
-        )
-    tuned = {path for p in space.parameters for path in (p.path, *p.also)}
+    base, tuned = config(default), {path for p in space.parameters for path in (p.path, *p.also)}
     if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or tuned & set(ENDS_EARLY):
         return None
 
     def photographs(values: Mapping[str, Any]) -> float:
         try:
             found = config(values)
-            assert isinstance(found, MissionConfig)
             return float(found.seed.total + found.adaptive_budget)
         except UserError:
             return _NO_MISSION

@@ -147,7 +147,7 @@ class AskedObjective:
 def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> AskedObjective:
     """Return the meaning of a text; ``UserError`` in one line where it has none.
 
-    ``own``: which way metrics and costs of a mission that is not ours are better, as its mission file says.
+    ``own``: which way the metrics and costs of a mission file are better, as it says.
     """
     found = _FORM.fullmatch(text.strip())
     if found is None:

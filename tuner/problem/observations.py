@@ -145,8 +145,8 @@ def mission_key(config: Configuration) -> str:
     return config.digest()
 
 
-def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:
-    """Return the same for missions on one block that take the same photographs and use them alike.
+def photographs_key(config: Configuration, chosen: Sequence[str]) -> str:
+    """Return the same for missions on one block that take the same photographs and use them alike; empty for a mission file's.
 
     Parameters
     ----------
@@ -155,6 +155,8 @@ def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:
     chosen
         The planned views, in order, by their names in the candidate pool.
     """
+    if not isinstance(config, MissionConfig):
+        return ""
     defaults = {
         path: about.default for path, about in parameters().items() if path.startswith((*PLANNERS, "stop."))
     }

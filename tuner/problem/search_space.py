@@ -19,7 +19,7 @@ from nbv.types import Floats
 
 
 class Configuration(Protocol):
-    """What a mission is run with: `MissionConfig`, or the configuration of a mission that is not ours."""
+    """What a mission is run with: `MissionConfig`, or the configuration of a mission file."""
 
     @property
     def preset(self) -> str:
@@ -255,9 +255,9 @@ class SearchSpace:
 
 
 def builtin(config: Configuration) -> MissionConfig:
-    """``config`` of one of our own missions; `UserError` where it is of another: gates, pools and rocks are ours alone."""
+    """``config`` of a mission over rocks; `UserError` where it is of a mission file, which has neither gate nor pool."""
     if not isinstance(config, MissionConfig):
-        raise UserError(f"{config.preset} is a mission that is not ours; this is only for our own missions")
+        raise UserError(f"{config.preset} is a mission file's; this is only for missions over rocks")
     return config
 
 

@@ -87,12 +87,12 @@ class NextRock:
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     no_worse: float = 0.5  # probability that the gain is not below 0
 
-    def warnings(self, place: str = "rock") -> list[str]:
-        """Return sentences on where training rocks disagree; none where all is well. ``place``: what a rock is called."""
+    def warnings(self, word: str = "rock") -> list[str]:
+        """Return sentences on where training rocks disagree; none where all is well. ``word``: what a rock is called."""
         said = []
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
-            said.append(f"Training {place}s disagree: it is probably worse than the default on {names}.")
+            said.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
         return said
 
 

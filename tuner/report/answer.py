@@ -8,8 +8,8 @@ import re
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
-from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.registry import is_geometric
+from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration
@@ -53,10 +53,10 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
         return f"Keep {default}: no configuration that was evaluated is known to be better."
     words = configuration_words(best.values, best, s)
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
-        place, (low, high) = place_word(s), best.limit.next_hundred or (0, 100)
+        word, (low, high) = s.problem.instance_word, best.limit.next_hundred or (0, 100)
         return (
-            f"{words} kept {limit_words(best.limit)} on the training {place}s, and is expected to on "
-            f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {place}s (95 % interval {low} to {high})."
+            f"{words} kept {limit_words(best.limit)} on the training {word}s, and is expected to on "
+            f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})."
         )
     return f"Use {words}."
 
@@ -82,7 +82,7 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
 
 
 def plan_words(config: Configuration, *, ceiling: bool) -> str:
-    """How many photographs are taken where; empty for a mission that is not ours."""
+    """How many photographs are taken where; empty for a mission file's configuration."""
     if not isinstance(config, MissionConfig):
         return ""
     seed, stop = config.seed, config.stop
@@ -108,7 +108,7 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """What the recommendation is worth on the training rocks, in what was asked for, then on the next rock."""
-    place, label = place_word(s), metric_label(best.metric)
+    word, label = s.problem.instance_word, metric_label(best.metric)
     said = f"{_subject(label)} is {_mean(label, best.mean, best.sd)}"
     if not best.keep_default:
         said += f" in place of {_mean(label, best.default_mean, best.sd)}"
@@ -117,21 +117,21 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         if not best.keep_default:
             gain = _gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)
             gain += ", positive where less" if best.direction == "minimise" else ""
-        said += f" on the training {place}s, {gain}"
+        said += f" on the training {word}s, {gain}"
     lines = [f"{said}."]
     if best.limit is not None:
-        lines += _limit_sentences(best, best.limit, place)
+        lines += _limit_sentences(best, best.limit, word)
     if (next_rock := best.next_rock) is not None:
         if not best.exact:
             low, high = next_rock.interval_95
             gain = _gain(next_rock.gain, (low, high), (high - low) / 4, label)
             lines.append(
-                f"On the next {place}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
+                f"On the next {word}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
             )
-        lines += next_rock.warnings(place)
+        lines += next_rock.warnings(word)
     elif len(s.rocks) == 1 and not s.draws_rocks:
         lines.append(
-            f"Only one {place} was run: how {place}s differ is not known, nor what holds on the next one."
+            f"Only one {word} was run: how {word}s differ is not known, nor what holds on the next one."
         )
     lines += outlier_sentences(best)
     return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
@@ -152,7 +152,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     return said
 
 
-def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str]:
+def _limit_sentences(best: Recommendation, limit: Limit, word: str) -> list[str]:
     """What has a limit: its mean, whether the limit is kept, and on how many of the next rocks."""
     label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
     said = f"{_subject(label)} is {_mean(label, limit.mean, limit.sd)}"
@@ -168,7 +168,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, place: str) -> list[str
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
-        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {place}s (95 % interval {low} to {high})"
+        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:
             line += f"; on any one it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
@@ -236,11 +236,6 @@ def bound(metric: str, direction: str, limit: float) -> tuple[str, str]:
         of = metric_label(share[0])
         return f"{short_name(of)} of at least {share[1]:g} {of.unit} on", f"{how} of rocks"
     return short_name(label), how
-
-
-def place_word(s: CampaignSettings) -> str:
-    """What a campaign is tuned on: rocks, or the instances of a mission file."""
-    return "rock" if s.mission is None else "instance"
 
 
 def short_name(label: MetricLabel) -> str:

@@ -22,12 +22,12 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
-from tuner.evaluation.baselines import TUNED
-from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import MIN_ROCKS
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
+from tuner.problem.baselines import TUNED
+from tuner.problem.baselines import label as strategy_label
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
@@ -40,7 +40,6 @@ from tuner.report.answer import (
     gate_words,
     limit_words,
     may_fail_on_most,
-    place_word,
     runner_up_sentence,
     use_sentence,
     value_text,
@@ -112,6 +111,12 @@ class CampaignFacts:
             best.limit.sd if best.exact and best.limit is not None else best.sd or best.noise_sd
         )
 
+    def planned_config(self) -> MissionConfig | None:
+        """The recommended configuration; None without one, and where it is a mission file's."""
+        best = self.recommendation
+        config = None if best is None else self.settings.config(best.values)
+        return config if isinstance(config, MissionConfig) else None
+
     def outcome(self, trial: Trial) -> float | None:
         """What a mission had of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
@@ -164,10 +169,10 @@ def write_campaign_report(campaign: Campaign) -> Path:
         measure=measure_text(facts.label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
         verdict_kind=kind,
         use=use_answer(facts),
-        plan=plan_picture(builtin(s.config(best.values))) if best is not None and s.mission is None else "",
+        plan="" if (planned := facts.planned_config()) is None else plan_picture(planned),
         sure=sure_answer(facts),
-        gate=_gate_answer(facts) if s.mission is None else "",
-        gate_figure=gate_figure(facts) if s.mission is None else "",
+        gate=_gate_answer(facts),
+        gate_figure=gate_figure(facts),
         result=result,
         result_tables=[gate_result.table_of(block) for block in result.blocks] if result else [],
         result_legend=gate_result.LEGEND,
@@ -180,7 +185,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         status=facts.status,
         degraded=sum(t.state == "complete" and t.status == "degraded" for t in facts.trials),
         computing=duration(facts.status.mission_wall_s),
-        place=place_word(s),
+        word=s.problem.instance_word,
         best=best,
         metric=facts.label.full,
         outcomes=_outcome_figures(facts),
@@ -264,12 +269,12 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, in
     for side, values in enumerate((best.default_values, best.values)):
         for t in facts.evaluated(values):
             if (outcome := facts.outcome(t)) is not None:
-                place = found.setdefault((t.instance, t.replicate), [[], []])
-                place[side].append(facts.modelled.sign * outcome)
+                sides = found.setdefault((t.instance, t.replicate), [[], []])
+                sides[side].append(facts.modelled.sign * outcome)
     return {
-        place: sum(builtin) / len(builtin) - sum(theirs) / len(theirs)
-        for place, (theirs, builtin) in found.items()
-        if builtin and theirs
+        block: sum(recommended) / len(recommended) - sum(default) / len(default)
+        for block, (default, recommended) in found.items()
+        if recommended and default
     }
 
 
@@ -278,19 +283,19 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
-    said, place = worth_sentences(best, facts.settings), place_word(facts.settings)
+    said, word = worth_sentences(best, facts.settings), facts.settings.problem.instance_word
     if best.keep_default:
         rocks = len({t.rock for t in facts.evaluated(best.values)})
-        return [*said, f"It was evaluated on {rocks} of {len(facts.settings.rocks)} {place}s."]
+        return [*said, f"It was evaluated on {rocks} of {len(facts.settings.rocks)} {word}s."]
     both = pairs(facts, best)
     if not both:
         said.append(
-            f"They were never evaluated side by side: no {place} and replicate has both the recommendation and the default."
+            f"They were never evaluated side by side: no {word} and replicate has both the recommendation and the default."
         )
         return [*said, LEANS]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
-        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {place}s"
+        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {word}s"
         f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
         f"the recommendation gains {mean} of {facts.label.name} on average, and is better in "
         f"{sum(d > 0 for d in both.values())} of {len(both)}."
@@ -300,11 +305,10 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
 
 def _gate_answer(facts: CampaignFacts) -> str:
     """What the recommended configuration's gate chose, from its missions' traces."""
-    best = facts.recommendation
-    if best is None:
-        return "Nothing is recommended yet."
-    config = facts.settings.config(best.values)
-    if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
+    best, config = facts.recommendation, facts.planned_config()
+    if best is None or config is None:
+        return ""
+    if config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
     traces = [trace for _, trace in traces_of(facts.campaign, facts.evaluated(best.values))]
     if not traces:
@@ -330,8 +334,8 @@ def gate_figure(facts: CampaignFacts) -> str:
     block = min(common, key=lambda b: (facts.settings.instances.index(b[0]), b[1]))
     panels = []
     for name, values in sides.items():
-        config = facts.settings.config(values)
-        if not isinstance(config, MissionConfig) or config.gate.kind != "hyb-h":
+        config = builtin(facts.settings.config(values))
+        if config.gate.kind != "hyb-h":
             return ""
         panels.append(
             (
@@ -362,7 +366,8 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
 
     ``evaluated``: rocks that the campaign has not seen, on which the recommendation was measured.
     """
-    best, status, s, place = facts.recommendation, facts.status, facts.settings, place_word(facts.settings)
+    best, status, s = facts.recommendation, facts.status, facts.settings
+    problem, word = s.problem, s.problem.instance_word
     run = shlex.quote(str(facts.campaign.directory))
     resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
     if s.draws_rocks:  # as many of every family as are worth an interval
@@ -373,10 +378,10 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
         return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
     if best is None or status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
-    if evaluated >= (MIN_ROCKS if s.mission is None else min(MIN_ROCKS, len(s.mission.held_out) or 1)):
-        return f"Stop: it has been measured on {counted(evaluated, f'held-out {place}')}.", ""
+    if evaluated >= min(MIN_ROCKS, len(problem.held_out()) or 1):
+        return f"Stop: it has been measured on {counted(evaluated, f'held-out {word}')}.", ""
     if evaluated:
-        return f"Measure it on more {place}s: {counted(evaluated, place)} cannot speak for others.", evaluate
+        return f"Measure it on more {word}s: {counted(evaluated, word)} cannot speak for others.", evaluate
     if best.limit is not None and not best.limit.kept:
         return (
             f"Run more, or ask for less: no configuration that was evaluated is likely to keep {limit_words(best.limit)}.",
@@ -392,12 +397,12 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
             "Evaluate it with photographs, on rocks that it has not seen: so far it is a prediction.",
             evaluate,
         )
-    if s.mission is not None and not s.mission.held_out:
+    if not problem.held_out():
         return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
-    if s.mission is None and len(pairs(facts, best)) < 2:
+    if len(pairs(facts, best)) < 2:
         one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
         return "Confirm it where it was tuned: too few pairs were evaluated.", one_rock
-    return f"Measure it on {place}s it has not seen.", evaluate
+    return f"Measure it on {word}s it has not seen.", evaluate
 
 
 # -- what limits the answer ------------------------------------------------------------------------------------
@@ -463,11 +468,7 @@ def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]
         return False
     step = 0.1 * (p.high - p.low) * (1 if values[p.path] == p.high else -1)
     beyond = values[p.path] + step if p.kind == "float" else round(values[p.path] + step)
-    try:
-        s.config({**values, p.path: beyond})
-    except UserError:
-        return s.mission is not None  # which allows what it lists alone
-    return True
+    return s.problem.can_run({**values, p.path: beyond})
 
 
 # -- missions and model ----------------------------------------------------------------------------------------
@@ -495,12 +496,12 @@ def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
             ]
         )
     unit = f" in {facts.label.unit}" if facts.label.unit else ""
-    place = place_word(facts.settings)
+    word = facts.settings.problem.instance_word
     caption = (
         f"{facts.label.full} of the recommended configuration{unit}. Predicted is the posterior mean there; measured is the "
         "mean of the missions that ran there, with their number."
     )
-    columns = (place, "missions there", "failed", "predicted", "measured", "default measured")
+    columns = (word, "missions there", "failed", "predicted", "measured", "default measured")
     return Table.of("", columns, rows, caption)
 
 
@@ -520,7 +521,7 @@ def _failure_table(facts: CampaignFacts) -> Table:
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
-    columns = ("reason", "outcome", "missions", f"{place_word(facts.settings)}s", "last message")
+    columns = ("reason", "outcome", "missions", f"{facts.settings.problem.instance_word}s", "last message")
     return Table.of("", columns, rows)
 
 
@@ -569,30 +570,26 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
     hashes = {facts.rock_names.get(t.rock, t.rock): t.rock_sha256[:12] for t in facts.trials if t.rock_sha256}
     times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
     between = f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"
-    source = ("mission preset", s.preset)
-    if s.mission is not None:
-        source = ("mission file", f"{s.mission.path} (SHA-256 {s.mission.sha256[:12]}…)")
     named = ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items()))
     return [
         ("run between", between),
         *recorded_rows(recorded([directory / t.directory for t in facts.trials])),
-        source,
+        s.problem.provenance(),
         ("conditions", ", ".join(condition.name for condition in s.conditions)),
         ("base configuration", s.base_config().digest()),
         ("sampler and seed", f"{s.sampler}, {s.seed}"),
         (
             "ledger",
             "an Optuna study with one trial per mission: its study.best_trial is the best single mission"
-            f"{' that kept the limit' if s.limit is not None else ''}, on one {place_word(s)}, not what is recommended",
+            f"{' that kept the limit' if s.limit is not None else ''}, on one {s.problem.instance_word}, not what is recommended",
         ),
-        (f"{place_word(s)}s (SHA-256)", named or "not recorded"),
+        (f"{s.problem.instance_word}s (SHA-256)", named or "not recorded"),
     ]
 
 
 def reproduce_command(campaign: Campaign) -> str:
     """The command line that runs the same campaign again, in a directory beside it."""
     beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
-    words = ["gatetune", "campaign", "run", str(campaign.directory / SETTINGS_FILE), "--out", str(beside)]
-    if campaign.settings.mission is not None:
-        words += ["--mission", str(campaign.settings.mission.path)]
-    return shlex.join(words)
+    file = str(campaign.directory / SETTINGS_FILE)
+    options = campaign.settings.problem.options()
+    return shlex.join(["gatetune", "campaign", "run", file, "--out", str(beside), *options])

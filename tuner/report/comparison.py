@@ -15,15 +15,6 @@ import numpy as np
 from scipy import stats
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
-from tuner.evaluation.baselines import (
-    PAPER_STRATEGIES,
-    TUNED,
-    controls_at_equal_number,
-    description,
-    in_table_order,
-    sees_ground_truth,
-)
-from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import (
     PAPER_TABLE_I,
     ComparisonRow,
@@ -41,6 +32,15 @@ from tuner.evaluation.of_campaign import ComparisonSpec
 from tuner.evaluation.run import EvaluationRun
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, is_geometric
+from tuner.problem.baselines import (
+    PAPER_STRATEGIES,
+    TUNED,
+    controls_at_equal_number,
+    description,
+    in_table_order,
+    sees_ground_truth,
+)
+from tuner.problem.baselines import label as strategy_label
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.objective import Objective
 from tuner.report.labels import (
@@ -61,7 +61,7 @@ from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"
 SURFACES: tuple[Literal["whole", "observable"], ...] = ("whole", "observable")
-OURS_COST = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
+COSTS_SHOWN = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
 _TITLES = {
     "whole": "Table I on the whole surface, underside included, as in the paper",
     "observable": "Table I on the surface that at least two reachable cameras can see",
@@ -113,7 +113,7 @@ class ComparisonFacts:
     measure: str
     summary: ComparisonTable  # costs, the objectives and the limit
     conditions: dict[str, ComparisonTable]  # the same, condition by condition; empty where there is one
-    tables: dict[str, ComparisonTable]  # Table I by surface; "own" of missions that are not ours
+    tables: dict[str, ComparisonTable]  # Table I by surface; "own" where no mission has those metrics
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON (`nbv.mission.result.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
@@ -163,7 +163,7 @@ def comparison_facts(
     strategies = tuple(in_table_order(plan.strategies))
     asked = asked or ComparisonSpec(Objective())
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
-    if plan.fidelity != EXTERNAL or any("whole" in r.metrics for r in records):
+    if any("whole" in r.metrics for r in records):
         tables: dict[str, ComparisonTable] = {
             s: comparison_table(records, strategies, against, s) for s in SURFACES
         }
@@ -181,8 +181,8 @@ def comparison_facts(
         against,
         tuple(notes),
         _verdicts(run, against, asked),
-        _warnings(run, asked.place),
-        f"{measure}; {counted(len(plan.rocks), asked.place)}.",
+        _warnings(run, asked.instance_word),
+        f"{measure}; {counted(len(plan.rocks), asked.instance_word)}.",
         _summary(run, records, against, asked),
         {name: _summary(run, found, against, asked) for name, found in own.items()},
         tables,
@@ -211,7 +211,7 @@ def _summary(
 ) -> ComparisonTable:
     """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
     strategies = tuple(in_table_order(run.plan.strategies))
-    costs = OURS_COST if run.plan.fidelity != EXTERNAL else ()
+    costs = [o for o in COSTS_SHOWN if any(r.measured(o) is not None for r in records)]
     objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
     counts = {o.metric: o for o in (*objectives, *costs)}
     rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
@@ -224,7 +224,7 @@ def _summary(
         shares = {name: _share_kept(records, name, asked) for name in strategies}
         most = max((share.mean for share in shares.values() if share is not None), default=0.0)
         best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
-        limit = MetricRow("", "Limit kept", "limit", f"% of {asked.place}s", True, 0)
+        limit = MetricRow("", "Limit kept", "limit", f"% of {asked.instance_word}s", True, 0)
         found.append(ComparisonRow(limit, shares, best, None, {}))
     return dataclasses.replace(table, rows=found)
 
@@ -260,12 +260,12 @@ def _verdicts(run: EvaluationRun, reference: str, asked: ComparisonSpec) -> list
 
 def _count(records: Sequence[Trial], name: str, reference: str, o: Objective) -> Sentence:
     """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
-    builtin, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
-    if builtin is None or theirs is None:
+    own, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
+    if own is None or theirs is None:
         return Sentence(f"{strategy_label(name)}: no mission in common with {strategy_label(reference)}.")
-    gain = o.sign * (builtin.mean - theirs.mean)
+    gain = o.sign * (own.mean - theirs.mean)
     what = metric_label(o.metric).name
-    text = f"{what}: {builtin.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
+    text = f"{what}: {own.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
     return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
 
 
@@ -310,7 +310,7 @@ def _quality(
             kind = "worse" if high < 0 else "no"
         else:
             begin, kind = f"No difference detected between {who} and {whom}", "no"
-    where = f"{counted(d.pairs, 'paired mission')} on {counted(d.interval.rocks, asked.place)}"
+    where = f"{counted(d.pairs, 'paired mission')} on {counted(d.interval.rocks, asked.instance_word)}"
     if d.interval.method == "replicates":  # such an interval has no spread between rocks
         where += f", for {'this' if d.interval.rocks == 1 else 'these'} alone"
     said = with_unit(gain, label.difference_unit, signed=True)
@@ -324,7 +324,7 @@ def _limit(records: Sequence[Trial], asked: ComparisonSpec) -> list[Sentence]:
     label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
     bound = "at least" if asked.second.direction == "maximise" else "at most"
     text = f"Limit ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
-    text += f"): kept on {kept} of {counted(share.rocks, asked.place)}"
+    text += f"): kept on {kept} of {counted(share.rocks, asked.instance_word)}"
     if share.low is not None and share.high is not None:
         text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
     return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
@@ -376,7 +376,7 @@ def gain_interval(d: PairedDifference, metric: MetricRow) -> tuple[float, float 
     return -i.mean, None if i.high is None else -i.high, None if i.low is None else -i.low
 
 
-def _warnings(run: EvaluationRun, place: str) -> list[str]:
+def _warnings(run: EvaluationRun, word: str) -> list[str]:
     out, plan = [], run.plan
     if not run.complete:
         expected = len(plan.strategies) * len(plan.instances) * plan.replicates
@@ -395,7 +395,7 @@ def _warnings(run: EvaluationRun, place: str) -> list[str]:
             "A strategy that fails where others succeed is worse than its means say."
         )
     if len(plan.rocks) < 3:
-        out.append(f"Only {counted(len(plan.rocks), place)}: nothing here speaks for other {place}s.")
+        out.append(f"Only {counted(len(plan.rocks), word)}: nothing here speaks for other {word}s.")
     return out
 
 
@@ -403,16 +403,16 @@ def _warnings(run: EvaluationRun, place: str) -> list[str]:
 
 
 def table_by_strategy(
-    table: ComparisonTable, title: str, run: EvaluationRun | None = None, place: str = "rock"
+    table: ComparisonTable, title: str, run: EvaluationRun | None = None, word: str = "rock"
 ) -> Table:
-    """A row per strategy; with its ``run`` what each strategy does. Values are means over ``place`` s."""
+    """A row per strategy; with its ``run`` what each strategy does. Values are means over ``word`` s."""
     rows = []
     for name in table.strategies:
         note = "" if run is None else _what(name, run)
         cells = [cell(row, name) for row in table.rows]
         rows.append(Row(_label_in(table, name), (*cells, _missions(table, name)), note))
     caption = (
-        f"Each value is the mean over {place}s ± half of its 95 % interval, and the best one is marked. Below it stands the "
+        f"Each value is the mean over {word}s ± half of its 95 % interval, and the best one is marked. Below it stands the "
         f"paired difference from {strategy_label(table.reference or '')}."
     )
     return Table(
@@ -550,11 +550,11 @@ def write_comparison_report(
         facts=facts,
         kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
         reference=strategy_label(facts.reference),
-        place=facts.asked.place,
+        word=facts.asked.instance_word,
         truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
-        summary=table_by_strategy(facts.summary, "", run, facts.asked.place),
+        summary=table_by_strategy(facts.summary, "", run, facts.asked.instance_word),
         conditions=[
-            table_by_strategy(table, f"Under {name}", None, facts.asked.place)
+            table_by_strategy(table, f"Under {name}", None, facts.asked.instance_word)
             for name, table in facts.conditions.items()
         ],
         instances=_table_by_instance(facts) if len(plan.instances) > 1 else None,
@@ -562,10 +562,10 @@ def write_comparison_report(
             table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()
         ],
-        methods=interval_methods(methods, facts.asked.place),
+        methods=interval_methods(methods, facts.asked.instance_word),
         paper=paper_note(plan.fidelity) if paper else "",
         floor=FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
-        provenance=_provenance(run, facts.asked.place),
+        provenance=_provenance(run, facts.asked.instance_word),
     )
 
 
@@ -576,12 +576,12 @@ def _truth(rocks: Sequence[str]) -> str:
     return "ground truth" + (" or a set's own reference" if any(map(is_photographed, rocks)) else "")
 
 
-def _provenance(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
+def _provenance(run: EvaluationRun, word: str) -> list[tuple[str, str]]:
     """Rocks, conditions, versions and revisions."""
     plan = run.plan
     first, last = plan.first_replicate, plan.first_replicate + plan.replicates - 1
     return [
-        (f"{place}s", ", ".join(short_names(plan.rocks))),
+        (f"{word}s", ", ".join(short_names(plan.rocks))),
         ("conditions", ", ".join(condition.name for condition in plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(sorted({config.preset for config in plan.strategies.values()}))),

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from nbv.config import GateConfig
 from nbv.gates.base import COVIS
 from nbv.mission.result import IterationRecord
-from tuner.evaluation.baselines import label as strategy_label
+from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
 from tuner.report.labels import Difference, MetricLabel, parameter_label

@@ -9,14 +9,6 @@ from typing import Any
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.baselines import (
-    CONTROLS,
-    TUNED,
-    in_table_order,
-    kind_of,
-    label,
-    sees_ground_truth,
-)
 from tuner.evaluation.comparison import (
     MetricRow,
     PairedDifference,
@@ -28,6 +20,14 @@ from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps
 from tuner.evaluation.of_campaign import HELD_OUT, TRAINING
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
+from tuner.problem.baselines import (
+    CONTROLS,
+    TUNED,
+    in_table_order,
+    kind_of,
+    label,
+    sees_ground_truth,
+)
 from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MISSING, Difference, counted, difference_text, format_number
@@ -100,7 +100,7 @@ class GateResult:
 def gate_result(campaign: Campaign) -> GateResult | None:
     """Return the comparison of the present recommendation, from the evaluations in its run directory; None without one."""
     s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None or s.mission is not None:
+    if best is None:
         return None
     tuned, blocks, sources = (
         s.config(best.values),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
+from tuner.problem.search_space import builtin
 from tuner.report.labels import parameter_label
 
 
@@ -26,7 +26,7 @@ def traces_of(campaign: Campaign, trials: Sequence[Trial]) -> list[tuple[Trial, 
 def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
     """Return in how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
     planned = [t for t in trials if t.switched is not None]
-    if not planned or campaign.settings.mission is not None:
+    if not planned:
         return []
     switched = sum(bool(t.switched) for t in planned)
     said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
@@ -37,10 +37,10 @@ def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
     default = campaign.settings.default_values()
     traces = traces_of(campaign, [t for t in trials if t.values == default and t.switched is False])
     spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
-    config = campaign.settings.config(default)
-    if spread and isinstance(config, MissionConfig) and not min(spread) < config.gate.d95_m < max(spread):
+    gate = builtin(campaign.settings.config(default)).gate
+    if spread and not min(spread) < gate.d95_m < max(spread):
         said.append(
             f"At the default it does not switch where d95 is {min(spread):.2f} to {max(spread):.2f} m, since the threshold is "
-            f"{config.gate.d95_m:.2f} m; a gate.d95_m within that range would make it switch."
+            f"{gate.d95_m:.2f} m; a gate.d95_m within that range would make it switch."
         )
     return said

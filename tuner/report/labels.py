@@ -181,7 +181,7 @@ def parameter_label(path: str) -> ParameterLabel:
     """Label of a parameter path of ``MissionConfig``, with the paper's symbol where it has one; other names as they are."""
     try:
         about = parameter(path)
-    except KeyError:  # of a mission that is not ours
+    except KeyError:  # of a mission file
         return ParameterLabel(path, path, "")
     section = about.section.replace("_", "-").capitalize()
     name, short = about.label or about.words, about.symbol or about.words
@@ -191,14 +191,14 @@ def parameter_label(path: str) -> ParameterLabel:
     )
 
 
-def interval_methods(methods: Collection[str], place: str = "rock") -> str:
+def interval_methods(methods: Collection[str], word: str = "rock") -> str:
     """Sentences on how intervals were made, from the ``method`` of each (``tuner.evaluation.comparison.Interval``)."""
     texts = {
-        "rocks": f"t-intervals over {place} means, in which every {place} counts the same, speak for unseen {place}s of the "
+        "rocks": f"t-intervals over {word} means, in which every {word} counts the same, speak for unseen {word}s of the "
         "same kind.",
-        "replicates": f"Intervals from the pooled variance between replicates, with the {place}s taken as fixed, speak for "
-        f"new replicates on these {place}s only.",
-        "wilson": f"The share of {place}s that kept the limit has Wilson's interval.",
+        "replicates": f"Intervals from the pooled variance between replicates, with the {word}s taken as fixed, speak for "
+        f"new replicates on these {word}s only.",
+        "wilson": f"The share of {word}s that kept the limit has Wilson's interval.",
         "none": "Where there are too few missions, no interval is given.",
     }
     said = [text for name, text in texts.items() if name in methods]

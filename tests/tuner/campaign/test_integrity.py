@@ -15,7 +15,7 @@ from in_process import InProcessExecutor
 import tuner.campaign.begin as beginning
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from tuner.campaign import reproducibility_check
+from tuner.campaign import rock_problem
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -121,7 +121,7 @@ def open_last(directory: Path) -> None:
 
 def test_changed_code_is_asked_about(copy, monkeypatch):
     open_last(copy)
-    monkeypatch.setattr(reproducibility_check, "code_of", lambda fidelity: "another")
+    monkeypatch.setattr(rock_problem, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
         run_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
     campaign = Campaign.open(copy, fidelity=FIDELITY)

@@ -12,7 +12,6 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve import run_curve_mission
 from tuner.cli import app
-from tuner.evaluation.baselines import baseline, ending_at
 from tuner.evaluation.curves import (
     BASE,
     SUITES,
@@ -24,6 +23,7 @@ from tuner.evaluation.curves import (
     share_compared,
     verdict,
 )
+from tuner.problem.baselines import baseline, ending_at
 
 MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
 ROCK = "boulder-20000"

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from tuner.evaluation.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.evaluation.comparison import MetricRow, same_photographs, strategy_difference
 from tuner.evaluation.earned import believed_gains, measured_steps
 from tuner.missions.job import Trial
+from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.problem.groups import B_AWARE, COVIS, OTHER, POOL, SEEDS, STOP, THRESHOLDS, grouped
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation

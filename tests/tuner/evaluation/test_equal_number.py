@@ -7,7 +7,8 @@ import pytest
 from photographed_ball import places, write_set
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
-from tuner.evaluation.baselines import (
+from tuner.campaign.rock_problem import where_photographed
+from tuner.problem.baselines import (
     BASELINES,
     at_equal_number,
     baseline_configs,
@@ -18,7 +19,6 @@ from tuner.evaluation.baselines import (
     photographs,
     tuned_configs,
 )
-from tuner.evaluation.of_campaign import where_photographed
 from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")

@@ -12,12 +12,6 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
-from tuner.evaluation.baselines import (
-    BASELINES,
-    PAPER_STRATEGIES,
-    baseline_configs,
-    label,
-)
 from tuner.evaluation.comparison import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,
@@ -29,6 +23,12 @@ from tuner.evaluation.comparison import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import EvaluationEvent, place_for, run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
+from tuner.problem.baselines import (
+    BASELINES,
+    PAPER_STRATEGIES,
+    baseline_configs,
+    label,
+)
 from tuner.problem.instances import Instance
 
 FIDELITY = "fake_missions:fake_mission"

@@ -18,7 +18,7 @@ from tuner.campaign.settings_file import asked_settings
 from tuner.problem.deterministic_metrics import (
     DeterministicMetric,
     DeterministicMetrics,
-    deterministic_metric,
+    photographs_metric,
 )
 from tuner.problem.objective import Objective, asked_objective, objective_text
 from tuner.problem.observations import Observation
@@ -150,7 +150,7 @@ def test_flight_time_and_a_tuned_stopping_rule_are_not_known() -> None:
     base = preset("campaign")
     for space, objective in ((rule, PHOTOGRAPHS), (SPACE, Objective("costs.flight_time_s", "minimise"))):
         make = functools.partial(space.config, base)
-        assert deterministic_metric(space, make, space.default(base), objective) is None
+        assert photographs_metric(space, make, space.default(base), objective) is None
 
 
 def test_a_mission_that_ran_out_of_views_says_otherwise() -> None:

@@ -22,7 +22,7 @@ from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
-from tuner.missions.registry import EXTERNAL, FIDELITIES
+from tuner.missions.registry import runs_on_rocks
 
 _COUNTED_EVERY_S = 1.0
 _RECONNECT_S = 10.0
@@ -101,7 +101,7 @@ class DaskExecutor(Executor):
     def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
         """Return hash and content of a rock that workers cannot make themselves; Dask takes it where it is needed."""
         made_there = job.rock in RECIPES or generated_name(job.rock) is not None
-        if job.fidelity not in FIDELITIES.own or job.fidelity == EXTERNAL or made_there:
+        if made_there or not runs_on_rocks(job.fidelity):
             return "", None
         if job.rock not in self._rocks or self._rocks[job.rock][1].status not in ("pending", "finished"):
             rock = load_rock(job.rock, Store())

@@ -42,12 +42,12 @@ def identity(fidelity: str = "") -> dict[str, str]:
     return found | ({f"the code of {fidelity}": code_of(fidelity)[:12]} if fidelity else {})
 
 
-def difference(theirs: dict[str, str], builtin: dict[str, str], whose: str) -> str:
+def difference(theirs: dict[str, str], here: dict[str, str], whose: str) -> str:
     """Return the first thing in which they and the coordinator differ, both named; empty where there is none."""
-    for name in {**builtin, **theirs}:
-        if theirs.get(name) != builtin.get(name):
+    for name in {**here, **theirs}:
+        if theirs.get(name) != here.get(name):
             return (
-                f"{name} is {theirs.get(name, 'missing')} on the {whose} and {builtin.get(name, 'missing')} here; "
+                f"{name} is {theirs.get(name, 'missing')} on the {whose} and {here.get(name, 'missing')} here; "
                 "install the same on both"
             )
     return ""

@@ -14,7 +14,7 @@ from nbv.errors import UserError
 from nbv.mission.target_prior import must_look
 from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
 from tuner.problem.observations import mission_key
-from tuner.problem.search_space import Configuration
+from tuner.problem.search_space import Configuration, builtin
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,11 @@ def baseline(name: str) -> Baseline:
     return BASELINES[name]
 
 
+def reference_of(configs: Collection[str], usual: str) -> str:
+    """What differences are taken from: the ``usual`` baseline, or the first that is run."""
+    return usual if usual in configs else next(iter(configs))
+
+
 def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) -> dict[str, MissionConfig]:
     """Configurations by strategy name, all from the same base."""
     return {name: baseline(name).config(base) for name in names}
@@ -243,15 +248,14 @@ def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[s
     Where something may end the tuned one early, as many as it took in the mean: their names say the number.
     """
     tuned = strategies.get(TUNED)
-    if not isinstance(tuned, MissionConfig):
+    if not isinstance(tuned, MissionConfig):  # a mission file's configuration has no number
         return ()
     named = [int(said) for name in strategies if (said := _split(name)[1])]
     number = named[0] if tuned.stop.may_end_early and named else photographs(tuned)
     return tuple(
         name
         for name, config in strategies.items()
-        if isinstance(config, MissionConfig)
-        and photographs(config) == number
+        if photographs(builtin(config)) == number
         and mission_key(config) != mission_key(tuned)
         and not sees_ground_truth(name)
     )

@@ -1,0 +1,221 @@
+"""Missions over rocks as a problem: a preset with overrides and the fixed values of a search space, under conditions."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nbv.config import IDEAL, Condition, MissionConfig, preset, under
+from nbv.errors import UserError
+from nbv.photographs import PhotographSet
+from nbv.rocks.catalogue import are_photographed
+from tuner.campaign.rock_choice import held_out_rocks, rock_arguments
+from tuner.missions.registry import code_of
+from tuner.problem.baselines import (
+    EVALUATION_BASELINES,
+    REAIMED_ORBITS,
+    TUNED,
+    TUNED_POOL_RANDOM,
+    any_must_look,
+    at_equal_number,
+    baseline_configs,
+    ending_at,
+    is_orbit,
+    orbits_at_number,
+    photographs,
+    reference_of,
+    tuned_configs,
+)
+from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
+from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
+from tuner.problem.objective import COUNTS, Objective, require_share
+from tuner.problem.problem import Making, Problem, Strategies
+from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.share import rocks_that_show
+
+HIGHEST_DEG = 60.0
+MOST_ENDS = 256
+
+
+@dataclass(frozen=True)
+class RockProblem(Problem):
+    """What the settings of a campaign over rocks say of its missions."""
+
+    space: SearchSpace
+    preset: str
+    overrides: Mapping[str, Any]
+    rocks: tuple[str, ...]
+    conditions: tuple[Condition, ...]
+    runs_as: str  # the campaign's fidelity
+
+    instance_word = "rock"
+    code_word = "code"
+    reference = "hyb-h"
+
+    def base_config(self) -> MissionConfig:
+        """Return the preset with overrides and the space's fixed values."""
+        return self._base
+
+    @functools.cached_property
+    def _base(self) -> MissionConfig:
+        return self.space.base_config(preset(self.preset).with_values(dict(self.overrides)))
+
+    def default_values(self) -> Values:
+        """Return the paper's values, or those that the space has in their place."""
+        return dict(self._default)
+
+    @functools.cached_property
+    def _default(self) -> Values:
+        return self.space.default(preset(self.preset).with_values(dict(self.overrides)))
+
+    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
+        """Return the configuration at ``values`` under one of the campaign's conditions, or none."""
+        config = self._base.with_values(self.space.complete(values))
+        named = {c.name: c for c in self.conditions}
+        return config if condition == IDEAL else under(config, named[condition])
+
+    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
+        """Return the number of photographs where nothing ends a mission early."""
+        return photographs_metric(self.space, self.config, self._default, objective)
+
+    def check_instances(self, rocks: Sequence[str]) -> None:
+        """Raise `UserError` for a family that there is not, and for rocks beside families."""
+        with_families(rocks)
+
+    def check_limit(self, limited: Objective, limit: float) -> None:
+        """Raise `UserError` for fewer photographs than all missions take, and for a share that few rocks cannot show."""
+        if limited.is_share:
+            require_share(share := limit / 100.0, "the limit")
+            # So many rocks must reach it, and none fail, before anybody may believe it (`tuner.problem.share`).
+            needed = rocks_that_show(share)
+            if not are_drawn(self.rocks) and len(self.rocks) < needed:
+                raise UserError(
+                    f"{len(self.rocks)} rocks cannot show what {100 * share:g} % of rocks reach, {needed} can; let them be "
+                    "drawn, with --rock any, or any-FAMILY"
+                )
+        counted = limited.metric in COUNTS and limited.direction == "minimise"
+        if counted and limit < (least := self._fewest_photographs()):
+            raise UserError(
+                f"the limit of {limit:g} photographs is below the {least} that every configuration here takes; raise it, "
+                "or tune or --set the seed phase or stop.adaptive_budget"
+            )
+
+    def _fewest_photographs(self) -> int:
+        """Return the least number at the ends of what is tuned of the seed phase and of the stopping rule."""
+        tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
+        found = list[int]()
+        for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), MOST_ENDS):
+            with contextlib.suppress(UserError):  # ends that exclude one another
+                config = self.config({**self._default, **{p.path: end for p, end in zip(tuned, ends)}})
+                found.append(config.seed.total if config.stop.may_end_early else photographs(config))
+        return min(found, default=0)
+
+    def fidelity(self, asked: str) -> str:
+        """Return the one asked for."""
+        return asked
+
+    def code(self) -> str:
+        """Return the digest of the fidelity's code."""
+        return code_of(self.runs_as)
+
+    def photographs(self, values: Mapping[str, Any]) -> int:
+        """Return seeds and planned views; 0 for a fidelity of the user's."""
+        return 0 if ":" in self.runs_as else photographs(self.config(values))
+
+    def held_out(self) -> tuple[str, ...]:
+        """Return the procedural held-out rocks."""
+        return tuple(held_out_rocks())
+
+    def evaluated_on(
+        self, rocks: Sequence[str] | None, replicates: int, making: Making
+    ) -> tuple[tuple[str, ...], int]:
+        """Return rocks that can be loaded; of families their held-out rocks, one replicate each."""
+        if not rocks and are_drawn(self.rocks):
+            rocks = self.rocks
+        if rocks and are_drawn(asked := with_families(rocks)):  # a replicate of a family is another rock
+            rocks, replicates = held_out_rocks_of(asked, replicates), 1
+        return tuple(rock_arguments(rocks or self.held_out(), making)), replicates
+
+    def strategies(
+        self,
+        values: Mapping[str, Any],
+        names: Sequence[str] | None,
+        photographs: int | None,
+        conditions: Sequence[Condition],
+        rocks: Sequence[str],
+    ) -> Strategies:
+        """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
+        tuned, counted = self.config(values), self._counted(values, photographs)
+        if names is None:
+            looking = any_must_look(self._base, _looking(conditions, rocks))
+            names = (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ()))
+        baselines = baseline_configs(list(names), self._base)
+        equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
+        controls, notes = where_photographed(equal, rocks)
+        arms = tuned_configs(tuned, self._base, counted)
+        if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
+            arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
+        return Strategies({TUNED: arms.pop(TUNED), **controls, **arms}, notes)
+
+    def controls(
+        self,
+        values: Mapping[str, Any],
+        photographs: int | None,
+        conditions: Sequence[Condition],
+        rocks: Sequence[str],
+    ) -> Strategies:
+        """Return plain orbits at the recommendation's number of photographs."""
+        counted = self._counted(values, photographs)
+        return where_photographed(orbits_at_number(counted, _looking(conditions, rocks)), rocks)
+
+    def _counted(self, values: Mapping[str, Any], photographs: int | None) -> MissionConfig:
+        """Return the configuration with the number of photographs that it takes: as measured, where something may end it."""
+        config = self.config(values)
+        return (
+            config if photographs is None or not config.stop.may_end_early else ending_at(config, photographs)
+        )
+
+    def provenance(self) -> tuple[str, str]:
+        """Return the preset."""
+        return "mission preset", self.preset
+
+    def can_run(self, values: Mapping[str, Any]) -> bool:
+        """Return whether there is a configuration at ``values``."""
+        try:
+            self.config(values)
+        except UserError:
+            return False
+        return True
+
+
+def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
+    """Return the conditions under which a mission may have to look for its target: what was photographed stays where it was."""
+    return () if are_photographed(rocks) else conditions
+
+
+def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[str]) -> Strategies:
+    """Return ``strategies`` whose plain orbits run where the photographs are, if all ``rocks`` are sets, and a note that says so.
+
+    One ring runs at the median elevation of all photographs, two rings at their quartiles.
+    """
+    if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
+        return Strategies(dict(strategies))
+    elevations_deg = np.concatenate([PhotographSet.read(rock).coverage.elevations_deg for rock in rocks])
+    low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()
+
+    def placed(config: MissionConfig) -> MissionConfig:
+        one = config.seed.upper_share == 0
+        ring = {"seed.lowest_deg": middle if one else low, "seed.span_deg": 0.0 if one else high - low}
+        return config.with_values(ring)
+
+    note = (
+        f"Plain orbits run where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
+        f"{high:g}° (the quartiles)."
+    )
+    return Strategies({name: placed(c) if is_orbit(name) else c for name, c in strategies.items()}, (note,))

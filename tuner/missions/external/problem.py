@@ -1,0 +1,134 @@
+"""A mission of the user's own as a problem: everything is as its mission file says."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nbv.config import IDEAL, Condition
+from nbv.errors import UserError
+from tuner.missions.external.mission_file import ExternalConfig, MissionFile, external_config
+from tuner.missions.external.program import require_trusted, trust
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
+from tuner.problem.baselines import TUNED
+from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
+from tuner.problem.objective import Objective, dotted
+from tuner.problem.problem import Making, Problem, Strategies
+from tuner.problem.search_space import Values
+
+
+@dataclass(frozen=True)
+class MissionFileProblem(Problem):
+    """The mission of one mission file."""
+
+    mission: MissionFile
+
+    instance_word = "instance"
+    code_word = "program"
+    reference = "default"
+
+    def base_config(self) -> ExternalConfig:
+        """Return the file's defaults."""
+        return external_config(self.mission, {})
+
+    def default_values(self) -> Values:
+        """Return the file's defaults."""
+        return dict(self.base_config().values)
+
+    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> ExternalConfig:
+        """Return the configuration at ``values``; a mission file has instances in place of conditions."""
+        return external_config(self.mission, values)
+
+    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
+        """Return a parameter as a cost."""
+        return parameter_metric(self.mission.space, objective)
+
+    def check_instances(self, rocks: Sequence[str]) -> None:
+        """Raise `UserError` for what is no instance, or is held out."""
+        m = self.mission
+        for rock in rocks:
+            if rock not in m.instances:
+                why = "is held out: it may not be tuned on" if rock in m.held_out else "is no instance"
+                raise UserError(f"{rock!r} {why}; {m.path} has {', '.join(m.instances)} to tune on")
+
+    def fidelity(self, asked: str) -> str:
+        """Return ``external``."""
+        if asked not in (DEFAULT_FIDELITY, EXTERNAL):
+            raise UserError(
+                "--fidelity is of missions over rocks; a mission file says itself how its mission runs"
+            )
+        return EXTERNAL
+
+    def code(self) -> str:
+        """Return the digest of the adapter and of the file's program."""
+        return hashlib.sha256(f"{code_of(EXTERNAL)} {self.mission.program}".encode()).hexdigest()[:32]
+
+    def photographs(self, values: Mapping[str, Any]) -> int:
+        """Return 0: nobody knows."""
+        return 0
+
+    def trust(self, identity: str) -> None:
+        """Note it outside the run directory."""
+        trust(identity, self.mission)
+
+    def require_trusted(self, identity: str, *, unchanged: bool) -> None:
+        """Look for that note."""
+        require_trusted(identity, self.mission, program=unchanged)
+
+    def require_measured(self, objectives: Sequence[Objective], measured: Mapping[str, Any]) -> None:
+        """Raise `UserError` with the metrics that the mission has instead."""
+        # A parameter counts as a cost: see `Trial.measurements`.
+        costs = {**dict.fromkeys(self.mission.space.paths, 0.0), **measured["costs"]}
+        for o in objectives:
+            if o.measure({**measured, "costs": costs}) is None:
+                raise UserError(
+                    f"{self.mission.path}: a mission ended without metric {o.metric!r}, which it is tuned for; it has "
+                    f"{', '.join(dotted(measured)) or 'none'}"
+                )
+
+    def held_out(self) -> tuple[str, ...]:
+        """Return what the file holds out; possibly nothing."""
+        return tuple(self.mission.held_out)
+
+    def evaluated_on(
+        self, rocks: Sequence[str] | None, replicates: int, making: Making
+    ) -> tuple[tuple[str, ...], int]:
+        """Return held-out instances, by default all."""
+        names, path = self.held_out(), self.mission.path
+        if not names:
+            raise UserError(f"{path} holds nothing out; name instances under held_out")
+        for rock in rocks or ():
+            if rock not in names:
+                raise UserError(f"{rock!r} is not held out; {path} holds out {', '.join(names)}")
+        return tuple(rocks or names), replicates
+
+    def strategies(
+        self,
+        values: Mapping[str, Any],
+        names: Sequence[str] | None,
+        photographs: int | None,
+        conditions: Sequence[Condition],
+        rocks: Sequence[str],
+    ) -> Strategies:
+        """Return the defaults and the file's baselines beside the recommendation."""
+        known = {"default": {}, **self.mission.baselines}
+        for name in names or ():
+            if name not in known:
+                raise UserError(f"{self.mission.path} has no baseline {name!r}; there are {', '.join(known)}")
+        return Strategies(
+            {TUNED: self.config(values), **{name: self.config(known[name]) for name in names or known}}
+        )
+
+    def provenance(self) -> tuple[str, str]:
+        """Return the file and its hash."""
+        return "mission file", f"{self.mission.path} (SHA-256 {self.mission.sha256[:12]}…)"
+
+    def options(self) -> list[str]:
+        """Return the option that names the file: a settings file may not choose what is run."""
+        return ["--mission", str(self.mission.path)]
+
+    def can_run(self, values: Mapping[str, Any]) -> bool:
+        """Return True: the file says what is searched, and says nothing of what lies beyond."""
+        return True
