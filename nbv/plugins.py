@@ -104,6 +104,8 @@ _used: dict[tuple[str, str], Plugin] = {}
 def register(group: str, name: str, part: Any, asked: str | None = None) -> None:
     """Add a part in this process. Workers import the module that calls this.
 
+    `UserError` where there is no such group, the part is none of it, or another module has registered the name.
+
     Parameters
     ----------
     group
@@ -114,11 +116,6 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
         What an entry point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`.
     asked
         What `use` is told in a worker; by default the module that calls.
-
-    Raises
-    ------
-    UserError
-        There is no such group, the part is none of it, or another module has registered the name.
     """
     if group not in GROUPS:
         raise UserError(f"there is no group {group!r} of plug-ins; there are {', '.join(GROUPS)}")
@@ -138,10 +135,7 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
 def use(text: str) -> None:
     """Import what registers parts: a module, a file ``FOLDER/module.py``, or ``NAME=COMMAND``, a planner in another process.
 
-    Raises
-    ------
-    UserError
-        It cannot be imported.
+    `UserError` where it cannot be imported.
     """
     name, equals, command = text.partition("=")
     if equals:
@@ -162,10 +156,7 @@ def use(text: str) -> None:
 def asked() -> list[str]:
     """What `use` must be told in a worker.
 
-    Raises
-    ------
-    UserError
-        A part was registered in a script or notebook itself, which no worker can import.
+    `UserError` where a part was registered in a script or notebook itself, which no worker can import.
     """
     for plugin in _registered.values():
         if not plugin.asked:
@@ -191,10 +182,7 @@ def used() -> dict[str, dict[str, str]]:
 def plugins(group: str) -> dict[str, Plugin]:
     """The parts of a group by name, those registered in this process first.
 
-    Raises
-    ------
-    UserError
-        Two have one name.
+    `UserError` where two have one name.
     """
     found = {name: plugin for (of, name), plugin in _registered.items() if of == group}
     for plugin in installed(group):

@@ -18,10 +18,7 @@ def keyed_rng(*parts: str | int) -> np.random.Generator:
     The seed is the SHA-256 of the parts, each with its type and length, so that neither ``("ab", "c")``
     and ``("a", "bc")`` nor ``1`` and ``"1"`` collide. The order of the parts matters.
 
-    Raises
-    ------
-    TypeError
-        A part is neither a string nor an integer (floats have no canonical text).
+    `TypeError` where a part is neither a string nor an integer (floats have no canonical text).
     """
     digest = hashlib.sha256()
     for part in parts:

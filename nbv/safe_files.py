@@ -145,10 +145,7 @@ def is_file(path: Path) -> bool:
 def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True) -> bytes:
     """The content of a regular file; ``follow``: or of the one that a link leads to.
 
-    Raises
-    ------
-    UserError
-        It cannot be read, is no regular file, or is too large.
+    `UserError` where it cannot be read, is no regular file, or is too large.
     """
     try:
         # Without blocking: opening a pipe would wait for a writer.
@@ -217,6 +214,8 @@ def _not_plain(path: Path, *, link: bool) -> UserError:
 def open_to_write(path: str | Path, how: int = os.O_EXCL, folder: int | None = None) -> BinaryIO:
     """Open a file of ours to write; nothing else does.
 
+    `UserError` where there is a link, or something else that is no file.
+
     Parameters
     ----------
     path
@@ -225,11 +224,6 @@ def open_to_write(path: str | Path, how: int = os.O_EXCL, folder: int | None = N
         ``O_EXCL`` makes a new file, ``O_APPEND`` adds to one that may be there, 0 leaves it as it is.
     folder
         The descriptor of its folder.
-
-    Raises
-    ------
-    UserError
-        There is a link, or what is no file.
     """
     # Without blocking: opening a pipe would wait for a reader.
     flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | how
@@ -293,10 +287,7 @@ def remove_links(folder: Path) -> None:
 def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
     """Write files by name into a new or empty folder of the user's; what was written.
 
-    Raises
-    ------
-    UserError
-        There is something in ``folder``, or it cannot be written.
+    `UserError` where there is something in ``folder``, or it cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(f"{folder} is not an empty folder; choose another one")
@@ -312,10 +303,7 @@ def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[
 def parse_yaml(text: str, source: str) -> Any:
     """The tree in ``text`` by YAML 1.2's core schema; keys given twice are refused.
 
-    Raises
-    ------
-    UserError
-        Not YAML, beyond a limit, or values that are not plain (dates among them); names ``source``.
+    `UserError`, which names ``source``, for what is not YAML, beyond a limit, or holds values that are not plain, such as dates.
     """
     require(len(text), TEXT_BYTES, f"the size of {source} in characters")
     try:
@@ -349,6 +337,8 @@ def read_yaml(path: Path) -> Any:
 def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool = False) -> Any:
     """The tree in ``text``.
 
+    `UserError`, which names ``source``, for what is not JSON, or beyond a limit.
+
     Parameters
     ----------
     text, source
@@ -357,11 +347,6 @@ def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool 
         How many values it may hold.
     finite
         Refuse NaN and Infinity, which Python reads and JSON does not have.
-
-    Raises
-    ------
-    UserError
-        Not JSON, or beyond a limit; names ``source``.
     """
     try:
         tree = json.loads(text, parse_constant=functools.partial(_not_finite, source) if finite else None)
@@ -379,10 +364,7 @@ def read_json(path: Path, limit_bytes: int = TEXT_BYTES, nodes: int = TREE_NODES
 def read_npz(path: Path, layout: Mapping[str, str]) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz`` file, each as ``layout`` has it (`misfit`).
 
-    Raises
-    ------
-    UserError
-        As `read_bytes`; not an archive, an array that is missing or of another kind, or beyond a limit.
+    `UserError` as `read_bytes`, and for what is not an archive, an array that is missing or of another kind, or beyond a limit.
     """
     packed = read_bytes(path, NPZ_BYTES)
     try:

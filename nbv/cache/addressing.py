@@ -100,10 +100,7 @@ def code_digest(module: str) -> str:
 def imported_modules(module: str) -> set[str]:
     """The modules below ``nbv`` that are ``module``, or in it, or imported by these; by dotted name.
 
-    Raises
-    ------
-    ValueError
-        There is no such module.
+    `ValueError` where there is no such module.
     """
     waiting, found = _modules_of(module), set[str]()
     while waiting:

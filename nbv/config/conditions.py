@@ -52,10 +52,7 @@ IDEAL_CONDITION = Condition(IDEAL)
 def under(config: MissionConfig, condition: Condition) -> MissionConfig:
     """``config`` under the condition; the same object under ``ideal``.
 
-    Raises
-    ------
-    UserError
-        ``config`` is under another condition already.
+    `UserError` where ``config`` is under another condition already.
     """
     if config.condition not in (IDEAL, condition.name):
         raise UserError(
@@ -102,10 +99,7 @@ def require_distinct(conditions: Sequence[Condition]) -> None:
 def load_condition(name_or_path: str) -> Condition:
     """The condition of that name, or in that YAML file.
 
-    Raises
-    ------
-    UserError
-        No such condition, or a mistake in the file.
+    `UserError` where there is no such condition, or for a mistake in the file.
     """
     named = available_conditions()
     path = named.get(name_or_path, Path(name_or_path))
@@ -119,10 +113,7 @@ def load_condition(name_or_path: str) -> Condition:
 def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
     """Build and check a condition from its YAML tree; ``source`` names it in messages.
 
-    Raises
-    ------
-    UserError
-        A section that is not of the world, an unknown field, a value of the wrong type or out of range.
+    `UserError` for a section that is not of the world, an unknown field, a value of the wrong type or out of range.
     """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
         raise UserError(f"{source}: {name!r} cannot name a condition; use letters, digits and dashes")

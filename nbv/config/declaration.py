@@ -264,10 +264,7 @@ def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
 def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str = "") -> dict[str, Any]:
     """The raw values of a YAML tree, in which anything may be left out, by path; keys may be paths themselves.
 
-    Raises
-    ------
-    UserError
-        An unknown key, which is called ``what``; another value where there must be a mapping.
+    `UserError` for an unknown key, which is called ``what``, and for another value where there must be a mapping.
     """
     if not isinstance(tree, Mapping):
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")

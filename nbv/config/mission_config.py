@@ -192,10 +192,7 @@ class MissionConfig:
 
         ``{"telemetry": "rtk"}`` sets all fields of that section to a level of `TELEMETRY_LEVELS`.
 
-        Raises
-        ------
-        UserError
-            A path or level does not exist, or a value has the wrong type or range.
+        `UserError` where a path or level does not exist, or a value has the wrong type or range.
         """
         if not values:
             return self
@@ -231,10 +228,7 @@ def canonical_path(path: str) -> str:
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:
     """Build a configuration from a nested dictionary or parameter paths; what is left out comes from ``base`` (default: ``paper``).
 
-    Raises
-    ------
-    UserError
-        Unknown key or telemetry level, wrong type, or a value out of range.
+    `UserError` for an unknown key or telemetry level, wrong type, or a value out of range.
     """
     base = base or MissionConfig()
     if isinstance(tree, dict) and isinstance(level := tree.get("telemetry"), str):

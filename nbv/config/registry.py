@@ -33,10 +33,7 @@ class Registry(MutableMapping[str, str]):
     def plugin(self, name: str) -> plugins.Plugin | None:
         """The plug-in of that name; None where it is ours or nothing has it.
 
-        Raises
-        ------
-        UserError
-            Two plug-ins have one name, or one has a name of ours.
+        `UserError` where two plug-ins have one name, or one has a built-in name.
         """
         if name in self.own:
             return None

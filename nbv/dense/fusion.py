@@ -25,10 +25,7 @@ def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
     from the target along any axis are left out. A normal is the mean over the voxel of the depth maps'
     normals, or the mean direction to the cameras where no depth map has one.
 
-    Raises
-    ------
-    MissionFailure
-        ``empty_dense_cloud``: no depth at all.
+    `MissionFailure` ``empty_dense_cloud``: no depth at all.
     """
     known = [name for name in sorted(depth_maps) if np.isfinite(depth_maps[name]).any()]
     found = [_view_points(name, depth_maps[name], views) for name in known]

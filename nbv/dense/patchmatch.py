@@ -27,10 +27,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
     Every view is matched with ``consistency_views`` others. Depths are sought within ``crop_half_width_m`` of the
     target, as in SGBM without ``surface_m``. Not bit-reproducible: COLMAP seeds its CUDA random numbers itself.
 
-    Raises
-    ------
-    UserError
-        The installed pycolmap has no CUDA.
+    `UserError` where the installed pycolmap has no CUDA.
     """
     if not pycolmap.has_cuda:
         raise UserError(

@@ -52,13 +52,8 @@ def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> Poi
     Images without a pose and poses without an image are left out. With ``config.search`` "sparse" depths are sought near
     the points (N, 3) of the sparse model.
 
-    Raises
-    ------
-    MissionFailure
-        ``too_few_views``: fewer than two views, or no two within the pair angles. ``empty_dense_cloud``: no depth is
-        confirmed.
-    UserError
-        The backend needs CUDA.
+    `MissionFailure` ``too_few_views``: fewer than two views, or no two within the pair angles. ``empty_dense_cloud``: no depth
+    is confirmed. `UserError` where the backend needs CUDA.
     """
     config = views.config
     names = sorted(set(views.images) & set(views.camera_from_world))

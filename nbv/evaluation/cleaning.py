@@ -61,6 +61,8 @@ def clean_cloud(
     * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
 
+    `MissionFailure` ``empty_cloud``: nothing is left.
+
     Parameters
     ----------
     cloud
@@ -75,11 +77,6 @@ def clean_cloud(
         The report counts points after each step (``input``, ``finite``, ``crop``, ``ground``,
         ``outliers``, ``floaters``) and describes the plane (``ground_found`` 0 or 1, ``ground_tilt_deg``,
         ``ground_height_m``: NaN where none was found).
-
-    Raises
-    ------
-    MissionFailure
-        ``empty_cloud``: nothing is left.
     """
     report: dict[str, float] = {"input": len(cloud.points_m)}
     cloud = select(cloud, np.all(np.isfinite(cloud.points_m), axis=1))

@@ -37,6 +37,8 @@ def compute_metrics(
 ) -> dict[str, Any]:
     """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
 
+    `MissionFailure` ``empty_cloud``: no point, or none within the configured gate. `ValueError` where no sample is observable.
+
     Parameters
     ----------
     cloud
@@ -52,13 +54,6 @@ def compute_metrics(
     -------
     ``n_points`` that were measured, ``gt_gate_m``, ``sector_centers_deg``, and for each surface, ``whole`` and
     ``observable``, the metrics of `nbv.evaluation.registry` and ``n_gt_samples``.
-
-    Raises
-    ------
-    MissionFailure
-        ``empty_cloud``: no point, or none within the configured gate.
-    ValueError
-        No sample is observable.
     """
     points = np.asarray(cloud.points_m, dtype=float)
     if not truth.observable.any():

@@ -58,6 +58,8 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     own limits, acceleration and jerk theirs along the line; heading has its own rate, acceleration and
     jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.wind`).
 
+    `MissionFailure` ``flight_failed``: no trajectory exists (does not happen for finite poses and positive limits).
+
     Parameters
     ----------
     start, end
@@ -66,11 +68,6 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
         Speeds, accelerations and jerks of the vehicle.
     wind_m_s
         East and north.
-
-    Raises
-    ------
-    MissionFailure
-        ``flight_failed``: no trajectory exists (does not happen for finite poses and positive limits).
     """
     a, b = np.array(start.position_m), np.array(end.position_m)
     length = float(np.linalg.norm(b - a))

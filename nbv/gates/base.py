@@ -117,10 +117,7 @@ def make_gate(
 ) -> Gate:
     """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
 
-    Raises
-    ------
-    UserError
-        An oracle gate without ground truth, or a learned gate whose policy file cannot be read.
+    `UserError` for an oracle gate without ground truth, or a learned gate whose policy file cannot be read.
     """
     kind = config.gate.kind
     gate = gate_class(kind)

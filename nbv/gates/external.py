@@ -111,10 +111,7 @@ def _state_line(state: PlanningState, pool: CandidatePool, target_m: tuple[float
 def register_program(name: str, command: str) -> None:
     """Make the gate ``name`` of a program.
 
-    Raises
-    ------
-    UserError
-        The program does not exist.
+    `UserError` where the program does not exist.
     """
     words = shlex.split(command)
     if not words or shutil.which(words[0]) is None:

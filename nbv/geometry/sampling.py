@@ -15,6 +15,8 @@ def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[
     Faces are drawn with probability proportional to their area, then points uniformly within them
     (Osada et al., "Shape distributions", 2002, Eq. 1). The draw depends on the arguments alone.
 
+    `UserError` where the mesh has no area.
+
     Parameters
     ----------
     vertices_m
@@ -30,11 +32,6 @@ def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[
     -------
     points_m, normals
         (n, 3) each; normals are the unit face normals.
-
-    Raises
-    ------
-    UserError
-        The mesh has no area.
     """
     vertices_m, faces = np.asarray(vertices_m, dtype=float), np.asarray(faces)
     cross, doubled_area = _areas(vertices_m, faces)

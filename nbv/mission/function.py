@@ -28,6 +28,8 @@ class MissionFunction(Protocol):
     ) -> MissionResult:
         """Run the mission and return its outcome.
 
+        `UserError` for an unknown rock, a bad mesh, an unwritable directory, a missing backend.
+
         Parameters
         ----------
         config
@@ -45,9 +47,4 @@ class MissionFunction(Protocol):
         -------
         MissionResult
             Also for a mission that failed: ``status`` and ``reason`` say so.
-
-        Raises
-        ------
-        UserError
-            Unknown rock, bad mesh, unwritable directory, missing backend.
         """

@@ -85,10 +85,7 @@ def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
 def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     """Read what ``save_state`` wrote.
 
-    Raises
-    ------
-    UserError
-        The file is missing or is not a planning state; as `nbv.safe_files.read_npz`.
+    `UserError` where the file is missing or is not a planning state; as `nbv.safe_files.read_npz`.
     """
     data = read_npz(path, _LAYOUT)
     _check(data, path)

@@ -83,10 +83,7 @@ class MissionResult:
 
         Where telemetry is exact nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
 
-        Raises
-        ------
-        UserError
-            There is no such metric.
+        `UserError` where there is no such metric.
         """
         node: Any = self.metrics
         parts = path.split(".")
@@ -108,10 +105,7 @@ class MissionResult:
     def from_json(text: str, source: str = "the mission result") -> MissionResult:
         """Parse ``to_json``'s text; ``source`` names it in messages.
 
-        Raises
-        ------
-        UserError
-            Not a mission result, one of another schema version, or changed since it was written.
+        `UserError` for what is no mission result, one of another schema version, or changed since it was written.
         """
         try:
             tree = parse_json(text, source, RESULT_NODES)

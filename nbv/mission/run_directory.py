@@ -50,10 +50,7 @@ _MADE_ANEW = (
 class RunDirectory:
     """Paths and writers of one mission's directory.
 
-    Raises
-    ------
-    UserError
-        The directory cannot be written, or already holds a finished mission.
+    `UserError` where the directory cannot be written, or already holds a finished mission.
     """
 
     def __init__(self, root: Path, *, overwrite: bool = False) -> None:

@@ -154,10 +154,7 @@ def _together(clouds: Sequence[PointCloud]) -> PointCloud:
 def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
     """The points in the object's box, off the ground where no masks say what is the object, without outliers.
 
-    Raises
-    ------
-    UserError
-        Hardly anything is left.
+    `UserError` where hardly anything is left.
     """
     inside = frame.in_box(cloud.points_m)
     if not masked:

@@ -62,6 +62,8 @@ def suffices(d95_m: float, prediction: Prediction | None, config: MissionConfig)
 class Planner:
     """Plans the next view of Phase 2 from what the vehicle knows.
 
+    `UserError` where the configuration names a gate that needs the ground truth.
+
     Parameters
     ----------
     config
@@ -70,11 +72,6 @@ class Planner:
         None: the one that the configuration names.
     viewpoints
         Where the next view may be; by default in the paper's pool.
-
-    Raises
-    ------
-    UserError
-        The configuration names a gate that needs the ground truth.
     """
 
     def __init__(
@@ -102,6 +99,8 @@ class Planner:
     ) -> Plan:
         """Decide on the next view.
 
+        `MissionFailure` ``no_points_in_box``: no tracked point near the target.
+
         Parameters
         ----------
         model
@@ -112,11 +111,6 @@ class Planner:
             How many of them are seeds; the others have used the budget.
         vehicle_position_m, vehicle_heading_rad
             (3,) and counter-clockwise from east: where the vehicle is.
-
-        Raises
-        ------
-        MissionFailure
-            ``no_points_in_box``: no tracked point near the target.
         """
         visited = np.asarray(visited_m, dtype=float).reshape(-1, 3)
         stop = self.config.stop

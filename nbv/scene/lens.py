@@ -28,10 +28,7 @@ class Lens:
     The radial model is OpenCV's and COLMAP's: a ray at distance ``r`` from the axis (normalised) is seen at
     ``r * (1 + k1 r^2 + k2 r^4)``. Pixel centres are at half-integers.
 
-    Raises
-    ------
-    UserError
-        The distortion folds the picture over, or draws its corner in too far.
+    `UserError` where the distortion folds the picture over, or draws its corner in too far.
     """
 
     def __init__(self, camera: CameraConfig, sensor: SensorConfig) -> None:

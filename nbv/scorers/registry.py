@@ -15,12 +15,7 @@ PAPER_SCORERS = (COVIS.name, B_AWARE.name)
 class Rankings(dict[str, Ranking]):
     """One pool's rankings by scorer: the paper's two, and any other as soon as it is asked for by name.
 
-    Raises
-    ------
-    UserError
-        On asking for a name that no scorer has.
-    MissionFailure
-        On asking for a scorer that the state gives nothing to work with.
+    `UserError` for a name that no scorer has; `MissionFailure` for a scorer that the state gives nothing to work with.
     """
 
     def __init__(self, terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> None:

@@ -93,10 +93,7 @@ def shared_terms(
 ) -> SharedTerms:
     """Box points, visibility and Eq. 2 to 4.
 
-    Raises
-    ------
-    MissionFailure
-        ``no_points_in_box``: there is nothing to plan from.
+    `MissionFailure` ``no_points_in_box``: there is nothing to plan from.
     """
     shared, target = config.shared, np.array(config.target_m)
     weighed = any(section.weights.register for section in (config.covis, config.b_aware, config.matchable))

@@ -73,6 +73,9 @@ def align_cameras(
     some camera, the largest agreeing subset is sought (least median of squares over camera triples, drawn
     from a fixed seed) and the fit is repeated on it.
 
+    `MissionFailure` ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in agreement, or a
+    residual beyond ``max_rms_m``.
+
     Parameters
     ----------
     camera_from_model, camera_from_world
@@ -81,12 +84,6 @@ def align_cameras(
         Largest root mean square residual of the centres.
     telemetry
         What its specification promises; exact where left out.
-
-    Raises
-    ------
-    MissionFailure
-        ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in
-        agreement, or a residual beyond ``max_rms_m``.
     """
     source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
     count = len(source)

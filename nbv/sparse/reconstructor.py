@@ -96,11 +96,8 @@ class SparseReconstructor:
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """Build the seed model.
 
-        Raises
-        ------
-        MissionFailure
-            ``seed_model_failed`` when too few seeds register, ``wrong_model`` when the model that COLMAP
-            finds disagrees with telemetry.
+        `MissionFailure` ``seed_model_failed`` when too few seeds register, ``wrong_model`` when the model that COLMAP finds
+        disagrees with telemetry.
         """
         self._take_in(captures)
         failure = MissionFailure("seed_model_failed", "")
@@ -153,10 +150,7 @@ class SparseReconstructor:
 
         An image that does not register, or whose pose disagrees with telemetry, is reported and kept out.
 
-        Raises
-        ------
-        MissionFailure
-            ``wrong_model`` when the model as a whole no longer agrees with telemetry.
+        `MissionFailure` ``wrong_model`` when the model as a whole no longer agrees with telemetry.
         """
         before = set(registered_names(self.reconstruction))
         self._take_in([capture])

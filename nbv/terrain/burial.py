@@ -20,10 +20,7 @@ def buried_rock(rock: Rock, config: MissionConfig) -> Rock:
 
     It is another rock, with a hash of its own: renderers, ground truth and oracles know nothing of the part below.
 
-    Raises
-    ------
-    UserError
-        ``burial_m`` hides the whole rock.
+    `UserError` where ``burial_m`` hides the whole rock.
     """
     ground = config.ground
     if ground.burial_m == 0 and ground.relief_m == 0:

@@ -51,10 +51,7 @@ def neighbour_cylinders(ground: GroundConfig, ground_seed: int, rock_sha256: str
 
     Each is outside of the evaluation's crop by a gap within ``neighbour_gap_m``, and clear of the others.
 
-    Raises
-    ------
-    UserError
-        There is no room for so many.
+    `UserError` where there is no room for so many.
     """
     relief = relief_of(ground, ground_seed)
     rng = keyed_rng("neighbours", ground_seed, rock_sha256)
