@@ -14,14 +14,8 @@ class UserError(Exception):
 class MissionFailure(Exception):
     """A mission that cannot go on (no seed model, a collapsed model, an empty dense cloud, ...).
 
-    The mission loop turns it into a recorded ``failed`` result; a campaign goes on.
-
-    Parameters
-    ----------
-    reason
-        A short, stable, machine-readable code in snake_case, e.g. ``"seed_model_failed"``.
-    message
-        One line for a person.
+    The mission loop turns it into a recorded ``failed`` result; a campaign goes on. ``reason`` is a short, stable code in snake_case
+    such as ``"seed_model_failed"``, ``message`` one line for a person.
     """
 
     def __init__(self, reason: str, message: str) -> None:

@@ -212,18 +212,10 @@ def _not_plain(path: Path, *, link: bool) -> UserError:
 
 
 def open_to_write(path: str | Path, how: int = os.O_EXCL, folder: int | None = None) -> BinaryIO:
-    """Open a file of ours to write; nothing else does.
+    """Open a file to write that no link leads away from; nothing else in the program opens one.
 
-    `UserError` where there is a link, or something else that is no file.
-
-    Parameters
-    ----------
-    path
-        The file; a name in ``folder`` where that is given.
-    how
-        ``O_EXCL`` makes a new file, ``O_APPEND`` adds to one that may be there, 0 leaves it as it is.
-    folder
-        The descriptor of its folder.
+    ``how``: ``O_EXCL`` makes a new file, ``O_APPEND`` adds to one that may be there, 0 leaves it as it is. With ``folder``, the descriptor
+    of a folder, ``path`` is a name in it. `UserError` where there is a link, or something else that is no file.
     """
     # Without blocking: opening a pipe would wait for a reader.
     flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | how
@@ -335,18 +327,9 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool = False) -> Any:
-    """The tree in ``text``.
+    """The tree in ``text``, which messages call ``source``, of at most so many ``nodes``.
 
-    `UserError`, which names ``source``, for what is not JSON, or beyond a limit.
-
-    Parameters
-    ----------
-    text, source
-        The JSON, and what messages call it.
-    nodes
-        How many values it may hold.
-    finite
-        Refuse NaN and Infinity, which Python reads and JSON does not have.
+    ``finite`` refuses NaN and Infinity, which Python reads and JSON does not have. `UserError` for what is not JSON, or beyond a limit.
     """
     try:
         tree = json.loads(text, parse_constant=functools.partial(_not_finite, source) if finite else None)

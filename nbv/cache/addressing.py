@@ -54,18 +54,9 @@ def cached(
 ) -> Arrays:
     """What ``make`` gives, from the store if it is there.
 
-    Parameters
-    ----------
-    store
-        ``None``: nothing is read or written.
-    kind
-        What it is, for ``gatetune cache info``.
-    make
-        Makes it; what it raises is raised, and nothing is kept.
-    code
-        The module or package that makes it (``nbv.cache.addressing.code_digest``).
-    inputs
-        Everything else that decides it, each as `nbv.cache.digest` takes it.
+    ``store`` None: nothing is read or written. ``kind`` is what ``gatetune cache info`` calls it. What ``make`` raises is raised, and
+    nothing is kept. ``code`` is the module or package that makes it (`code_digest`), ``inputs`` everything else that decides it, each
+    as `nbv.cache.digest` takes it.
     """
     if store is None:
         return make()

@@ -60,20 +60,11 @@ def build_ground_truth(rock: Rock, camera_centers_m: Floats, count: int) -> Grou
 
 
 def observable_mask(caster: RayCaster, points_m: Floats, normals: Floats, camera_centers_m: Floats) -> Bools:
-    """(S,) which samples at least two of the reachable cameras see.
+    """(S,) which of points (S, 3) with unit outward normals (S, 3) at least two of the reachable cameras (C, 3) see.
 
     A camera sees a sample that lies above the ground (z = 0), faces the camera with an incidence of at most 80 degrees,
     and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and
     the rock fits the frame. With sample and camera above the ground, the ground plane cannot occlude.
-
-    Parameters
-    ----------
-    caster
-        Of the occluding mesh.
-    points_m, normals
-        (S, 3) each: the samples with unit outward normals.
-    camera_centers_m
-        (C, 3): every position from which the camera may look, e.g. seed rings and candidate pool.
     """
     starts = lifted(points_m, normals)
     views = np.zeros(len(points_m), dtype=np.int64)

@@ -31,17 +31,12 @@ class FlightEvent:
 
 
 class Flight:
-    """The vehicle of one mission.
+    """The vehicle of one mission; ``rock_sha256`` and ``replicate`` are the key of its arrival errors.
 
     The camera is where the vehicle is, and the gimbal aims at the target, so arriving with a wrong
     position does not turn the target out of the image. ``flight_time_s`` counts everything from take-off to landing:
     climbs, legs and detours, ``settle_s`` before each photograph, and what `hover` waits for: while a view is planned,
     ``planning_s``.
-
-    Parameters
-    ----------
-    rock_sha256, replicate
-        Key of the arrival errors.
     """
 
     def __init__(self, config: MissionConfig, rock_sha256: str, replicate: int) -> None:

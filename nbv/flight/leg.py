@@ -59,15 +59,6 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.wind`).
 
     `MissionFailure` ``flight_failed``: no trajectory exists (does not happen for finite poses and positive limits).
-
-    Parameters
-    ----------
-    start, end
-        Hovering poses.
-    limits
-        Speeds, accelerations and jerks of the vehicle.
-    wind_m_s
-        East and north.
     """
     a, b = np.array(start.position_m), np.array(end.position_m)
     length = float(np.linalg.norm(b - a))

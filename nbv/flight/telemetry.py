@@ -23,10 +23,7 @@ _WAVES = 64
 class TelemetryErrors:
     """The errors of one flight, drawn per (rock, replicate): a function of viewpoint and time, not of call order.
 
-    Parameters
-    ----------
-    min_altitude_m
-        The camera never sinks below, whatever the vehicle believes.
+    The camera never sinks below ``min_altitude_m``, whatever the vehicle believes.
     """
 
     def __init__(

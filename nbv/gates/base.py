@@ -85,15 +85,10 @@ class Gate(ABC):
 
     @abstractmethod
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """The decision for one iteration.
+        """The decision for one iteration; ``pool`` is never empty.
 
-        Parameters
-        ----------
-        pool
-            Never empty.
-        rankings
-            By scorer; ``rankings["covis"]`` and ``rankings["b-aware"]`` are there, any other scorer's ranking is made
-            when it is asked for (`nbv.scorers.registry.Rankings`).
+        ``rankings["covis"]`` and ``rankings["b-aware"]`` are there, any other scorer's ranking is made when it is asked for
+        (`nbv.scorers.registry.Rankings`).
         """
 
 

@@ -54,13 +54,7 @@ def sample_probability(
     camera_centers_m: Floats,
     config: MissionConfig,
 ) -> Floats:
-    """(S,) `reconstruction_probability` of a world's samples.
-
-    Parameters
-    ----------
-    seen, camera_centers_m
-        (V, S) which samples each view sees, (V, 3) where they were really taken from.
-    """
+    """(S,) `reconstruction_probability` of a world's samples, which the views (V, S) ``seen`` from (V, 3) see."""
     points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
     directions = camera_centers_m - np.array(config.target_m)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

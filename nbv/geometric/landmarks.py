@@ -25,13 +25,8 @@ GROUND_MATCH_DEG = (15.0, 125.0)  # flat, so it looks alike from farther
 class Landmarks:
     """The draws of one (rock, replicate) for a world's landmarks, L of them, and what its viewpoints detect.
 
-    Parameters
-    ----------
-    world, config
-        Far ground only matters where ``stop.knn_region`` is of all of the cloud; ground features let the ground look alike
-        from everywhere.
-    rock_sha256, replicate
-        Key of all draws.
+    Of the configuration, far ground only matters where ``stop.knn_region`` is of all of the cloud; ground features let the ground
+    look alike from everywhere.
     """
 
     def __init__(

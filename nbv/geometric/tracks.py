@@ -16,10 +16,7 @@ from nbv.types import Floats, Floats32, Ints
 class Tracks:
     """Detections and their grouping, view by view; L landmarks, at most ``capacity`` views.
 
-    Parameters
-    ----------
-    cosine_limit
-        (L,) smallest cosine between two lines of sight that still match, per landmark.
+    ``cosine_limit`` (L,) is the smallest cosine between two lines of sight that still match, per landmark.
     """
 
     def __init__(self, cosine_limit: Floats, capacity: int) -> None:

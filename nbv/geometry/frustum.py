@@ -15,19 +15,10 @@ BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the process
 
 
 def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig) -> Bools:
-    """(P, C): is each point in the image of the camera at each position, aimed at the target?
+    """(P, C): is each point (P, 3) in the image of the camera at each position (C, 3), aimed at the target (3,)?
 
     The principal point is the image's centre: a point is inside where neither of its scaled coordinates across the line of
     sight exceeds its depth.
-
-    Parameters
-    ----------
-    points_m, positions_m
-        (P, 3) and (C, 3).
-    target_m
-        (3,) at which every camera aims.
-    camera
-        Its intrinsics.
     """
     right, down, forward = camera_axes(positions_m, target_m)
     x, y, z = (

@@ -22,25 +22,10 @@ _LEAF_FOR_ONE = 128  # where one neighbour is asked for: half the time of 32 for
 def nearest_neighbours(
     points_m: Floats, queries_m: Floats, k: int = 1, within_m: float = np.inf
 ) -> tuple[Floats, Ints]:
-    """Distances to, and indices of, the ``k`` nearest points for each query.
+    """Distances to, and indices of, the ``k`` nearest of points (N, 3), N >= ``k``, for each query (Q, 3): (Q, k) each, nearest first.
 
-    Several times faster than a plain query on large clouds.
-
-    Parameters
-    ----------
-    points_m
-        (N, 3), N >= ``k``.
-    queries_m
-        (Q, 3).
-    k
-        How many neighbours of each query.
-    within_m
-        Neighbours are sought no farther than this, in metres, which saves the search for them.
-
-    Returns
-    -------
-    distances_m, indices
-        (Q, k) each, nearest first; (Q,) for ``k = 1``. Infinite and N where there is none nearer than ``within_m``.
+    (Q,) for ``k = 1``; infinite and N where there is none nearer than ``within_m``, which saves the search. Several times faster than
+    a plain query on large clouds.
     """
     tree = cKDTree(points_m, leafsize=_LEAF if k > 1 else _LEAF_FOR_ONE)
     if queries_m is points_m:

@@ -34,13 +34,7 @@ def rays_of(origins_m: NDArray[np.floating], directions: NDArray[np.floating]) -
 
 
 class RayCaster:
-    """One mesh.
-
-    Parameters
-    ----------
-    vertices_m, faces
-        (V, 3) and (F, 3).
-    """
+    """One mesh of vertices (V, 3) and faces (F, 3)."""
 
     def __init__(self, vertices_m: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
         import open3d as o3d  # noqa: PLC0415  a planner on a vehicle does without it

@@ -10,28 +10,11 @@ from nbv.types import Floats, Ints
 
 
 def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[Floats, Floats]:
-    """Area-weighted uniform samples of a triangle mesh.
+    """(n, 3) area-weighted uniform samples of a triangle mesh (V, 3), (F, 3), and (n, 3) their faces' unit normals.
 
     Faces are drawn with probability proportional to their area, then points uniformly within them
-    (Osada et al., "Shape distributions", 2002, Eq. 1). The draw depends on the arguments alone.
-
-    `UserError` where the mesh has no area.
-
-    Parameters
-    ----------
-    vertices_m
-        (V, 3) vertices.
-    faces
-        (F, 3) vertex indices, counter-clockwise seen from outside.
-    n
-        Number of samples.
-    seed
-        Any integer.
-
-    Returns
-    -------
-    points_m, normals
-        (n, 3) each; normals are the unit face normals.
+    (Osada et al., "Shape distributions", 2002, Eq. 1). The draw depends on the arguments alone. `UserError` where the mesh has no
+    area.
     """
     vertices_m, faces = np.asarray(vertices_m, dtype=float), np.asarray(faces)
     cross, doubled_area = _areas(vertices_m, faces)
@@ -50,11 +33,6 @@ def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) ->
     Stratified sampling (Cochran, "Sampling Techniques", 1977, chapter 5): faces in the order of a Morton curve through
     their centres, so that a patch is compact, cut into n parts of equal area. A share of the surface that the samples
     tell scatters less over seeds, since only patches on the border of that part of the surface are drawn by lot.
-
-    Parameters
-    ----------
-    vertices_m, faces, n, seed
-        As in `sample_surface`.
     """
     corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
     cross, doubled_area = _areas(vertices_m, faces)

@@ -29,16 +29,8 @@ def seen_from(
 ) -> Bools:
     """(P,) does the camera at ``center_m`` (3,) see each place?
 
-    Parameters
-    ----------
-    starts_m
-        (P, 3) the places, lifted off the surface (`lifted`).
-    normals
-        (P, 3) unit, outward.
-    caster
-        The mesh that may hide them.
-    max_incidence_deg
-        Largest angle between the normal and the direction to the camera.
+    ``starts_m`` (P, 3) are the places lifted off the surface (`lifted`), ``normals`` (P, 3) unit and outward, ``caster`` the mesh that
+    may hide them. The angle between normal and direction to the camera is at most ``max_incidence_deg``.
     """
     to_camera = center_m - starts_m
     distance_m = np.linalg.norm(to_camera, axis=1)

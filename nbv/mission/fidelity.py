@@ -99,21 +99,11 @@ class Fidelity(ABC):
         log: Log = no_log,
         with_oracle: bool = False,
     ) -> MissionResult:
-        """Run one mission and measure it: a `nbv.mission.function.MissionFunction`.
+        """Run one mission and measure it: a `nbv.mission.function.MissionFunction`, which has the other parameters.
 
-        Parameters
-        ----------
-        config, rock, replicate, directory, keep
-            As in `MissionFunction`.
-        overwrite
-            Whether a finished mission in ``directory`` may be replaced.
-        cache
-            Keep what missions share in the user's store, or in the one given; the outcome is the same. False: no store is
-            read or written.
-        log
-            Called with an event's name and its facts as the mission goes on.
-        with_oracle
-            Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
+        ``overwrite``: a finished mission in ``directory`` may be replaced. ``cache``: what missions share is kept in the user's store, or in
+        the one given; the outcome is the same without. ``log`` is called with an event's name and its facts as the mission goes on.
+        ``with_oracle``: beside every decision is recorded what an oracle would have gained from each scorer's best candidate.
         """
         started = time.perf_counter()
         store = cache if isinstance(cache, Store) else Store() if cache else None

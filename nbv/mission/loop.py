@@ -21,12 +21,7 @@ from nbv.viewpoints import RINGS, ViewpointSource
 class AdaptiveMission:
     """Seed phase, adaptive phase, dense reconstruction.
 
-    Parameters
-    ----------
-    config
-        What the vehicle believes.
-    recorder
-        It sees every step and changes none.
+    ``config`` is what the vehicle believes; ``recorder`` sees every step and changes none.
     """
 
     def __init__(

@@ -21,16 +21,9 @@ from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
 class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
 
-    Parameters
-    ----------
-    config
-        What the vehicle plans by.
-    flight
-        The mission's own, for the length of each leg.
-    run
-        Where photographs, planning states and the trace are written as they come; ``None`` writes nothing.
-    oracle
-        Simulation only: what it would have thought of both scorers' choices is recorded with every decision.
+    ``config`` is what the vehicle plans by; ``flight`` the mission's own, for the length of each leg. Photographs, planning states and
+    the trace are written into ``run`` as they come, or nowhere. ``oracle``, in simulation only: what it would have gained from the
+    scorers' choices is recorded with every decision.
     """
 
     def __init__(

@@ -24,12 +24,8 @@ from nbv.types import Camera, Capture, Floats, Viewpoint
 class SimulatedCamera(Camera):
     """Renders one rock in one replicate.
 
-    Parameters
-    ----------
-    config
-        As the vehicle believes it: the gimbal aims at its target.
-    store
-        Where photographs are kept, by rock, replicate, viewpoint, pose and all of the configuration that they depend on.
+    The gimbal aims at the target of ``config``, which is as the vehicle believes it. ``store`` keeps photographs, by rock, replicate,
+    viewpoint, pose and all of the configuration that they depend on.
     """
 
     def __init__(

@@ -62,16 +62,9 @@ def suffices(d95_m: float, prediction: Prediction | None, config: MissionConfig)
 class Planner:
     """Plans the next view of Phase 2 from what the vehicle knows.
 
+    ``config`` is the tuned configuration; `Planner.from_yaml` reads one that ``gatetune export --to gatetune.yaml`` wrote. ``gate``: by
+    default the one that the configuration names. ``viewpoints``: where the next view may be, by default in the paper's pool.
     `UserError` where the configuration names a gate that needs the ground truth.
-
-    Parameters
-    ----------
-    config
-        The tuned configuration; `Planner.from_yaml` reads one that ``gatetune export --to gatetune.yaml`` wrote.
-    gate
-        None: the one that the configuration names.
-    viewpoints
-        Where the next view may be; by default in the paper's pool.
     """
 
     def __init__(

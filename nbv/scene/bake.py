@@ -194,17 +194,7 @@ def vertex_radiance(
     to_sun: Floats,
     caster: RayCaster,
 ) -> Floats32:
-    """albedo * (ambient * mild sky term + sun * max(0, n.l) * visibility).
-
-    Parameters
-    ----------
-    albedo
-        (V, 3) linear.
-    vertices, faces
-        (V, 3) in metres and (F, 3).
-    to_sun
-        (3,) unit vector.
-    """
+    """albedo (V, 3) * (ambient * mild sky term + sun * max(0, n.l) * visibility), linear; ``to_sun`` (3,) is a unit vector."""
     normals = vertex_normals(vertices.astype(np.float64), faces.astype(np.int64))
     cosine = np.maximum(normals @ to_sun, 0)
     lit = np.flatnonzero(cosine > 0)

@@ -60,15 +60,9 @@ def synthesise_ground(
 ) -> list[tuple[Floats32, Floats32]]:
     """Paint the ground of one seed: per level the albedo (S, S), linear, and the sun cosine (S, S).
 
-    The sun cosine is max(0, n . l), with the pebbles' own shadows. Texel (row i, column j) is centred on
-    ``x = (j + 0.5) * texel - half``, ``y = (i + 0.5) * texel - half``.
-
-    Parameters
-    ----------
-    to_sun
-        (3,) unit vector with z > 0.
-    relief
-        What is modelled of the ground's height; flat where left out.
+    The sun cosine is max(0, n . l), with the pebbles' own shadows; ``to_sun`` (3,) is a unit vector with z > 0. ``relief`` is what is
+    modelled of the ground's height. Texel (row i, column j) is centred on ``x = (j + 0.5) * texel - half``,
+    ``y = (i + 0.5) * texel - half``.
     """
     shape = (spec.size_px, spec.size_px)
     heights = [np.zeros(shape, np.float32) for _ in range(spec.levels)]

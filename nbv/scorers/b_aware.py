@@ -87,16 +87,9 @@ def _unit_rays(box: SparseModel) -> Floats:
 def repair(
     visible: Bools, weak: Floats, candidates_m: Floats, box: SparseModel, config: BAwareConfig
 ) -> Floats:
-    """Eq. 8: (C,) share of all weakness that each candidate would repair.
+    """Eq. 8: (C,) share of all weakness (P,) (Eq. 6) that each candidate would repair, of the points that it sees, ``visible`` (P, C).
 
     If no point is weak there is nothing to repair: zeros, through the reference's guard of 1e-8 on the denominator.
-
-    Parameters
-    ----------
-    visible
-        (P, C) which points each candidate sees.
-    weak
-        (P,) weakness of the points (Eq. 6).
     """
     gain = geometry_gain(candidates_m, box, config)
     gain *= visible

@@ -104,14 +104,9 @@ def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> B
 def expected_gain_percent(
     points_m: Floats, candidate_m: Floats, visited_m: Floats, config: MissionConfig
 ) -> float:
-    """Of all matchable views that the believed surface needs, the share that one more view would add (%).
+    """Of all matchable views that the surface estimated from sparse points (N, 3) needs, the share (%) that one more view would add.
 
-    Parameters
-    ----------
-    points_m
-        (N, 3) sparse points, around which the surface is believed.
-    candidate_m, visited_m
-        (3,) the view, and (V, 3) the views so far.
+    The view is from ``candidate_m`` (3,), those so far from ``visited_m`` (V, 3).
     """
     surface = proxy_surface(points_m, config)
     gained, _ = views_gained(surface, candidate_m.reshape(1, 3), visited_m, config)

@@ -75,15 +75,6 @@ def align_cameras(
 
     `MissionFailure` ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in agreement, or a
     residual beyond ``max_rms_m``.
-
-    Parameters
-    ----------
-    camera_from_model, camera_from_world
-        (M, 4, 4) poses in the model, and as telemetry reports them.
-    max_rms_m
-        Largest root mean square residual of the centres.
-    telemetry
-        What its specification promises; exact where left out.
     """
     source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
     count = len(source)

@@ -25,14 +25,8 @@ def database_cache(
 ) -> pycolmap.DatabaseCache:
     """Images and pairs as COLMAP's in-memory cache, with one frame an image and one rig a camera, as COLMAP wants.
 
-    Parameters
-    ----------
-    names
-        Of the images; their ids count from 1 in this order.
-    keypoints_px
-        (K, 2) of each image.
-    pairs
-        By image ids, the smaller first.
+    Ids of images count from 1 in the order of ``names``; ``keypoints_px`` are (K, 2) of each; ``pairs`` are by image ids, the smaller
+    first.
     """
     cache = pycolmap.DatabaseCache()
     for camera_id, camera in cameras.items():
@@ -139,19 +133,9 @@ def model_of(files: Mapping[str, bytes]) -> pycolmap.Reconstruction:
 def export_colmap(
     reconstruction: pycolmap.Reconstruction, world_from_model: Similarity, directory: Path, images: Path
 ) -> None:
-    """Write the model in the world frame (metres) as COLMAP binary plus ``points.ply``.
+    """Write the model in the world frame (metres) as COLMAP binary, which its GUI opens, plus ``points.ply``, into a new directory.
 
-    Parameters
-    ----------
-    reconstruction
-        The model in its own frame.
-    world_from_model
-        Where it belongs.
-    directory
-        Made. Gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin`` (COLMAP's
-        GUI opens it) and ``points.ply``.
-    images
-        Folder of the photographs, by their names in the model: points take the mean colour of their observations.
+    Points take the mean colour of their observations in the photographs, which lie in ``images`` by their names in the model.
     """
     world = pycolmap.Reconstruction(reconstruction)
     world.transform(

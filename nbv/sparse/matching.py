@@ -73,13 +73,6 @@ def match_pair(
     Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
     and the result does not depend on the linear-algebra library or its threads. (pycolmap's own matcher
     finds the same matches in a hundred times the time.)
-
-    Parameters
-    ----------
-    max_ratio
-        Largest ratio of the nearest to the second-nearest distance.
-    max_distance_rad
-        Largest angle between matching descriptors.
     """
     if len(a) == 0 or len(b) == 0:
         return NO_MATCHES

@@ -21,12 +21,8 @@ def adjust_with_priors(
     """Put the model into the world frame and adjust it, in place, against pixels and priors.
 
     COLMAP's pose-prior bundle adjustment: residuals of pixels, and of camera centres whitened by the covariance
-    (pycolmap's ``create_pose_prior_bundle_adjuster``). Pixels count with a standard deviation of one pixel.
-
-    Parameters
-    ----------
-    centers_m, variances_m2
-        (3,) where telemetry says the cameras are, by image id, and how sure it is: east, north, up, of each.
+    (pycolmap's ``create_pose_prior_bundle_adjuster``). Pixels count with a standard deviation of one pixel. ``centers_m`` (3,) are by
+    image id where telemetry says the cameras are, ``variances_m2`` (3,) how sure it is: east, north, up.
     """
     ids = sorted(int(i) for i in reconstruction.reg_image_ids())
     if len(ids) < FEWEST_CAMERAS:

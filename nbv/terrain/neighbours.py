@@ -109,14 +109,7 @@ def make_surroundings(
 ) -> Surroundings | None:
     """The surroundings of the rock as it lies; None on bare flat ground.
 
-    Parameters
-    ----------
-    ground
-        Relief and number of neighbours.
-    ground_seed, rock_sha256
-        Key of the draws.
-    store
-        Where shapes are kept; nowhere where left out.
+    ``ground_seed`` and ``rock_sha256`` are the key of the draws; ``store`` keeps shapes.
     """
     if ground.relief_m == 0 and ground.neighbours == 0:
         return None

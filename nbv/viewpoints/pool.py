@@ -32,16 +32,8 @@ class ViewpointSource:
     ) -> CandidatePool:
         """The feasible candidates of one iteration, in the order in which ties are broken; may be empty.
 
-        Parameters
-        ----------
-        config
-            Its ``pool``.
-        vehicle_position_m
-            (3,) where the vehicle is.
-        visited_m
-            (V, 3) commanded positions of all photographs so far, seeds first.
-        n_seeds
-            How many of them are seeds.
+        ``vehicle_position_m`` (3,) is where the vehicle is, ``visited_m`` (V, 3) the commanded positions of all photographs so far, of which
+        the first ``n_seeds`` are seeds.
         """
         return candidate_pool(config, vehicle_position_m, visited_m[n_seeds:])
 
@@ -52,20 +44,11 @@ RINGS = ViewpointSource()
 def candidate_pool(
     config: MissionConfig, vehicle_position_m: Floats, adaptive_visited_m: Floats
 ) -> CandidatePool:
-    """The feasible candidates of one iteration, in the order in which ties are broken.
+    """The feasible candidates of one iteration, in the order in which ties are broken; possibly none.
 
-    Parameters
-    ----------
-    vehicle_position_m
-        (3,) where the vehicle really is.
-    adaptive_visited_m
-        (K, 3) commanded positions of the adaptive captures so far, without the seeds; K may be 0.
-
-    Returns
-    -------
-    CandidatePool
-        Possibly empty: whether the mission ends there is the mission's decision. ``counts`` holds the
-        survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance.
+    ``vehicle_position_m`` (3,) is where the vehicle really is, ``adaptive_visited_m`` (K, 3) the commanded positions of the adaptive
+    captures so far. ``counts`` of the pool are the survivors after each step: raw, altitude_travel, spacing, revisit,
+    azimuth_balance.
     """
     pool, target = config.pool, np.array(config.target_m)
     raw = raw_candidates(config)
