@@ -1,4 +1,4 @@
-"""Checksums within documents of our own: whether somebody changed one since it was written."""
+"""Checksums within the program's documents: whether somebody changed one since it was written."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ class PlanningState:
     model: SparseModel
     visited_m: Floats  # (V, 3) commanded positions of all captures so far, seeds first
     n_seeds: int
-    vehicle_position_m: Floats  # (3,) where the vehicle believes to be
+    vehicle_position_m: Floats  # (3,) where the vehicle estimates to be
     vehicle_heading_rad: float
     captures_used: int  # adaptive captures so far
     adaptive_budget: int
@@ -203,7 +203,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class GateDecision:
-    """Which ranking is flown, and why."""
+    """Which ranking is used, and why."""
 
     ranking: Ranking  # one of the inputs, unchanged (hard switch)
     reason: str
@@ -214,7 +214,7 @@ class Camera:
     """Takes the photographs of one mission. The mission loop does not know which implementation it has."""
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        """The photograph of ``viewpoint``, taken where the vehicle believes to be, ``position_m`` (3,).
+        """The photograph of ``viewpoint``, taken where the vehicle estimates to be, ``position_m`` (3,).
 
         ``time_s`` into the flight, on which slow errors of the telemetry depend.
         """

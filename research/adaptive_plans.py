@@ -108,7 +108,7 @@ def run_missions(
 
         def __init__(self, context: MissionContext) -> None:
             super().__init__(context)
-            self.reconstructor = _Kept(self.reconstructor, listen, self.believed)
+            self.reconstructor = _Kept(self.reconstructor, listen, self.vehicle_config)
             kept[:] = [self.reconstructor]
 
     result = Listening.run(config, rock, replicate)

@@ -114,7 +114,7 @@ class MissionConfig:
             )
 
     def require_seeds_above_ground(self) -> None:
-        """`UserError` where a ring of seeds meets the ground; asked of what is ordered, not of what a vehicle believes."""
+        """`UserError` where a ring of seeds meets the ground; asked of what is ordered, not of a vehicle's estimate."""
         lowest_m, least_m = self.target_m[2] + self.seed.lowest_view_m, self.flight.min_camera_altitude_m
         if lowest_m < least_m:
             raise UserError(
@@ -178,7 +178,7 @@ class MissionConfig:
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the canonical JSON form.
 
-        A field that was added since version 1 and has its default is left out: a mission flown before the
+        A field that was added since version 1 and has its default is left out: a mission run before the
         field existed is the same mission.
         """
         tree = {**canonical(self), **_REMOVED}

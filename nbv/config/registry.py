@@ -1,7 +1,7 @@
-"""What a configuration may name, and where it lives: ours stand here, those of other packages in `nbv.plugins`.
+"""What a configuration may name, and where it lives: built-in parts stand here, those of other packages in `nbv.plugins`.
 
-Only names and places: nothing of ours is imported before it is asked for. So a name is checked when a configuration is
-read, long before anything flies, and what needs OpenGL or CUDA loads only where it is used.
+Only names and places: no part is imported before it is asked for. So a name is checked when a configuration is
+read, long before a mission runs, and what needs OpenGL or CUDA loads only where it is used.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from nbv.errors import UserError
 
 
 class Registry(MutableMapping[str, str]):
-    """Names, and the ``module:attribute`` that each stands for: our own, then those of plug-ins.
+    """Names, and the ``module:attribute`` that each stands for: those built in, then those of plug-ins.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Registry(MutableMapping[str, str]):
         self.what, self.group, self.own = what, group, own
 
     def plugin(self, name: str) -> plugins.Plugin | None:
-        """The plug-in of that name; None where it is ours or nothing has it.
+        """The plug-in of that name; None where it is built in or nothing has it.
 
         `UserError` where two plug-ins have one name, or one has a built-in name.
         """
@@ -121,7 +121,7 @@ DENSE_BACKENDS = Registry(
 
 
 class _Kinds(Collection[str]):
-    """Ours are found without a look at what is installed."""
+    """Built-in kinds are found without a look at what is installed."""
 
     def __contains__(self, name: object) -> bool:
         return any(name in names for names in (SCORERS.own, GATES.own, SCORERS, GATES))

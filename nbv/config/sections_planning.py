@@ -63,7 +63,7 @@ class SeedConfig(Section):
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
-        "share of the seeds of `count` that fly a second ring, `span_deg` above the first; 0: one turn",
+        "share of the seeds of `count` on a second ring, `span_deg` above the first; 0: one turn",
         why="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
         added=True,
@@ -77,8 +77,8 @@ class SeedConfig(Section):
     )
     second_turn: bool = not_in_paper(
         False,
-        "where the seeds make no model, fly as many again between them, out of the planned views; where a part of them is "
-        "missing from it, fly between registered and missing ones until all are in it",
+        "where the seeds make no model, photograph as many again between them, out of the planned views; where a part of them is "
+        "missing from it, photograph between registered and missing ones until all are in it",
         why="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
@@ -191,7 +191,7 @@ class StopConfig(Section):
     criterion: Literal["both", "budget", "knn", "predicted"] = text(
         "both",
         "III, Phase 2",
-        "what ends Phase 2 besides the budget: both (the paper's) or knn, the sparse cloud's density; predicted, ours: the "
+        "what ends Phase 2 besides the budget: both (the paper's) or knn, the sparse cloud's density; predicted, not in the paper: the "
         "dense cloud's predicted completeness",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
@@ -309,7 +309,7 @@ class BAwareConfig(Section):
 
 @dataclass(frozen=True)
 class MatchableConfig(Section):
-    """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
+    """Not in the paper: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
 
     weights: Weights = field(default_factory=Weights)
     views: TwoOrMore = not_in_paper(6, "views that must match one another on a piece of surface")
@@ -317,12 +317,12 @@ class MatchableConfig(Section):
 
 @dataclass(frozen=True)
 class GateConfig(Section):
-    """Which ranking is flown (Eq. 9 for ``hyb-h``)."""
+    """Which ranking is used (Eq. 9 for ``hyb-h``)."""
 
     kind: str = text(
         "hyb-h",
         "III-B",
-        "which ranking is flown; a scorer's name: that scorer alone",
+        "which ranking is used; a scorer's name: that scorer alone",
         names=gate_kinds,
         plugins=True,
     )
@@ -337,14 +337,14 @@ class GateConfig(Section):
     budget_fraction: Share = text(
         0.4,
         "Eq. 9",
-        "budget fraction below which Hyb-H flies the geometry scorer",
+        "budget fraction below which Hyb-H uses the geometry scorer",
         label="budget fraction f_b",
         symbol="f_b",
     )
     d95_m: NonNegative = text(
         0.14,
         "Eq. 9",
-        "d95 above which Hyb-H flies the geometry scorer",
+        "d95 above which Hyb-H uses the geometry scorer",
         label="KNN distance d95",
         symbol="d95",
     )

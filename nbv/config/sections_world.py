@@ -120,7 +120,7 @@ class SensorConfig(Section):
     )
     focal_error_percent: Annotated[float, Meta(gt=-100)] = not_in_paper(
         0.0,
-        "true focal length above the one that the vehicle believes",
+        "true focal length above the calibrated one",
         why="0.2 between the two cameras of the EuRoC rig",
     )
     principal_point_error_px: tuple[float, float] = not_in_paper(
@@ -281,25 +281,25 @@ class TelemetryConfig(Section):
 
 @dataclass(frozen=True)
 class TargetConfig(Section):
-    """Errors of what is believed of the target before it is seen; by default its place is known, a drawn rock's size roughly."""
+    """Errors of the prior knowledge of the target; by default its place is known, a drawn rock's size roughly."""
 
     horizontal_sd_m: NonNegative = not_in_paper(
         0.0,
-        "standard deviation of each horizontal axis of the target's believed centre",
+        "standard deviation of each horizontal axis of the target's prior centre",
         why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
     vertical_sd_m: NonNegative = not_in_paper(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
     size_error_percent: Annotated[float, Meta(ge=0, le=50)] = not_in_paper(
         20.0,
-        "largest error of the believed height and width of a rock drawn from a family (uniform), which is aimed at half "
-        "its believed height",
+        "largest error of the prior height and width of a rock drawn from a family (uniform), which is aimed at half "
+        "its prior height",
         why="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
         added=True,
     )
 
     @property
     def is_known(self) -> bool:
-        """Whether it is where it is believed to be."""
+        """Whether it is exactly where the configuration puts it."""
         return self.horizontal_sd_m == 0 and self.vertical_sd_m == 0
 
 

@@ -50,7 +50,7 @@ def clean_cloud(
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
-    The paper's three steps in its order (section IV) and one of ours, which ``floater_radius_m`` 0 leaves out.
+    The paper's three steps in its order (section IV) and a fourth, which ``floater_radius_m`` 0 leaves out.
     Where this departs from the authors' code:
 
     * the ground plane must lie within ``ground_max_tilt_deg`` of horizontal and within

@@ -1,7 +1,7 @@
 """Registration of a dense cloud to the true surface, for the second number that an evaluation says.
 
 Where telemetry errs, a cloud can be right in shape and wrong in place. As georeferenced it is measured where the
-vehicle believes it to be; registered it is measured after the similarity that fits it best to the true surface, as
+vehicle's telemetry puts it; registered it is measured after the similarity that fits it best to the true surface, as
 Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest point (Besl and McKay 1992), with
 correspondences up to a distance that shrinks in stages; first a shift alone, from 0.2 m on with turn and scale
 (Umeyama 1991). It begins where the target that stands in

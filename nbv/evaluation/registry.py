@@ -1,4 +1,4 @@
-"""The metrics of a cloud: ours are `METRICS`, with those of plug-ins `all_metrics`.
+"""The metrics of a cloud: built in are `METRICS`, with those of plug-ins `all_metrics`.
 
 Reports read names, units and directions from here; missions hold every metric for the whole and the observable surface.
 """
@@ -89,7 +89,7 @@ PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 
 def all_metrics() -> dict[str, Metric]:
-    """Ours, then those of plug-ins."""
+    """Those built in, then those of plug-ins."""
     return {**METRICS, **{plugin.loaded.key: plugin.loaded for plugin in plugins("metrics").values()}}
 
 

@@ -65,7 +65,7 @@ class Flight:
 
     @property
     def position_m(self) -> Floats:
-        """(3,) where the vehicle believes to be."""
+        """(3,) where the vehicle estimates to be."""
         return np.array(self._pose.position_m)
 
     @property

@@ -23,7 +23,7 @@ _WAVES = 64
 class TelemetryErrors:
     """The errors of one flight, drawn per (rock, replicate): a function of viewpoint and time, not of call order.
 
-    The camera never sinks below ``min_altitude_m``, whatever the vehicle believes.
+    The camera never sinks below ``min_altitude_m``, whatever the vehicle estimates.
     """
 
     def __init__(

@@ -52,7 +52,7 @@ class Gate(ABC):
     Parameters
     ----------
     config
-        What the vehicle believes; the gate's own settings are in its ``gate``.
+        The vehicle's; the gate's own settings are in its ``gate``.
     oracle
         The ground truth, for a gate that says ``sees_ground_truth``, and for no other.
     """

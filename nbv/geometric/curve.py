@@ -40,7 +40,7 @@ class CurveFidelity(GeometricFidelity):
         config, rock = context.config, context.rock
         self.curve: list[tuple[int, float, float]] = []
         self.reconstructor = _MeasuredReconstructor(
-            self._world, config, self.believed.target_m, rock.sha256, context.replicate
+            self._world, config, self.vehicle_config.target_m, rock.sha256, context.replicate
         )
         self.reconstructor.fidelity = self
 
@@ -49,7 +49,7 @@ class CurveFidelity(GeometricFidelity):
         if self.context.config.adaptive_budget > 0:
             scores = predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
             model = report.model
-            told = predict(model.points_m, model.camera_centers_m, self.believed).f_score_percent
+            told = predict(model.points_m, model.camera_centers_m, self.vehicle_config).f_score_percent
             self.curve.append((photographs, scores["observable"]["f_score_48mm"], told))
         else:
             self.curve.append((photographs, 0.0, 0.0))
@@ -61,7 +61,7 @@ class CurveFidelity(GeometricFidelity):
         if self.context.config.adaptive_budget == 0:
             self.curve = [(self.curve[-1][0], metrics["observable"]["f_score_48mm"], 0.0)]
         metrics["curve"] = [list(step) for step in self.curve]
-        metrics["believed_height_m"] = 2.0 * self.believed.target_m[2]
+        metrics["believed_height_m"] = 2.0 * self.vehicle_config.target_m[2]
         return metrics
 
 

@@ -50,7 +50,7 @@ class GeometricFidelity(Fidelity):
 
     def __init__(self, context: MissionContext) -> None:
         super().__init__(context)
-        config, rock, aim_m = context.config, context.rock, self.believed.target_m
+        config, rock, aim_m = context.config, context.rock, self.vehicle_config.target_m
         self._world = world_of(rock, config, context.store)
         self.camera = PoseCamera(aim_m)
         self.reconstructor = GeometricReconstructor(

@@ -2,7 +2,7 @@
 
 Detections of one landmark in two views match when their lines of sight differ little enough; a track is a
 connected set of matching detections, as in COLMAP. A landmark may have several tracks (seen from opposite
-sides, say), and each is a point of its own.
+sides, say), and each is a point of its new.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ class Tracks:
         self.n_views = m + 1
         here = directions.astype(np.float32, copy=False)
         self._directions[m, landmarks] = here
-        # All earlier detections of these landmarks: which of ours (0 to K - 1), in which view, in which track.
+        # All earlier detections of these landmarks: which of the new ones (0 to K - 1), in which view, in which track.
         before = self._labels.take(landmarks, axis=0).ravel()
         place = np.flatnonzero(before >= 0)
-        ours = place // self._labels.shape[1]
-        view = place - ours * self._labels.shape[1]
+        new = place // self._labels.shape[1]
+        view = place - new * self._labels.shape[1]
         track = before[place].astype(np.int64)
-        cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[ours]), here.take(ours, axis=0))
-        linked = cosine >= self._cosine_limit[landmarks][ours]
-        joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, ours]; row m stays False
-        joined[track[linked], ours[linked]] = True
+        cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[new]), here.take(new, axis=0))
+        linked = cosine >= self._cosine_limit[landmarks][new]
+        joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
+        joined[track[linked], new[linked]] = True
         matched = joined.any(axis=0)
         label = np.where(matched, joined.argmax(axis=0), m)
         # Where this view joins several tracks, they become one.
-        merged = joined[track, ours]
-        self._labels[landmarks[ours[merged]], view[merged]] = label[ours[merged]]
+        merged = joined[track, new]
+        self._labels[landmarks[new[merged]], view[merged]] = label[new[merged]]
         self._labels[landmarks, m] = label
         return int(matched.sum())
 

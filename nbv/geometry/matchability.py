@@ -44,7 +44,7 @@ def matchable_views(partners: Counts) -> Counts:
 
 
 def matchable_views_with(partners: Counts, pairs: Bools, seen: Bools) -> Counts:
-    """(S, C) matchable views of each sample, once one of the candidates has been flown.
+    """(S, C) matchable views of each sample, once one of the candidates has been taken.
 
     ``partners`` (S, V) are of the views so far; ``pairs`` (S, C, V) whether candidate and view match at a sample that both see;
     ``seen`` (S, C) whether the candidate sees the sample.

@@ -7,7 +7,7 @@ more either view, or only one of them, looks at the surface at a grazing angle, 
 texture is. As in the real stage, one more view can take the place of a better one.
 
 The low-fidelity simulator asks it of the true surface (`nbv.geometric.completeness`), the planner of the surface that it
-believes in (`nbv.scorers.prediction`).
+estimates (`nbv.scorers.prediction`).
 """
 
 from __future__ import annotations

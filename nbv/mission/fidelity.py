@@ -36,7 +36,7 @@ class MissionContext:
     config: MissionConfig  # a generated rock's true size in it: for what measures, never for what plans
     rock: Rock  # as it lies in the ground
     replicate: int
-    believed: MissionConfig  # what the vehicle takes for ``config``: its target may lie elsewhere
+    vehicle_config: MissionConfig  # ``config`` as the vehicle has it: its target may lie elsewhere
     store: Store | None  # None: nothing is kept between missions
     keeps_everything: bool  # whether `Fidelity.export` will be called
     stopwatch: Stopwatch  # for stages of the fidelity's own
@@ -57,7 +57,7 @@ class Fidelity(ABC):
     """How one mission sees the world, and how its outcome is measured."""
 
     name: ClassVar[str]  # as results state it
-    believed: MissionConfig  # what the vehicle plans, flies and reconstructs by
+    vehicle_config: MissionConfig  # what the vehicle plans, flies and reconstructs by
     viewpoints: ViewpointSource = RINGS  # where photographs may be taken
     camera: Camera  # what takes them
     reconstructor: Reconstructor  # what they become
@@ -65,7 +65,7 @@ class Fidelity(ABC):
     load: Callable[[str, Store | None], Rock] = staticmethod(load_rock)  # the rock of a name
 
     def __init__(self, context: MissionContext) -> None:
-        self.context, self.believed = context, context.believed
+        self.context, self.vehicle_config = context, context.vehicle_config
 
     def oracle(self) -> Oracle:
         """What the oracle gates, and nothing else that plans, may ask: here the true surface."""
@@ -139,7 +139,7 @@ class Fidelity(ABC):
         store: Store | None,
         keeps_everything: bool,
     ) -> MissionContext:
-        """Load the rock, lay it into the ground, and draw what the vehicle believes of it."""
+        """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
         config.require_seeds_above_ground()
         loaded = cls.load(rock, store)
         buried = buried_rock(loaded, config)
@@ -148,7 +148,7 @@ class Fidelity(ABC):
             config=with_true_target(config, buried),
             rock=buried,
             replicate=replicate,
-            believed=with_target_error(of_a_size, buried.sha256, replicate),
+            vehicle_config=with_target_error(of_a_size, buried.sha256, replicate),
             store=store,
             keeps_everything=keeps_everything,
             stopwatch=Stopwatch(),
@@ -156,14 +156,18 @@ class Fidelity(ABC):
         )
 
     def mission(self, files: RunDirectory | None, log: Log, with_oracle: bool) -> AdaptiveMission:
-        """Return the mission to run; what plans gets the believed configuration, never the true one nor the rock."""
-        believed, rock_sha256, replicate = self.believed, self.context.rock.sha256, self.context.replicate
+        """Return the mission to run; what plans gets the vehicle's configuration, never the true one nor the rock."""
+        vehicle_config, rock_sha256, replicate = (
+            self.vehicle_config,
+            self.context.rock.sha256,
+            self.context.replicate,
+        )
         kind = self.context.config.gate.kind
         oracle = self.oracle() if with_oracle or gate_class(kind).sees_ground_truth else None
-        gate = make_gate(believed, rock_sha256, replicate, oracle)
-        flight = Flight(believed, rock_sha256=rock_sha256, replicate=replicate)
+        gate = make_gate(vehicle_config, rock_sha256, replicate, oracle)
+        flight = Flight(vehicle_config, rock_sha256=rock_sha256, replicate=replicate)
         recorder = Recorder(
-            believed,
+            vehicle_config,
             flight,
             self.context.stopwatch,
             run=files,
@@ -171,7 +175,7 @@ class Fidelity(ABC):
             log=log,
         )
         return AdaptiveMission(
-            believed, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
+            vehicle_config, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
         )
 
     def outcome(self, mission: AdaptiveMission) -> Outcome:

@@ -21,7 +21,7 @@ from nbv.viewpoints import RINGS, ViewpointSource
 class AdaptiveMission:
     """Seed phase, adaptive phase, dense reconstruction.
 
-    ``config`` is what the vehicle believes; ``recorder`` sees every step and changes none.
+    ``config`` is the vehicle's; ``recorder`` sees every step and changes none.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class AdaptiveMission:
         return self._must_look() and not self._found
 
     def look_for_target(self, model: SparseModel) -> None:
-        """From now on the target is where, and as large as, the model shows it; until one shows it, as believed."""
+        """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""
         config = with_target_found(self.config, model) if self._to_be_found() else None
         if config is not None:
             self._found = True

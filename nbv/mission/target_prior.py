@@ -1,4 +1,4 @@
-"""Where a mission is ordered to, and what the vehicle believes of its target, before and after it has seen it."""
+"""The true target for what measures, and the vehicle's estimate of it before and after it has been seen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nbv.rocks.families import generated_name
 from nbv.types import SparseModel
 from nbv.viewpoints import raw_candidates
 
-LOWEST_TARGET_M = 0.3  # the believed centre of the target lies no deeper
+LOWEST_TARGET_M = 0.3  # the assumed centre of the target lies no deeper
 KNOWN_MARGIN_M = 0.1  # beyond the ends of a rock as large as it may be
 # Beyond the found target's longest half extent. Never less than configured: in hard light the seed model shows a part of
 # the target, and a crop about that part cuts the rest off.
@@ -62,7 +62,7 @@ def with_target_size(
 
 
 def with_target_error(config: MissionConfig, rock_sha256: str, replicate: int) -> MissionConfig:
-    """``config`` with the target where it is believed to be: off by `TargetConfig`, drawn per (rock, replicate)."""
+    """``config`` with the target where the vehicle assumes it: off by `TargetConfig`, drawn per (rock, replicate)."""
     sd = config.target
     if sd.is_known:
         return config

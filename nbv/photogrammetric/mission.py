@@ -29,9 +29,11 @@ class PhotogrammetricFidelity(Fidelity):
         limit_threads()
         super().__init__(context)
         config, store = context.config, context.store
-        self.camera = SimulatedCamera(self._renderer, context.rock, context.replicate, self.believed, store)
+        self.camera = SimulatedCamera(
+            self._renderer, context.rock, context.replicate, self.vehicle_config, store
+        )
         self.reconstructor = PhotogrammetricReconstructor(
-            self.believed, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
+            self.vehicle_config, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
         )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None

@@ -119,7 +119,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         return self._known_report()
 
     def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
-        """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was believed.
+        """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was assumed.
 
         Poses that are free of the exact rings bring views one behind the other, whose disparities span thousands of
         pixels: pairs below `LEAST_BASELINE_ANGLE_DEG` took up to 4/5 of what was searched, and added nothing to the cloud.

@@ -24,7 +24,7 @@ from nbv.types import Camera, Capture, Floats, Viewpoint
 class SimulatedCamera(Camera):
     """Renders one rock in one replicate.
 
-    The gimbal aims at the target of ``config``, which is as the vehicle believes it. ``store`` keeps photographs, by rock, replicate,
+    The gimbal aims at the target of ``config``, which is the vehicle's. ``store`` keeps photographs, by rock, replicate,
     viewpoint, pose and all of the configuration that they depend on.
     """
 

@@ -69,13 +69,13 @@ class PhotographFidelity(Fidelity):
             context.replicate,
         )
         require_expressible(config, self.photographs.name)
-        self.believed = over_photographs(config, self.photographs)
+        self.vehicle_config = over_photographs(config, self.photographs)
         self._camera = PhotographCamera(context, self.photographs, self.viewpoints)
         self.camera: Camera = self._camera
         margin_m = MARGIN * self.photographs.height_m
         x_m, y_m, z_m = (extent_m / 2 + margin_m for extent_m in self.photographs.extents_m)
         self.reconstructor = PhotogrammetricReconstructor(
-            self.believed,
+            self.vehicle_config,
             context.store,
             keep_sparse=context.keeps_everything,
             half_extents_m=(x_m, y_m, z_m),
@@ -104,25 +104,29 @@ class PhotographFidelity(Fidelity):
                 "evaluations",
                 lambda: self._measure(cloud),
                 code="nbv.photographs",
-                inputs=[self.reconstructor.cloud_key, self.context.rock.sha256, self.believed.evaluation],
+                inputs=[
+                    self.reconstructor.cloud_key,
+                    self.context.rock.sha256,
+                    self.vehicle_config.evaluation,
+                ],
             )
         return {**found, "taken": list(self._camera.taken)}
 
     def _measure(self, cloud: Cloud) -> dict[str, Any]:
         metrics, cleaning, self._cleaned = measure_cloud(
-            cloud, self.photographs, self._reference, self.believed.evaluation
+            cloud, self.photographs, self._reference, self.vehicle_config.evaluation
         )
         return {**metrics, "cleaning": cleaning, "taken": list(self._camera.taken)}
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""
-        run.write_config(self.believed.to_dict(), LOCATED)
+        run.write_config(self.vehicle_config.to_dict(), LOCATED)
         write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self._camera.taken))
         if metrics:
             if self._cleaned is None:
                 cloud = self.reconstructor.finish()
                 self._cleaned = measure_cloud(
-                    cloud, self.photographs, self._reference, self.believed.evaluation
+                    cloud, self.photographs, self._reference, self.vehicle_config.evaluation
                 )[2]
             run.write_cloud("cleaned.ply", self._cleaned)
             run.write_json("metrics.json", {"metrics": metrics, "cleaning": metrics["cleaning"]})

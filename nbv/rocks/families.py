@@ -171,7 +171,7 @@ EVERY = {**FAMILIES, **SHAPES}
 
 
 def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
-    """What draws a family of ours or of a plug-in, and what makes it hard; None where there is none."""
+    """What draws a family, built in or a plug-in's, and what makes it hard; None where there is none."""
     if family in EVERY:
         return EVERY[family]
     plugin = plugins("families").get(family)

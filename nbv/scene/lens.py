@@ -1,4 +1,4 @@
-"""The true lens: where it shows what, and how light falls off. The vehicle believes in a pinhole (`CameraConfig`).
+"""The true lens: where it shows what, and how light falls off. The vehicle assumes a pinhole (`CameraConfig`).
 
 A renderer draws pinhole pictures only. So it draws one that is a little wider, with the true focal length, and what
 the true principal point and distortion show is looked up in it.

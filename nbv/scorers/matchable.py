@@ -4,7 +4,7 @@ Eq. 8 asks which *sparse points* are weak. Dense stereo reconstructs *surface*, 
 at angles that can be matched. So this term closes the sparse points into a surface (their convex hull: the parts
 that no photograph has matched yet exist on it, too) and counts, for samples of it, the views that see them at a
 matchable angle to one another. Deployable: it reads the sparse model and the visited viewpoints only.
-Ours, not the paper's.
+It is not in the paper.
 """
 
 from __future__ import annotations

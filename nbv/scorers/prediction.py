@@ -1,6 +1,6 @@
 """What the dense cloud will cover: a prediction from the sparse model alone.
 
-The surface that the vehicle believes in is the convex hull of the sparse points on the rock and of a smaller ball about
+The surface is estimated as the convex hull of the sparse points on the rock and of a smaller ball about
 the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
 (`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes come where it is weakest: the least
 chance of the best nine tenths, and the rock's height, give the completeness by a logistic curve that was fitted to simulated
@@ -41,7 +41,7 @@ class Calibration:
 
     intercept: float = 3.09
     weakest: float = 0.2  # of the log-odds of `Prediction.weakest`
-    log_height: float = -1.22  # of the logarithm of the believed surface's height in metres
+    log_height: float = -1.22  # of the logarithm of the estimated surface's height in metres
 
 
 CALIBRATION = Calibration()
@@ -49,7 +49,7 @@ CALIBRATION = Calibration()
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the registered views will reconstruct of the believed surface."""
+    """What the registered views will reconstruct of the estimated surface."""
 
     samples_m: Floats  # (S, 3) the observable part of it, evenly
     normals: Floats  # (S, 3)
@@ -175,5 +175,5 @@ def mended_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
     return made.expected_gain(pool.positions_m)
 
 
-# Its other weights are those of the other scorer of ours.
+# Its other weights are those of `nbv.scorers.matchable`.
 PREDICTED = Scorer("predicted", mended_share, weights=lambda config: config.matchable.weights)

@@ -47,7 +47,7 @@ class Body:
 
 @lru_cache(maxsize=64)
 def neighbour_cylinders(ground: GroundConfig, ground_seed: int, rock_sha256: str) -> tuple[Cylinder, ...]:
-    """Where the neighbours of one rock stand: the same whatever is flown.
+    """Where the neighbours of one rock stand: the same in every mission.
 
     Each is outside of the evaluation's crop by a gap within ``neighbour_gap_m``, and clear of the others.
 

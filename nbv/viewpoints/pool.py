@@ -16,7 +16,7 @@ from nbv.viewpoints.rings import raw_candidates, seed_viewpoints
 class ViewpointSource:
     """Where a mission may take its photographs: here the paper's rings, anywhere about the target."""
 
-    # Whether viewpoints move with the target when it is found elsewhere than believed; if not it is not looked for.
+    # Whether viewpoints move with the target when it is found elsewhere than assumed; if not it is not looked for.
     follows_target = True
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:

@@ -45,7 +45,7 @@ def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
     class Seen(GeometricFidelity):
         def __init__(self, context):
             super().__init__(context)
-            planned_by.append(self.believed)
+            planned_by.append(self.vehicle_config)
 
     for replicate in (0, 1):
         Seen.run(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
