@@ -40,11 +40,11 @@ CONFIGURED = ("scorers", "gates", "renderers", "dense")  # groups whose parts ma
 
 @dataclass(frozen=True)
 class Plugin:
-    """One part: its name, where it lives, and which distribution brought it."""
+    """One part: its name, its object reference, and which distribution brought it."""
 
     group: str
     name: str
-    place: str  # "module:attribute"
+    reference: str  # "module:attribute"
     distribution: str = ""  # empty: registered in this process
     version: str = ""
     part: Any = field(default=None, repr=False)  # where it was registered
@@ -55,7 +55,9 @@ class Plugin:
     @property
     def label(self) -> str:
         """``scorer 'mine' of mine 0.1.0``."""
-        whose = f"{self.distribution} {self.version}" if self.distribution else self.place.partition(":")[0]
+        whose = (
+            f"{self.distribution} {self.version}" if self.distribution else self.reference.partition(":")[0]
+        )
         return f"{_singular(self.group)} {self.name!r} of {whose}"
 
     @functools.cached_property
@@ -64,7 +66,7 @@ class Plugin:
 
         Of what was typed into a notebook, which has none, another in every process.
         """
-        top = self.place.partition(":")[0].partition(".")[0]
+        top = self.reference.partition(":")[0].partition(".")[0]
         module = sys.modules[top] if top == "__main__" else importlib.util.find_spec(top)
         roots = getattr(module, "submodule_search_locations", None) or ()
         files = [file for root in roots for file in sorted(Path(root).rglob("*.py"))]
@@ -85,7 +87,7 @@ class Plugin:
         """The part, with its calls guarded; ``UserError`` where it cannot be imported or is none of its group."""
         part = self.part
         if part is None:
-            module, _, attribute = self.place.partition(":")
+            module, _, attribute = self.reference.partition(":")
             try:
                 part = functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
             except Exception as error:  # whatever another package raises
@@ -125,7 +127,7 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
         asked = "" if module == "__main__" else module if "." in module or not file else file
     plugin = Plugin(group, name, f"{module}:{name}", part=part, asked=asked)
     earlier = _registered.get((group, name))
-    if earlier is not None and earlier.place != plugin.place:
+    if earlier is not None and earlier.reference != plugin.reference:
         raise UserError(f"two {group} are called {name!r}: {earlier.label} and {plugin.label}; rename one")
     _require_face(plugin, part)
     _registered[group, name] = plugin
@@ -170,7 +172,7 @@ def asked() -> list[str]:
 def modules() -> list[str]:
     """`asked`, and the modules of what this process has loaded: what a server imports before it forks."""
     return list(
-        dict.fromkeys([*asked(), *(p.place.partition(":")[0] for p in _used.values() if not p.asked)])
+        dict.fromkeys([*asked(), *(p.reference.partition(":")[0] for p in _used.values() if not p.asked)])
     )
 
 
@@ -187,7 +189,7 @@ def plugins(group: str) -> dict[str, Plugin]:
     found = {name: plugin for (of, name), plugin in _registered.items() if of == group}
     for plugin in installed(group):
         earlier = found.setdefault(plugin.name, plugin)
-        if earlier is not plugin and earlier.place != plugin.place:
+        if earlier is not plugin and earlier.reference != plugin.reference:
             raise UserError(
                 f"two {group} are called {plugin.name!r}: {earlier.label} and {plugin.label}; uninstall one"
             )

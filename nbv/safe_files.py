@@ -268,8 +268,8 @@ def remove_links(folder: Path) -> None:
     """Take away, at any depth, what is neither a folder nor a file with this one name: what is written there goes nowhere else."""
     if folder.is_symlink():
         raise _not_plain(folder, link=True)
-    for place, _, _ in os.walk(folder):
-        for entry in os.scandir(place):
+    for below, _, _ in os.walk(folder):
+        for entry in os.scandir(below):
             status = entry.stat(follow_symlinks=False)
             alone = stat.S_ISREG(status.st_mode) and status.st_nlink == 1
             if not alone and not stat.S_ISDIR(status.st_mode):

@@ -72,13 +72,13 @@ class SparseModel:
         lengths = self.track_lengths[keep]
         offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         # Position of every kept observation in the full list: start of its point's track + rank within it.
-        place = np.arange(offsets[-1]) + np.repeat(self.track_offsets[keep] - offsets[:-1], lengths)
+        observation = np.arange(offsets[-1]) + np.repeat(self.track_offsets[keep] - offsets[:-1], lengths)
         return replace(
             self,
             points_m=self.points_m[keep],
             reprojection_error_px=self.reprojection_error_px[keep],
             track_offsets=offsets,
-            track_cameras=self.track_cameras[place],
+            track_cameras=self.track_cameras[observation],
         )
 
 

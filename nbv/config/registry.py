@@ -1,6 +1,6 @@
 """What a configuration may name, and where it lives: built-in parts stand here, those of other packages in `nbv.plugins`.
 
-Only names and places: no part is imported before it is asked for. So a name is checked when a configuration is
+Only names and references: no part is imported before it is asked for. So a name is checked when a configuration is
 read, long before a mission runs, and what needs OpenGL or CUDA loads only where it is used.
 """
 
@@ -24,7 +24,7 @@ class Registry(MutableMapping[str, str]):
     group
         The plug-ins' (`nbv.plugins.GROUPS`).
     own
-        ``module:attribute`` by name. ``registry[name] = place`` adds one at run time.
+        ``module:attribute`` by name. ``registry[name] = reference`` adds one at run time.
     """
 
     def __init__(self, what: str, group: str, own: dict[str, str]) -> None:
@@ -48,10 +48,10 @@ class Registry(MutableMapping[str, str]):
         found = self.plugin(name)
         if found is None:
             raise KeyError(name)
-        return found.place
+        return found.reference
 
-    def __setitem__(self, name: str, place: str) -> None:
-        self.own[name] = place
+    def __setitem__(self, name: str, reference: str) -> None:
+        self.own[name] = reference
 
     def __delitem__(self, name: str) -> None:
         del self.own[name]

@@ -49,10 +49,10 @@ class Tracks:
         self._directions[m, landmarks] = here
         # All earlier detections of these landmarks: which of the new ones (0 to K - 1), in which view, in which track.
         before = self._labels.take(landmarks, axis=0).ravel()
-        place = np.flatnonzero(before >= 0)
-        new = place // self._labels.shape[1]
-        view = place - new * self._labels.shape[1]
-        track = before[place].astype(np.int64)
+        index = np.flatnonzero(before >= 0)
+        new = index // self._labels.shape[1]
+        view = index - new * self._labels.shape[1]
+        track = before[index].astype(np.int64)
         cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[new]), here.take(new, axis=0))
         linked = cosine >= self._cosine_limit[landmarks][new]
         joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
@@ -92,11 +92,11 @@ class Tracks:
         # Small integers sort and divide several times faster, np.floor_divide faster than np.divmod.
         small = np.int32 if count * capacity * capacity <= np.iinfo(np.int32).max else np.int64
         labels = self._labels.ravel()
-        place: Ints = np.flatnonzero(labels >= 0)
-        label = labels.take(place)
-        place = place.astype(small)
-        view = place % capacity
-        key = (place - view + label) * capacity + view
+        index: Ints = np.flatnonzero(labels >= 0)
+        label = labels.take(index)
+        index = index.astype(small)
+        view = index % capacity
+        key = (index - view + label) * capacity + view
         # By landmark, track, view. Most landmarks have one track, so nearly in order: a merge sort is fast on that.
         key.sort(kind="stable")
         track = key // capacity

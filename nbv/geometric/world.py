@@ -103,7 +103,7 @@ class GeometricWorld:
         self, points_m: Floats, normals: Floats, max_incidence_deg: float, of_shell: Bools
     ) -> Callable[[Point, Point], Bools]:
         starts = lifted(points_m, normals, LIFT_M)
-        rows = {tuple(place): row for row, place in enumerate(self.shell_m.tolist())}
+        rows = {tuple(position): row for row, position in enumerate(self.shell_m.tolist())}
 
         def look(position_m: Point, aim_m: Point) -> Bools:
             row = rows.get(position_m) if aim_m == self.aim_m else None
@@ -179,15 +179,15 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
 
     def build() -> Arrays:
         arrays = _build(rock, config, caster())
-        places = camera_shell(config)[: 0 if generated_name(rock.name) else None]
+        positions = camera_shell(config)[: 0 if generated_name(rock.name) else None]
         nothing = {name: np.zeros((0, 0)) for name in ("shell_m", "shell_landmarks", "shell_samples")}
         world = made({**arrays, **nothing})
         looks = {"shell_landmarks": world.landmarks_seen, "shell_samples": world.samples_seen}
         seen = {
-            name: np.array([look(tuple(p), config.target_m) for p in places.tolist()])
+            name: np.array([look(tuple(p), config.target_m) for p in positions.tolist()])
             for name, look in looks.items()
         }
-        return {**arrays, "shell_m": places, **seen}
+        return {**arrays, "shell_m": positions, **seen}
 
     return made(cached(store, "geometric-worlds", build, code=__name__, inputs=inputs))
 

@@ -41,10 +41,10 @@ def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) ->
     rng = keyed_rng("even-surface-samples", seed)
     cumulative = np.cumsum(doubled_area[order])
     at = (np.arange(n) + rng.random(n)) / n * cumulative[-1]
-    place = np.minimum(np.searchsorted(cumulative, at, side="right"), len(order) - 1)
-    chosen = order[place]
+    index = np.minimum(np.searchsorted(cumulative, at, side="right"), len(order) - 1)
+    chosen = order[index]
     # How far into its own face a draw lies is uniform, too, and keeps the order within large faces.
-    within = 1.0 - (cumulative[place] - at) / doubled_area[chosen]
+    within = 1.0 - (cumulative[index] - at) / doubled_area[chosen]
     root, v = np.sqrt(np.clip(within, 0.0, 1.0)), rng.random(n)
     return _points_in(corners[chosen], root, v), cross[:, chosen].T / doubled_area[chosen][:, None]
 

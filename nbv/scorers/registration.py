@@ -40,7 +40,7 @@ CALIBRATION = Calibration()
 
 
 def registration_chance(model: SparseModel, positions_m: Floats, config: MissionConfig) -> Floats:
-    """(C,) chance that a photograph from each place (C, 3), aimed at the target, would register with the model."""
+    """(C,) chance that a photograph from each position (C, 3), aimed at the target, would register with the model."""
     fit = CALIBRATION
     matches, cells = expected_matches(model, positions_m, config)
     chance: Floats = expit(fit.intercept + fit.matches * np.log1p(matches) + fit.cells * np.log1p(cells))
@@ -50,7 +50,7 @@ def registration_chance(model: SparseModel, positions_m: Floats, config: Mission
 def expected_matches(
     model: SparseModel, positions_m: Floats, config: MissionConfig, fit: Calibration = CALIBRATION
 ) -> tuple[Floats, Floats]:
-    """(C,) points that each place is expected to share with the model, and (C,) cells of its image, of 36, that have some."""
+    """(C,) points that each position is expected to share with the model, and (C,) cells of its image, of 36, that have some."""
     count = len(model.points_m)
     if count == 0 or len(positions_m) == 0:
         return np.zeros(len(positions_m)), np.zeros(len(positions_m))
@@ -76,7 +76,7 @@ def expected_matches(
 
 
 def _match_share(part: SparseModel, positions_m: Floats, fit: Calibration) -> Floats:
-    """(P, C) share of a point's features that match between a place and the observer that sees the point most alike."""
+    """(P, C) share of a point's features that match between a position and the observer that sees the point most alike."""
     share = np.empty((len(part.points_m), len(positions_m)))
     for start in range(0, len(share), _BLOCK):
         offsets = part.track_offsets[start : start + _BLOCK + 1]

@@ -20,8 +20,8 @@ def _ring(
     return [(radius_m, elevation_deg, first_bearing_deg + 360.0 * k / count) for k in range(count)]
 
 
-def _viewpoint(target_m: tuple[float, float, float], place: RingPosition, band: str, name: str) -> Viewpoint:
-    radius_m, elevation_deg, bearing_deg = place
+def _viewpoint(target_m: tuple[float, float, float], at: RingPosition, band: str, name: str) -> Viewpoint:
+    radius_m, elevation_deg, bearing_deg = at
     elevation, bearing = math.radians(elevation_deg), math.radians(bearing_deg)
     horizontal_m = radius_m * math.cos(elevation)
     position = (
@@ -42,17 +42,17 @@ def seed_viewpoints(config: MissionConfig, *, second_turn: bool = False) -> list
     seeds.
     """
     first = config.seed.total if second_turn else 0
-    places = _seed_places(config.seed, 180.0 if second_turn else 0.0)
-    return _seeds(config.target_m, places, first)
+    ring_positions = _seed_positions(config.seed, 180.0 if second_turn else 0.0)
+    return _seeds(config.target_m, ring_positions, first)
 
 
 def _seeds(
-    target_m: tuple[float, float, float], places: Iterable[RingPosition], first: int = 0
+    target_m: tuple[float, float, float], ring_positions: Iterable[RingPosition], first: int = 0
 ) -> list[Viewpoint]:
-    return [_viewpoint(target_m, place, "seed", f"seed_{k:02d}") for k, place in enumerate(places, first)]
+    return [_viewpoint(target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(ring_positions, first)]
 
 
-def _seed_places(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
+def _seed_positions(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
     """Rings turned by ``turn_deg`` over the number of their seeds."""
     count, upper = layout.count, layout.upper_count
     if count and not upper:
@@ -69,9 +69,9 @@ def _seed_places(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
         rings = [(layout.lowest_deg, count - upper), (layout.upper_deg, upper)]
         radii_m, bearings_deg = (layout.radius_m,) * 2, (layout.start_bearing_deg,) * 2
     return [
-        place
+        at
         for (elevation_deg, n), radius_m, bearing_deg in zip(rings, radii_m, bearings_deg)
-        for place in _ring(radius_m, elevation_deg, n, bearing_deg + turn_deg / n)
+        for at in _ring(radius_m, elevation_deg, n, bearing_deg + turn_deg / n)
     ]
 
 
@@ -100,13 +100,15 @@ def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> t
         ("lateral", lateral, lateral_ring_counts(pool.lateral_count, len(lateral))),
         ("upper", upper, upper_ring_counts(pool.upper_count, len(upper))),
     )
-    places = [
-        (band, place)
+    ring_positions = [
+        (band, at)
         for band, elevations_deg, counts in bands
         for elevation_deg, count in zip(elevations_deg, counts)
-        for place in _ring(pool.radius_m, elevation_deg, count)
+        for at in _ring(pool.radius_m, elevation_deg, count)
     ]
-    return tuple(_viewpoint(target_m, place, band, f"cand_{k:03d}") for k, (band, place) in enumerate(places))
+    return tuple(
+        _viewpoint(target_m, at, band, f"cand_{k:03d}") for k, (band, at) in enumerate(ring_positions)
+    )
 
 
 def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
@@ -119,5 +121,5 @@ def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
 
     The same for every layout of seeds and pool, so that all are measured against one observable surface.
     """
-    seeds = _seeds(config.target_m, _seed_places(SeedConfig(), 0.0))
+    seeds = _seeds(config.target_m, _seed_positions(SeedConfig(), 0.0))
     return [*seeds, *_raw_candidates(PoolConfig(), config.target_m)]
