@@ -35,7 +35,7 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
     with_mission_file,
 )
-from tuner.missions.job import Trial, repeated
+from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
@@ -303,6 +303,19 @@ class Campaign:
         for proposal in reserved:
             running.append(in_flight(asked, history, running, proposal))
         return ask_many(self._sampler, asked, history, running, count)
+
+    def job(self, trial: Trial, config: Configuration) -> MissionJob:
+        """Return the job that runs ``config`` where ``trial`` runs, and writes into its directory."""
+        s = self.settings
+        return MissionJob(
+            id=f"{trial.number:04d}",
+            config=config,
+            rock=s.rock_evaluated(trial.rock, trial.replicate),
+            replicate=trial.replicate,
+            directory=trial.path,
+            keep=s.keep,
+            fidelity=s.fidelity,
+        )
 
     def unseen(
         self, rocks: Sequence[str] | None, replicates: int = 1, making: Making = nullcontext

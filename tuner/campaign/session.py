@@ -11,7 +11,7 @@ import concurrent.futures
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from nbv.errors import UserError
 from nbv.mission import MissionResult
@@ -88,6 +88,13 @@ def run_campaign(
         session.prefetch.close()
 
 
+class _Prepared(NamedTuple):
+    """A trial that is in the ledger, and the job that runs it."""
+
+    trial: Trial
+    job: MissionJob
+
+
 @dataclasses.dataclass(eq=False)
 class _Session:
     """One call of `run_campaign`: the `JobQueue` of its jobs."""
@@ -108,7 +115,7 @@ class _Session:
         self._repeats_in_row = 0
         self._last_failure = ""
         self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
-        self._to_retry: collections.deque[Trial] = collections.deque()
+        self._to_retry = collections.deque[_Prepared]()
         self._in_flight: dict[str, Trial] = {}
         self._in_vain: bool | None = None  # whether nothing planned registers; None: not known yet
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
@@ -189,12 +196,13 @@ class _Session:
             config = self._config(trial.values, trial.condition)
             if isinstance(config, UserError):
                 self._count(self._refuse(trial, config))
+                continue
+            job = self.campaign.job(trial, config)
+            ended = load_trial(job)
+            if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
+                self._to_retry.append(_Prepared(trial, job))
             else:
-                ended = load_trial(self._job(trial))
-                if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
-                    self._to_retry.append(trial)
-                else:
-                    self._count(self._enter(trial, ended))
+                self._count(self._enter(trial, ended))
         self._reproducibility.begin()
 
     def _is_void(self, trial: Trial, ended: Trial) -> bool:
@@ -214,25 +222,26 @@ class _Session:
     def next_jobs(self, free: int) -> list[MissionJob]:
         """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
         most = min(free, _TOGETHER if self._prefetches else 1)
-        batch, refused, trial = list[Trial](), list[Trial](), None
+        batch, refused, found = list[_Prepared](), list[Trial](), None
         while not batch:
             with self._ledger.batch():
                 while len(batch) < most and len(refused) < _TOGETHER and not self._stop.is_set():
-                    trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
-                    if trial is None:
+                    found = self._to_retry.popleft() if self._to_retry else self._next_trial()
+                    if found is None:
                         break
-                    if trial.status:  # refused by the configuration: a failure for which nothing ran
-                        refused.append(trial)
+                    if isinstance(
+                        found, Trial
+                    ):  # refused by the configuration: a failure for which nothing ran
+                        refused.append(found)
                     else:
-                        batch.append(trial)
-            for one in refused:
-                self._count(one)
+                        batch.append(found)
+            for trial in refused:
+                self._count(trial)
             refused.clear()
-            if trial is None or self._stop.is_set():
+            if found is None or self._stop.is_set():
                 break
-        jobs = [self._job(trial) for trial in batch]
-        self._in_flight |= {job.id: trial for job, trial in zip(jobs, batch)}
-        return jobs
+        self._in_flight |= {job.id: trial for trial, job in batch}
+        return [job for _, job in batch]
 
     def launched(self, job: MissionJob) -> None:
         self._emit("launched", self._in_flight[job.id])
@@ -248,7 +257,8 @@ class _Session:
     def _prefetches(self) -> bool:
         return self._settings.in_step is None and self.executor.capacity >= FROM_WORKERS
 
-    def _next_trial(self) -> Trial | None:
+    def _next_trial(self) -> _Prepared | Trial | None:
+        """Enter the next proposal and return its trial with its job; the trial alone where the configuration is refused."""
         trials = self._ledger.trials()
         left = self._settings.budget + self._repeats - len(trials)
         started = time.monotonic()
@@ -278,7 +288,7 @@ class _Session:
         trial = self._ledger.start(proposal, instance, replicate, digest, self._reproducibility.code)
         if isinstance(config, UserError):
             return self._refuse(trial, config)
-        return trial
+        return _Prepared(trial, self.campaign.job(trial, config))
 
     def _has_run_all(self, trials: Sequence[Trial]) -> bool:
         """Return whether every configuration has run with every replicate in every instance: what follows would be repeats."""
@@ -312,17 +322,6 @@ class _Session:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
         return self._ledger.finish(
             trial.number, dataclasses.replace(trial, status="failed", reason=REFUSED, message=str(why))
-        )
-
-    def _job(self, trial: Trial) -> MissionJob:
-        return MissionJob(
-            id=f"{trial.number:04d}",
-            config=self._settings.config(trial.values, trial.condition),
-            rock=self._settings.rock_evaluated(trial.rock, trial.replicate),
-            replicate=trial.replicate,
-            directory=trial.path,
-            keep=self._settings.keep,
-            fidelity=self._settings.fidelity,
         )
 
     def _finish(self, ended: Trial) -> Trial | None:

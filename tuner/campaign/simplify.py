@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Sequence
 
 from tuner.campaign.campaign import Campaign
-from tuner.missions.job import MissionJob, Trial
+from tuner.missions.job import Trial
 from tuner.missions.known import known_photographs
 from tuner.problem.observations import Proposal, configuration_key
 from tuner.problem.search_space import Values
@@ -49,16 +49,8 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _same_photographs(campaign: Campaign, own: Sequence[Trial], values: Values) -> bool:
-    return all(known_photographs(_job(campaign, trial, values)) == trial.photographs for trial in own)
-
-
-def _job(campaign: Campaign, trial: Trial, values: Values) -> MissionJob:
-    s = campaign.settings
-    return MissionJob(
-        id=f"{trial.number:04d}",
-        config=s.config(values, trial.condition),
-        rock=s.rock_evaluated(trial.rock, trial.replicate),
-        replicate=trial.replicate,
-        directory=trial.path,
-        fidelity=s.fidelity,
+    config = campaign.settings.config
+    return all(
+        known_photographs(campaign.job(trial, config(values, trial.condition))) == trial.photographs
+        for trial in own
     )
