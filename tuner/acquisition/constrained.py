@@ -19,7 +19,7 @@ from scipy import special
 from nbv.types import Bools, Floats
 from tuner.acquisition.expected_saving import LogExpectedSaving
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, LogNoisyImprovement, maximise
-from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
+from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
 from tuner.problem.instances import InstanceLike
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
@@ -49,12 +49,12 @@ def two_models(
     both = [o for o in observations if o.outcome is None or o.second is not None]
     exact = exact or DeterministicMetrics()
     if exact.first is not None:
-        second = InstanceMeanGP(space, modelled(both), instances, settings)
+        second = InstanceMeanGP(space, with_second_first(both), instances, settings)
         return DeterministicOutcome(space, exact.first), second
     first = InstanceMeanGP(space, both, instances, settings)
     if exact.second is not None:
         return first, DeterministicOutcome(space, exact.second)
-    return first, InstanceMeanGP(space, modelled(both), instances, settings)
+    return first, InstanceMeanGP(space, with_second_first(both), instances, settings)
 
 
 @dataclass(frozen=True)

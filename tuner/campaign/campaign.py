@@ -38,18 +38,16 @@ from tuner.campaign.settings_file import (
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
-from tuner.problem.deterministic_metrics import DeterministicMetrics, modelled
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.problem import Making
 from tuner.problem.search_space import Configuration
+from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, make_sampler
 from tuner.samplers.beside_default import BesideDefault
 from tuner.samplers.earlier_missions import EarlierMissions
 
 if TYPE_CHECKING:
-    from tuner.acquisition.constrained import Constraint
     from tuner.surrogate.model import InstanceMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
@@ -192,24 +190,10 @@ class Campaign:
         except (UserError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
-    def exact(self, history: Sequence[Observation]) -> DeterministicMetrics:
-        """Return which objectives the configuration decides; one that any mission in ``history`` contradicts is left out."""
-        return self.settings.exact.agreed(history)
-
-    def modelled(self, history: Sequence[Observation]) -> tuple[Objective, list[Observation]]:
-        """Return the objective that has a surrogate, and ``history`` with its outcomes. This is decided here alone.
-
-        It is the second one where the configuration decides the first, and otherwise the first.
-        """
-        second = self.settings.second
-        if second is None or self.exact(history).first is None:
-            return self.settings.objective, list(history)
-        return second, modelled(history)
-
-    @property
-    def modelled_objective(self) -> Objective:
-        """The objective that has a surrogate after all missions so far."""
-        return self.modelled(self.history())[0]
+    def goal(self, history: Sequence[Observation] | None = None) -> Goal:
+        """Return what is asked for after ``history`` (None: all missions), which may say that a cost cannot be computed."""
+        s, history = self.settings, self.history() if history is None else history
+        return Goal(s.objective, s.second, s.limit, s.exact.agreed(history))
 
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
@@ -242,22 +226,12 @@ class Campaign:
             return None
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        # Who looks need not wait for torch.
-        from tuner.recommendation.choose import recommend  # noqa: PLC0415
-        from tuner.recommendation.inputs import CampaignData, Goal  # noqa: PLC0415
+        from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
-        s, exact = self.settings, self.exact(history)
-        result = recommend(
-            CampaignData(
-                s.space,
-                self.modelled(history)[1],
-                s.instances,
-                s.default_values(),
-                s.blocks,
-                only_verified=s.sampler == "gp",
-            ),
-            Goal(s.objective, s.second, s.limit, self._constraint(history), exact.first),
-        )
+        s = self.settings
+        verified = s.sampler == "gp"
+        data = CampaignData(s.space, history, s.instances, s.default_values(), s.blocks, verified)
+        result = recommend(data, self.goal(history))
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
@@ -272,23 +246,12 @@ class Campaign:
             return f"{len(history)} of the first {first} missions have ended, which show how the default varies over rocks and replicates"
         return ""
 
-    def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
-        """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
-        # Who looks need not wait for torch.
-        from tuner.acquisition.constrained import Constraint, two_models  # noqa: PLC0415
-
-        s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
-        if s.second is None or s.at_least is None or not both:
-            return None
-        models = two_models(s.space, both, s.instances, exact=self.exact(both))
-        return Constraint(models[1], s.at_least, s.second.is_share)
-
     def surrogate_from(self, history: Sequence[Observation]) -> InstanceMeanGP:
-        """Return the surrogate of `modelled_objective` behind such a recommendation; ``ValueError`` without a success."""
+        """Return the surrogate of `Goal.modelled` behind such a recommendation; ``ValueError`` without a success."""
         from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
         s = self.settings
-        return InstanceMeanGP(s.space, self.modelled(history)[1], s.instances)
+        return InstanceMeanGP(s.space, self.goal(history).outcomes(history), s.instances)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -35,7 +35,7 @@ from tuner.problem.instances import (
     require_rocks,
     training_rock,
 )
-from tuner.problem.objective import COUNTS, DEFAULT_METRIC, Objective, direction_of
+from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of, least_outcome
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import Configuration, SearchSpace, Values
@@ -323,10 +323,8 @@ class CampaignSettings(Section):
 
     @property
     def at_least(self) -> float | None:
-        """The limit as an outcome of the second objective, larger is better; that of a count lies half a one lower."""
-        if self.second is None or self.limit is None:
-            return None
-        return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)
+        """The limit as an outcome of the second objective, larger is better."""
+        return None if self.second is None or self.limit is None else least_outcome(self.second, self.limit)
 
     @property
     def blocks(self) -> int:

@@ -70,7 +70,7 @@ class DeterministicMetrics:
         return DeterministicMetrics(first, second)
 
 
-def modelled(history: Sequence[Observation]) -> list[Observation]:
+def with_second_first(history: Sequence[Observation]) -> list[Observation]:
     """Return the history with the second objective's outcomes in the place of the first's, which are computed."""
     both = [o for o in history if o.outcome is None or o.second is not None]
     return [replace(o, outcome=o.second, second=o.outcome) for o in both]

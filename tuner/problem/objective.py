@@ -135,6 +135,11 @@ class Objective:
         return value, ""
 
 
+def least_outcome(objective: Objective, limit: float) -> float:
+    """Return a limit as an outcome, larger is better; that of a count lies half a one lower."""
+    return objective.sign * limit - (0.5 if objective.metric in COUNTS else 0.0)
+
+
 @dataclass(frozen=True)
 class AskedObjective:
     """What such a text asks for."""

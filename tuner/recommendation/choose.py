@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from tuner.acquisition.constrained import Constraint, Outcome
+from tuner.problem.deterministic_metrics import with_second_first
 from tuner.problem.instances import Instance, InstanceLike, are_drawn, conditions_of, instances_of, rocks_of
 from tuner.problem.observations import (
     Block,
@@ -59,17 +61,35 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
     """Return the recommendation after the missions of ``data``; None before the first feasible one."""
     if not any(o.feasible for o in data.observations):
         return None
+    history, data = (
+        data.observations,
+        dataclasses.replace(data, observations=goal.outcomes(data.observations)),
+    )
     model, outliers = without_outliers(
         InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
     )
-    if goal.constraint is not None and goal.deterministic is not None:
-        goal = dataclasses.replace(goal, constraint=dataclasses.replace(goal.constraint, model=model))
-    candidates = candidates_of(data, goal, outliers)
+    constraint = constraint_of(history, data, goal, model)
+    candidates = candidates_of(data, constraint, outliers)
     if len(candidates) > JOINT:
         candidates = most_promising(candidates, data, goal, model)
     belief = belief_about(candidates, data, goal, model)
-    index = choose(candidates, data, goal, belief)
-    return described(index, candidates, data, goal, belief, outliers)
+    index = choose(candidates, data, goal, belief, constraint)
+    return described(index, candidates, data, goal, belief, constraint, outliers)
+
+
+def constraint_of(
+    history: Sequence[Observation], data: CampaignData, goal: Goal, model: InstanceMeanGP
+) -> Constraint | None:
+    """Return the limit with the model of what has it; None without one, or without a mission that has both outcomes."""
+    both = [o for o in history if o.outcome is not None and o.second is not None]
+    if goal.second is None or goal.at_least is None or not both:
+        return None
+    limited: Outcome = model
+    if goal.exact.first is None and goal.exact.second is not None:
+        limited = DeterministicOutcome(data.space, goal.exact.second)
+    elif goal.exact.first is None:
+        limited = InstanceMeanGP(data.space, with_second_first(both), data.instances, data.settings)
+    return Constraint(limited, goal.at_least, goal.second.is_share)
 
 
 @dataclass(frozen=True)
@@ -115,20 +135,22 @@ class Belief:
         return float(np.clip(outcome, min(seen), max(seen)))
 
 
-def candidates_of(data: CampaignData, goal: Goal, outliers: Collection[Observation]) -> Candidates:
+def candidates_of(
+    data: CampaignData, constraint: Constraint | None, outliers: Collection[Observation]
+) -> Candidates:
     """Return the configurations that have run with success, ``outliers`` left out, and which may be recommended."""
     groups: dict[Key, list[Observation]] = {}
     for o in (o for o in data.observations if o not in outliers):
         groups.setdefault(configuration_key(data.space, o.values), []).append(o)
     missions = [group for group in groups.values() if any(o.feasible for o in group)]
     values = [dict(group[0].values) for group in missions]
-    keeps = [True] * len(values) if goal.constraint is None else goal.constraint.keeps(values)
+    keeps = [True] * len(values) if constraint is None else constraint.keeps(values)
     allowed = may_be_recommended(data, values) if data.only_verified else [True] * len(values)
     # Where even the default has failed there is nothing better than what has not.
     kept = [i for i, keep in enumerate(keeps) if keep]
     eligible = [i for i in kept if allowed[i]] or kept
-    if goal.constraint is not None and not kept:
-        eligible = [int(goal.constraint.probability(values).argmax())]
+    if constraint is not None and not kept:
+        eligible = [int(constraint.probability(values).argmax())]
     return Candidates(values, missions, keeps, eligible, bool(kept))
 
 
@@ -139,7 +161,7 @@ def most_promising(
 
     These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
     """
-    values, cost = candidates.values, goal.deterministic
+    values, cost = candidates.values, goal.exact.first
     best_first = model.best_first(values)
     if cost is not None:
         best_first.sort(key=lambda i: -cost.outcome(values[i]))
@@ -155,27 +177,31 @@ def belief_about(candidates: Candidates, data: CampaignData, goal: Goal, model: 
     """Return the posterior of the candidates and the default."""
     values = [*candidates.values, data.default]
     modelled = model.posterior(values)
-    if goal.deterministic is None:
+    if goal.exact.first is None:
         return Belief(model, modelled, modelled)
-    return Belief(model, modelled, DeterministicOutcome(data.space, goal.deterministic).posterior(values))
+    return Belief(model, modelled, DeterministicOutcome(data.space, goal.exact.first).posterior(values))
 
 
-def choose(candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief) -> int:
+def choose(
+    candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief, constraint: Constraint | None
+) -> int:
     """Return the index of the candidate to recommend, by the rule in this file's docstring."""
     among = candidates.eligible
-    if goal.deterministic is not None:
-        among = _cheapest(candidates, data, goal, belief.objective)
+    if goal.exact.first is not None:
+        among = _cheapest(candidates, data, constraint, belief.objective)
     index = fewest_changes(candidates.values, among, data.default, belief.modelled, belief.model.noise_sd)
     own = candidates.outcomes(index)
     same = [i for i in among if i == index or own.items() <= candidates.outcomes(i).items()]
     return min(same, key=lambda i: len(changes(candidates.values[i], data.default)))
 
 
-def _cheapest(candidates: Candidates, data: CampaignData, goal: Goal, cost: Posterior) -> list[int]:
+def _cheapest(
+    candidates: Candidates, data: CampaignData, constraint: Constraint | None, cost: Posterior
+) -> list[int]:
     """Return the eligible of the least cost; the default alone where none is cheaper and it may keep the limit."""
     best = max(cost.mean[i] for i in candidates.eligible)
     among = [i for i in candidates.eligible if cost.mean[i] == best]
-    may_keep = goal.constraint is None or goal.constraint.probability([data.default])[0] >= MAY_KEEP
+    may_keep = constraint is None or constraint.probability([data.default])[0] >= MAY_KEEP
     if cost.mean[-1] >= best and may_keep:
         return [i for i, values in enumerate(candidates.values) if values == data.default] or among
     return among
@@ -187,6 +213,7 @@ def described(
     data: CampaignData,
     goal: Goal,
     belief: Belief,
+    constraint: Constraint | None,
     outliers: Sequence[Observation],
 ) -> Recommendation:
     """Return the recommendation of a candidate, with all that is said of it."""
@@ -213,13 +240,14 @@ def described(
         metric=objective.metric,
         direction=objective.direction,
         leave_one_out=model.leave_one_out(),
-        exact=goal.deterministic is not None,
+        exact=goal.exact.first is not None,
         modelled_metric=modelled.metric,
-        runner_up=_runner_up(index, candidates, data, goal, belief),
+        runner_up=_runner_up(index, candidates, data, goal, belief, constraint),
         next_rock=elsewhere,
         limit=limit_of(
             data,
             goal,
+            constraint,
             values,
             own,
             kept=candidates.limit_kept,
@@ -230,7 +258,12 @@ def described(
 
 
 def _runner_up(
-    index: int, candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief
+    index: int,
+    candidates: Candidates,
+    data: CampaignData,
+    goal: Goal,
+    belief: Belief,
+    constraint: Constraint | None,
 ) -> RunnerUp | None:
     """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
     posterior = belief.objective
@@ -240,7 +273,7 @@ def _runner_up(
     if not rivals:
         return None
     rival = max(rivals, key=lambda i: posterior.mean[i])
-    values, constraint = candidates.values[rival], goal.constraint
+    values = candidates.values[rival]
     if values == dict(data.default):
         return None
     difference = posterior.difference(rival, index)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from tuner.acquisition.constrained import Constraint
-from tuner.problem.deterministic_metrics import DeterministicMetric
+from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
 from tuner.problem.instances import InstanceLike
-from tuner.problem.objective import Objective
+from tuner.problem.objective import Objective, least_outcome
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.surrogate.settings import SurrogateSettings
@@ -24,7 +23,7 @@ class CampaignData:
     """
 
     space: SearchSpace
-    observations: Sequence[Observation]  # finished missions; outcomes of `Goal.modelled`
+    observations: Sequence[Observation]  # finished missions
     instances: Sequence[InstanceLike]  # training instances
     default: Mapping[str, Any]
     replicates: int = 1  # per instance
@@ -34,15 +33,32 @@ class CampaignData:
 
 @dataclass(frozen=True)
 class Goal:
-    """The objective, and the limit of a second one where there is one: only what keeps it may be recommended."""
+    """The objective, and the limit of a second one where there is one: only what keeps it may be recommended.
+
+    Which of the two has the surrogate is decided here: the second one where the configuration decides the first.
+    """
 
     objective: Objective
     second: Objective | None = None
     limit: float | None = None  # of the second objective, in its unit
-    constraint: Constraint | None = None  # that limit, with the model of what has it
-    deterministic: DeterministicMetric | None = None  # the objective, where the configuration decides it
+    exact: DeterministicMetrics = field(
+        default_factory=DeterministicMetrics
+    )  # what the configuration decides
+
+    @property
+    def _second_is_modelled(self) -> bool:
+        return self.exact.first is not None and self.second is not None
 
     @property
     def modelled(self) -> Objective:
-        """The objective that has the surrogate: the second one where the configuration decides the first."""
-        return self.second if self.deterministic is not None and self.second is not None else self.objective
+        """The objective that has the surrogate."""
+        return self.second if self.second is not None and self._second_is_modelled else self.objective
+
+    def outcomes(self, history: Sequence[Observation]) -> list[Observation]:
+        """Return the missions whose outcomes are those of `modelled`."""
+        return with_second_first(history) if self._second_is_modelled else list(history)
+
+    @property
+    def at_least(self) -> float | None:
+        """The limit as an outcome of the second objective, larger is better."""
+        return None if self.second is None or self.limit is None else least_outcome(self.second, self.limit)

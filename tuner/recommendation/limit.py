@@ -23,6 +23,7 @@ from tuner.surrogate.posterior import DeterministicOutcome, interval_95
 def limit_of(
     data: CampaignData,
     goal: Goal,
+    constraint: Constraint | None,
     values: Mapping[str, Any],
     missions: Sequence[Observation],
     *,
@@ -42,7 +43,7 @@ def limit_of(
     -------
     None where nothing has a limit. Of the next rock nothing is said where one rock alone was run.
     """
-    constraint, second, limit = goal.constraint, goal.second, goal.limit
+    second, limit = goal.second, goal.limit
     if constraint is None or second is None or limit is None:
         return None
     rocks = rocks_of(instances_of(data.instances))
@@ -58,10 +59,10 @@ def limit_of(
         )
         low, high = next_rocks.interval_95
         mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)
-        outcomes = [o.second if goal.deterministic is None else o.outcome for o in missions]
+        outcomes = [o.second if goal.exact.first is None else o.outcome for o in missions]
         measured = [y for y in outcomes if y is not None and several]
         evaluated = (sum(y > 0.0 for y in measured), len(measured))
-    elif goal.deterministic is not None and several:
+    elif goal.exact.first is not None and several:
         next_rocks = _next_rocks(constraint, values)
     return Limit(
         metric=second.metric,

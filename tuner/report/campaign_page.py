@@ -82,7 +82,8 @@ class CampaignFacts:
         self.settings: CampaignSettings = campaign.settings
         self.trials: list[Trial] = campaign.trials()
         self.status = campaign.status()
-        self.modelled = campaign.modelled_objective  # of the model and its checks
+        self.goal = campaign.goal()
+        self.modelled = self.goal.modelled  # of the model and its checks
         self.label = metric_label(self.modelled.metric)
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
@@ -97,7 +98,7 @@ class CampaignFacts:
     def model(self) -> InstanceMeanGP | None:
         """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
         feasible = [o for o in self.campaign.history(self.trials) if o.feasible]
-        if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
+        if not feasible or (self.settings.second is None and self.goal.exact.first is not None):
             return None
         return self.campaign.surrogate_from(feasible)
 

@@ -90,20 +90,13 @@ def campaign(limit: float, missions: int) -> list[Observation]:
     return history
 
 
-def advise(history: list[Observation], at_least: float, *, least_cost: bool = False) -> Recommendation:
+def advise(history: list[Observation], limit: float, *, least_cost: bool = False) -> Recommendation:
     objective = Objective()
     if least_cost:  # the other way round
         objective = PHOTOGRAPHS
         history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
-    models = two_models(SPACE, history, ("r0", "r1"))
     default = SPACE.default(fake_campaigns.settings(space=SPACE).base_config())
-    constraint = Constraint(models[1], at_least)
-    goal = Goal(
-        objective,
-        second=Objective() if least_cost else PHOTOGRAPHS,
-        limit=at_least if least_cost else -at_least,
-        constraint=constraint,
-    )
+    goal = Goal(objective, Objective() if least_cost else PHOTOGRAPHS, limit)
     result = recommend(CampaignData(SPACE, history, ("r0", "r1"), default, only_verified=False), goal)
     assert result is not None
     return result
@@ -113,7 +106,7 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     history = campaign(limit=30, missions=16)
     searched = [24 + o.values["stop.adaptive_budget"] for o in history[8:]]
     assert max(searched) <= 31 and searched.count(30) >= 2  # at the limit, where it is best
-    result = advise(history, -30.5)
+    result = advise(history, 30.0)
     assert result.values["stop.adaptive_budget"] <= 6 and result.limit is not None and result.limit.kept
     assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
     assert result.runner_up is None or result.runner_up.values["stop.adaptive_budget"] <= 6
