@@ -132,8 +132,8 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
         f"{duration(facts.mission_wall_s)} of computing"
     )
     if facts.repeats:
-        repeats = counted(facts.repeats, "mission")
-        output.print(f"{repeats} more took the photographs of an earlier one and used no budget")
+        repeats = counted(facts.repeats, "trial")
+        output.print(f"{repeats} more took the photographs of an earlier mission and used no budget")
     parts = {word: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition
