@@ -52,8 +52,6 @@ HEAD = (
     "photographs",
     "completeness",
     "weakest",
-    "supported",
-    "covered",
     "height_m",
     "predicted",
 )
