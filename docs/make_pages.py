@@ -34,7 +34,6 @@ COMMAND_ORDER = (
     "plugin",
     "config",
     "metrics",
-    "plugin",
     "cache",
     "doctor",
 )
@@ -51,8 +50,8 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made by `python docs/make_pages.py` from the program's own help, which also has an example of each. "
-        "Where a command has `--json`, it prints one JSON document and nothing else; a campaign prints an object per event.",
+        "Made by `python docs/make_pages.py` from the program's help, which has an example of each. An option stands at the first "
+        "command that has it. With `--json` a command prints one JSON document, a campaign an object per event.",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
@@ -70,9 +69,6 @@ def commands_page() -> str:
                 lines += [f"**{panel}**", ""]
             lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
-        known = [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new]
-        if known:
-            lines += [f"As above: {', '.join(known)}.", ""]
         told |= {(p.name, p.help) for p in options}
     return "\n".join(lines).rstrip() + "\n"
 
@@ -85,9 +81,8 @@ def parameters_page() -> str:
         "# Parameters",
         "",
         "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
-        "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "none: gatetune's own. `gatetune config show` prints any preset, and the place in the code or the reason; `--set PATH=VALUE` changes a parameter. "
-        "`python docs/make_pages.py` makes this page.",
+        "printed paper, with the section; **code**, the authors' public code or simulator; none: gatetune's own. "
+        "`gatetune config show` prints any preset with the reasons; `--set PATH=VALUE` changes a parameter.",
         "",
         *_presets_table(),
     ]
@@ -136,8 +131,8 @@ def settings_page() -> str:
     lines = [
         "# A campaign's settings file",
         "",
-        "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
-        "Every field may be left out. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
+        "`gatetune campaign run settings.yaml` reads a campaign's settings from a file; options of the command override it. "
+        "Every field is optional. Relative paths start at the file's folder. The `campaign.yaml` of another campaign works, too: "
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",

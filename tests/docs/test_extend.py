@@ -1,7 +1,5 @@
-"""Every example of docs/extend.md is what it says: one new file, one line, and it works."""
+"""Every example of docs/extend.md and CONTRIBUTING.md works: a part is one new file, a setting one line."""
 
-import importlib
-import importlib.util
 import os
 import re
 import shutil
@@ -11,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from nbv import plugins
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 BLOCK = re.compile(r'^```python title="([^"]*)"\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 PLAIN_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -18,7 +18,8 @@ PLAIN_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 def examples():
     """(heading, [(title, code)]) of every section with code."""
-    sections = re.split(r"^## ", (ROOT / "docs/extend.md").read_text(), flags=re.MULTILINE)[1:]
+    text = (ROOT / "docs/extend.md").read_text() + (ROOT / "CONTRIBUTING.md").read_text()
+    sections = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
     found = [(section.splitlines()[0], BLOCK.findall(section)) for section in sections]
     return [(heading, blocks) for heading, blocks in found if blocks]
 
@@ -27,42 +28,18 @@ PARTS = [example for example in examples() if not example[0].startswith("A setti
 SETTINGS = [example for example in examples() if example[0].startswith("A setting")]
 
 
-def add_file(title, code, folder, monkeypatch):
-    """The new file under the module name that its place would give it."""
-    assert not (ROOT / title).exists(), f"{title} is there already"
-    name = title.removesuffix(".py").replace("/", ".")
-    file = folder / Path(title).name
-    file.write_text(code)
-    spec = importlib.util.spec_from_file_location(name, file)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)
-    spec.loader.exec_module(module)
-    return module
-
-
-def add_line(title, line, new_module, monkeypatch):
-    """The line in the registry that the title names: "file, REGISTRY"."""
-    file, registry_name = title.split(", ")
-    assert (ROOT / file).is_file()
-    module = importlib.import_module(file.removesuffix(".py").replace("/", "."))
-    assert line.strip().count("\n") == 0, "one line"
-    if line.startswith('"'):
-        entries = eval(f"{{{line}}}")
-    else:  # of a table of metrics
-        metric = eval(line, {**vars(module), **vars(new_module)})
-        entries = {metric.key: metric}
-    for name, entry in entries.items():
-        monkeypatch.setitem(getattr(module, registry_name), name, entry)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("heading", "blocks"), PARTS, ids=[heading for heading, _ in PARTS])
-def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, monkeypatch):
-    (new_file, code), (registry, line), (trial, check) = blocks
+def test_an_example_works_as_one_file(heading, blocks, tmp_path, monkeypatch):
+    (new_file, code), (trial, check) = blocks
     assert trial == "try it" and "assert" in check
-    module = add_file(new_file, code, tmp_path, monkeypatch)
-    add_line(registry, line, module, monkeypatch)
+    (tmp_path / new_file).write_text(code)
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    plugins.use(str(tmp_path / new_file))
     exec(compile(check, f"extend.md, {heading}", "exec"), {})
+    sys.modules.pop(Path(new_file).stem)
 
 
 @pytest.mark.slow
