@@ -36,10 +36,7 @@ def draw(
     A draw is over points everywhere and near the best run. With a limit of the second objective: the best of the first where
     the draw keeps it, else what comes nearest. What the configuration decides is the same in every draw.
 
-    Parameters
-    ----------
-    models
-        A surrogate of the objective, or of each of two, or a known cost; one is a surrogate.
+    ``models``: a surrogate of the objective, or of each of two, or a known cost; one is a surrogate.
     """
     model = surrogate_of(models)
     with numerics(), torch.no_grad():

@@ -22,20 +22,10 @@ _LEAST = 1e-12
 class LogExpectedSaving(AcquisitionFunction):
     """Logarithm of the expected saving.
 
-    Parameters
-    ----------
-    model
-        Of the quality.
-    cost
-        Larger is better, as everywhere.
-    at_least
-        The limit of the quality's mean over the training instances.
-    quantile
-        Standard deviations above the limit at which it is believed to be kept.
-    best
-        The outcome of the cheapest that is believed.
-    running
-        (m, inputs) in flight: they may become the cheapest, and the last `RECENT` will tell of what is near.
+    ``model``: of the quality. ``cost``: larger is better, as everywhere. ``at_least``: the limit of the quality's
+    mean over the training instances. ``quantile``: standard deviations above the limit at which it is believed to be
+    kept. ``best``: the outcome of the cheapest that is believed. ``running``: (m, inputs) in flight: they may become
+    the cheapest, and the last `RECENT` will tell of what is near.
     """
 
     def __init__(

@@ -77,12 +77,8 @@ def maximise(
     Acquisition values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are
     the best of many global points and of local ones, tried without gradients.
 
-    Parameters
-    ----------
-    near
-        (n, d) positions around which to start, too; None: those run with the best posterior means.
-    allowed
-        Says of (n, d) positions which may be proposed; None: all.
+    ``near``: (n, d) positions around which to start, too; None: those run with the best posterior means. ``allowed``:
+    says of (n, d) positions which may be proposed; None: all.
     """
     d = model.space.dimension
     acquisition = _WhereAllowed(acquisition, model, allowed)
@@ -172,10 +168,7 @@ def starting_points(
 ) -> Floats:
     """Return (n, d) unit positions at which the search for the maximum begins, global and local ones.
 
-    Parameters
-    ----------
-    near_to
-        (m, d) positions around which local points lie; None: those run with the best posterior means.
+    ``near_to``: (m, d) positions around which local points lie; None: those run with the best posterior means.
     """
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)

@@ -182,10 +182,7 @@ CRITERION_OF_OURS = {"budget": "image_budget", "knn": "knn_distance", "both": "b
 def read_file(path: Path, kind: str) -> dict[str, Any]:
     """Return the values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
 
-    Raises
-    ------
-    UserError
-        Not a readable file of that kind, or a key that nobody knows.
+    Raises `UserError`: not a readable file of that kind, or a key that nobody knows.
     """
     if not path.is_file():
         raise UserError(f"{path} is not a file; name a {kind} of photogrammetry_nbv")
@@ -240,10 +237,7 @@ def write_scoring(
 ) -> tuple[Values, list[Remark]]:
     """Return a ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``.
 
-    Raises
-    ------
-    UserError
-        The gate, or a scorer, does not exist there.
+    Raises `UserError`: the gate, or a scorer, does not exist there.
     """
     config = _with_weights_of_selected_scorer(config)
     values, remarks = _direct(config, SCORING, theirs), list[Remark]()

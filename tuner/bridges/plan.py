@@ -58,15 +58,9 @@ class Home:
 def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:
     """Return the plan as a JSON tree.
 
-    Parameters
-    ----------
-    view_ids
-        Photographs in their order, such as ``seed_00`` and ``cand_017``.
+    ``view_ids``: photographs in their order, such as ``seed_00`` and ``cand_017``.
 
-    Raises
-    ------
-    UserError
-        A view that the configuration does not have.
+    Raises `UserError`: a view that the configuration does not have.
     """
     known = {view.id: view for view in (*seed_viewpoints(config), *raw_candidates(config))}
     unknown = [name for name in view_ids if name not in known]

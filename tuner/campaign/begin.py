@@ -26,11 +26,8 @@ from tuner.missions.long_runs import exclusive
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     """Begin a campaign in a new or empty directory.
 
-    Raises
-    ------
-    UserError
-        The directory holds something already or cannot be written; there is nothing
-        to learn from where ``settings`` says so.
+    Raises `UserError`: the directory holds something already or cannot be written; there is nothing to learn from
+    where ``settings`` says so.
     """
     if (directory / SETTINGS_FILE).exists():
         theirs = read_settings(directory)[0]
@@ -81,10 +78,7 @@ def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
     The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
     ``campaign.yaml`` holds the new budget and, under ``extensions``, when it grew from what.
 
-    Raises
-    ------
-    UserError
-        The budget is not larger; ``campaign.yaml`` cannot be written.
+    Raises `UserError`: the budget is not larger; ``campaign.yaml`` cannot be written.
     """
     old, directory = campaign.settings, campaign.directory
     if budget <= old.budget:

@@ -57,10 +57,7 @@ LEARNED_FILE = "learned_from.json"
 def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
     """Return the sampler that a campaign asks; ``learned`` are missions run before it.
 
-    Raises
-    ------
-    UserError
-        The sampler cannot handle the search space.
+    Raises `UserError`: the sampler cannot handle the search space.
     """
     asked = _sampler_settings(settings, learned)
     sampler = make_sampler(settings.sampler, asked)
@@ -285,10 +282,8 @@ class Campaign:
     ) -> tuple[tuple[str, ...], int]:
         """Look up ``rocks``, or the held-out instances, and return them and the replicates with which they are evaluated.
 
-        Raises
-        ------
-        UserError
-            A rock that the campaign, or one that it learned from, was tuned on; as `Problem.evaluated_on`.
+        Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as
+        `Problem.evaluated_on`.
         """
         chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates, making)
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
@@ -317,10 +312,7 @@ class Campaign:
     def recommended(self) -> Recommendation:
         """Return the `recommendation` without saving it.
 
-        Raises
-        ------
-        UserError
-            There is none yet.
+        Raises `UserError`: there is none yet.
         """
         result = self.recommendation(save=False)
         if result is None:

@@ -42,23 +42,11 @@ _ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switc
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
-    Parameters
-    ----------
-    directory
-        The campaign's run directory, which holds the journal.
-    settings
-        What is tuned and for what; the study's name is the campaign's.
-    campaign_id
-        The identity that tells the study from another campaign's of the same name.
-    create
-        Make a new study; it must not exist. Otherwise it must exist and belong to ``campaign_id``.
-    read_only
-        Only look: leave the files of a campaign that may be running alone.
+    ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``create``: make a
+    new study; it must not exist. Otherwise it must exist and belong to ``campaign_id``. ``read_only``: only look:
+    leave the files of a campaign that may be running alone.
 
-    Raises
-    ------
-    UserError
-        The journal cannot be read, or holds another campaign's study or none.
+    Raises `UserError`: the journal cannot be read, or holds another campaign's study or none.
     """
 
     def __init__(
@@ -148,16 +136,7 @@ class Ledger:
     ) -> Trial:
         """Enter a mission that is about to run, in one write.
 
-        Parameters
-        ----------
-        proposal
-            What the sampler asked for.
-        instance, replicate
-            The block on which it runs.
-        config_digest
-            The digest of the complete configuration.
-        code
-            The digest of the code that runs it (`tuner.campaign.reproducibility_check`).
+        ``code``: the digest of the code that runs it (`tuner.campaign.reproducibility_check`).
         """
         number = len(self.trials())
         entry: dict[str, Any] = {

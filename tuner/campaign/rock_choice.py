@@ -22,10 +22,7 @@ def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[s
 
     Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first mission.
 
-    Raises
-    ------
-    UserError
-        An unknown rock or a bad mesh.
+    Raises `UserError`: an unknown rock or a bad mesh.
     """
     for number, rock in enumerate(rocks, 1):
         if family_of(rock):
@@ -55,10 +52,7 @@ def held_out_rocks() -> list[str]:
 def refuse_held_out(rocks: Sequence[str]) -> None:
     """Refuse held-out rocks: nothing is tuned on them, and no default is chosen on them.
 
-    Raises
-    ------
-    UserError
-        A rock of the held-out split.
+    Raises `UserError`: a rock of the held-out split.
     """
     for rock in rocks:
         if not family_of(rock) and load_coarse_rock(rock, Store()).split == "held-out":

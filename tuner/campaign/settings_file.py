@@ -50,10 +50,7 @@ QUICK: dict[str, Any] = {
 def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     """Return the inverse of ``CampaignSettings.to_dict``; ``source`` names the file in messages.
 
-    Raises
-    ------
-    UserError
-        A setting that there is not, one of the wrong kind, or settings that make no campaign.
+    Raises `UserError`: a setting that there is not, one of the wrong kind, or settings that make no campaign.
     """
     tree = _checked(tree, source)
     if tree.get("mission") is None:
@@ -108,10 +105,7 @@ def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None
 def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) -> dict[str, Any]:
     """Return the settings of the campaign in ``directory`` with its mission file where the user says that it is.
 
-    Raises
-    ------
-    UserError
-        It is no mission file, or not the one that the campaign began with.
+    Raises `UserError`: it is no mission file, or not the one that the campaign began with.
     """
     mission, began = load_mission_file(file), stored.get("mission")
     if not isinstance(began, Mapping):
@@ -135,10 +129,7 @@ def _said_by(mission: MissionFile) -> dict[str, Any]:
 def read_settings_file(path: Path) -> dict[str, Any]:
     """Return the settings in a user's file, whose relative paths are taken from its folder, or in a ``campaign.yaml``.
 
-    Raises
-    ------
-    UserError
-        The file cannot be read, is no YAML, or has a setting that there is not.
+    Raises `UserError`: the file cannot be read, is no YAML, or has a setting that there is not.
     """
     tree = read_yaml(path)
     if isinstance(tree, Mapping) and "format" in tree:
@@ -163,10 +154,7 @@ def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
     """Return ``(settings, identity, digest of the base configuration)`` of the campaign in ``directory``.
 
-    Raises
-    ------
-    UserError
-        There is none, or one of another version; there is a link in the directory.
+    Raises `UserError`: there is none, or one of another version; there is a link in the directory.
     """
     path = directory / SETTINGS_FILE
     require_plain(directory, 2)
@@ -214,11 +202,8 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
 
     Overrides are laid over one another.
 
-    Raises
-    ------
-    UserError
-        As `read_settings_file`; a setting of missions over rocks beside a mission file; a mission file that was not
-        ``given``: a settings file may not choose what is run.
+    Raises `UserError`: as `read_settings_file`; a setting of missions over rocks beside a mission file; a mission
+    file that was not ``given``: a settings file may not choose what is run.
     """
     read = read_settings_file(file) if file else {}
     layers = (QUICK if quick else {}, read, given)
@@ -242,10 +227,7 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
 def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
     """Return the settings that a YAML form means on this machine; ``source`` names a file in messages.
 
-    Raises
-    ------
-    UserError
-        As `settings_from_dict`; a rock that cannot be loaded or is held out.
+    Raises `UserError`: as `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
     if tree.get("mission") is not None:
         return settings_from_dict(tree, source)

@@ -24,17 +24,7 @@ DIRECTORY = Path(__file__).parent / "shipped_missions"
 def sources_by_default(
     space: SearchSpace, objective: Objective, sampler: str, second: Objective | None
 ) -> tuple[str, ...]:
-    """Return what a campaign learns from unless told otherwise: the shipped missions where there are some and it can.
-
-    Parameters
-    ----------
-    space, objective
-        What is tuned and for what; shipped missions go with both.
-    sampler
-        Its name; only ``gp`` learns from earlier missions.
-    second
-        The second objective, where there is one.
-    """
+    """Return what a campaign learns from unless told otherwise: the shipped missions where there are some and it can."""
     can = sampler == "gp" and second is None
     return (SHIPPED,) if can and _read(space, objective) is not None else ()
 
@@ -42,10 +32,7 @@ def sources_by_default(
 def shipped_missions(space: SearchSpace, objective: Objective) -> EarlierMissions:
     """Return the missions in ``space``, outcomes in the direction that ``objective`` maximises.
 
-    Raises
-    ------
-    UserError
-        There are none in this space, or for this objective.
+    Raises `UserError`: there are none in this space, or for this objective.
     """
     tree = _read(space, objective)
     if tree is None:

@@ -86,19 +86,10 @@ class _JournalLock(JournalFileSymlinkLock):
 def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True) -> Journal:
     """Open the journal of the campaign in ``directory``.
 
-    Parameters
-    ----------
-    directory
-        The campaign's run directory.
-    must_exist
-        Whether the file has to be there already.
-    heal
-        Whether to cut off a last line that is torn or damaged.
+    ``must_exist``: whether the file has to be there already. ``heal``: whether to cut off a last line that is torn or
+    damaged.
 
-    Raises
-    ------
-    UserError
-        The file is missing, damaged, or cannot be read.
+    Raises `UserError`: the file is missing, damaged, or cannot be read.
     """
     path = directory / JOURNAL_FILE
     if must_exist and not path.is_file():

@@ -30,21 +30,11 @@ def learn_from(
     objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
     campaign held it at.
 
-    Parameters
-    ----------
-    directories
-        The campaigns' run directories, or ``shipped``.
-    space
-        The space of the campaign that learns.
-    base
-        The configuration on which its tuned values are laid.
-    objective
-        Which metric to read from the missions.
+    ``directories``: the campaigns' run directories, or ``shipped``. ``base``: the configuration on which its tuned
+    values are laid.
 
-    Raises
-    ------
-    UserError
-        No campaign in a directory, too few such missions in it, a directory named twice, or nothing shipped.
+    Raises `UserError`: no campaign in a directory, too few such missions in it, a directory named twice, or nothing
+    shipped.
     """
     places = [SHIPPED if d == SHIPPED else str(Path(d).resolve()) for d in directories]
     for directory, place in zip(directories, places):

@@ -272,16 +272,7 @@ def run_and_report(
 ) -> None:
     """Run or resume, with live progress, and end in the report.
 
-    Parameters
-    ----------
-    campaign
-        Begun, or interrupted.
-    executor
-        Where missions run; it is closed at the end.
-    accept_changes
-        Go on although rocks or code have changed.
-    show_pair
-        Then run the default and the recommendation whole.
+    ``show_pair``: then run the default and the recommendation whole.
     """
     from tuner.campaign.session import run_campaign
     from tuner.campaign.shipped import SHIPPED

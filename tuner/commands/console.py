@@ -201,10 +201,7 @@ class ComparisonProgress(FlightProgress):
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     """``["stop.adaptive_budget=4"]`` as ``{"stop.adaptive_budget": 4}``; values are YAML.
 
-    Raises
-    ------
-    UserError
-        An assignment without ``=`` or with an unreadable value.
+    Raises `UserError`: an assignment without ``=`` or with an unreadable value.
     """
     values: dict[str, Any] = {}
     for assignment in assignments:
@@ -257,23 +254,9 @@ def executor_at(
 ) -> LocalProcessExecutor | DaskExecutor:
     """Processes here, or workers of a Dask scheduler, which is started where none is named.
 
-    Parameters
-    ----------
-    where
-        The options executor, scheduler and unencrypted.
-    fidelity
-        What runs.
-    workers
-        Side by side; by default one per core.
-    timeout_s
-        A mission that takes longer is killed.
-    mission
-        The mission file, where there is one.
+    ``where``: the options executor, scheduler and unencrypted. ``workers``: side by side; by default one per core.
 
-    Raises
-    ------
-    UserError
-        The extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
+    Raises `UserError`: the extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
     """
     kind, scheduler, unencrypted = where
     if kind == "local" and scheduler is None:

@@ -219,22 +219,9 @@ def compare(
 ) -> None:
     """Run what is missing, say what was found, write the report.
 
-    Parameters
-    ----------
-    asked
-        What is run, against what, in which metrics.
-    usual, out
-        The evaluation's directory, or one beside it that holds nothing else; the one that the user named.
-    workers, timeout_s
-        Of the processes here.
-    title
-        Of the page.
-    paper
-        Show the paper's numbers beside.
-    mission
-        The mission file, where there is one.
-    campaign
-        Whose page is written anew: it shows what its evaluations found.
+    ``usual``, ``out``: the evaluation's directory, or one beside it that holds nothing else; the one that the user
+    named. ``paper``: show the paper's numbers beside. ``campaign``: whose page is written anew: it shows what its
+    evaluations found.
     """
     from tuner.evaluation.run import place_for, run_evaluation
     from tuner.report import comparison

@@ -166,10 +166,7 @@ def comparison_table(
 
     ``surface``: on which the ``rows`` are measured; None: as they say themselves.
 
-    Raises
-    ------
-    UserError
-        The reference is none of the strategies.
+    Raises `UserError`: the reference is none of the strategies.
     """
     if reference is not None and reference not in strategies:
         raise UserError(f"reference {reference!r} was not evaluated; choose from {', '.join(strategies)}")

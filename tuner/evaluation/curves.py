@@ -115,16 +115,10 @@ def require_room(targets: Sequence[str], config: MissionConfig) -> None:
 def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]) -> EvaluationPlan:
     """Return the missions of a suite.
 
-    Parameters
-    ----------
-    strategies
-        By name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken, and photographs are
-        reconstructed and measured as those of all others are.
+    ``strategies``: by name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken,
+    and photographs are reconstructed and measured as those of all others are.
 
-    Raises
-    ------
-    UserError
-        There is no such strategy.
+    Raises `UserError`: there is no such strategy.
     """
     most, base, configs = suite.numbers[-1], suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():

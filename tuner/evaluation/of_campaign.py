@@ -83,10 +83,8 @@ def held_out(
 ) -> CampaignEvaluation:
     """The recommendation and the baselines on rocks, or a mission file's instances, that the campaign has not seen.
 
-    Raises
-    ------
-    UserError
-        No mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the campaign.
+    Raises `UserError`: no mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the
+    campaign.
     """
     s, found = source.settings, source.recommended()
     under = tuple(conditions or s.conditions)
@@ -113,10 +111,7 @@ def confirmation(
     """The recommendation, the default and plain orbits on training rocks with fresh replicates; None where the first two
     are one.
 
-    Raises
-    ------
-    UserError
-        No mission has succeeded; a rock was not tuned on.
+    Raises `UserError`: no mission has succeeded; a rock was not tuned on.
     """
     s = source.settings
     known = {Path(rock).stem if os.sep in rock else rock: rock for rock in s.rocks}
@@ -159,10 +154,7 @@ def reproduction(
 ) -> CampaignEvaluation:
     """The paper's Table I: strategies, by default `REPRODUCTION_STRATEGIES`, that differ from ``base`` in nothing else.
 
-    Raises
-    ------
-    UserError
-        A strategy or a rock is unknown.
+    Raises `UserError`: a strategy or a rock is unknown.
     """
     configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
     plan = EvaluationPlan(

@@ -38,10 +38,7 @@ FORMAT_VERSION = 3  # 2 might call its fidelity a runner
 class EvaluationPlan:
     """Named configurations, rocks, conditions and replicates; every combination is one mission.
 
-    Raises
-    ------
-    UserError
-        Nothing to compare.
+    Raises `UserError`: nothing to compare.
     """
 
     strategies: Mapping[str, Configuration]

@@ -60,10 +60,7 @@ def run_evaluation(
 
     Missions that the machine ended (`Trial.infrastructure_failure`) leave no record, and the evaluation incomplete.
 
-    Raises
-    ------
-    UserError
-        The directory holds something else or cannot be written; a mission met a user's mistake.
+    Raises `UserError`: the directory holds something else or cannot be written; a mission met a user's mistake.
     """
     _claim(plan, directory)
     began = time.monotonic()

@@ -106,14 +106,7 @@ class _Attempt:
 class LocalProcessExecutor(Executor):
     """Missions in processes of this machine, started by one ``tuner.missions.server``.
 
-    Parameters
-    ----------
-    workers
-        Missions at a time, at least 1.
-    timeout_s
-        As in `Executor`.
-    preload
-        Fidelities whose modules the server imports before it forks.
+    ``preload``: fidelities whose modules the server imports before it forks.
     """
 
     def __init__(
@@ -312,16 +305,7 @@ def local_executor(
 ) -> LocalProcessExecutor:
     """Return processes for missions, one per core unless told otherwise.
 
-    Parameters
-    ----------
-    fidelity
-        The fidelity whose modules are imported before the first mission.
-    workers
-        Missions at a time; None: one per core.
-    timeout_s
-        After this time a mission is killed.
-    mission
-        A mission file, which has limits of its own on workers and time.
+    ``mission``: a mission file, which has limits of its own on workers and time.
     """
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")

@@ -201,14 +201,8 @@ class Trial:
     ) -> Observation:
         """Return this mission as samplers and surrogates see it.
 
-        Parameters
-        ----------
-        objective
-            Says which way ``raw`` is better.
-        raw
-            The objective as measured; None where the mission failed or has none.
-        second
-            The campaign's second objective, where there is one.
+        ``objective``: says which way ``raw`` is better. ``raw``: the objective as measured; None where the mission
+        failed or has none.
         """
         return Observation(
             self.number,

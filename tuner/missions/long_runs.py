@@ -21,10 +21,7 @@ T = TypeVar("T")
 def exclusive(directory: Path) -> Iterator[None]:
     """Hold the directory's lock; the kernel frees it when the process dies, however it dies.
 
-    Raises
-    ------
-    UserError
-        Another process holds it, or the directory cannot be written; a link is there.
+    Raises `UserError`: another process holds it, or the directory cannot be written; a link is there.
     """
     try:
         lock = open_to_write(directory / LOCK_FILE, 0)
@@ -87,10 +84,7 @@ def stop_signals() -> Iterator[Stop]:
 def long_run(directory: Path) -> Iterator[Stop]:
     """Hold the directory and turn signals into a stop, for what writes there all the time.
 
-    Raises
-    ------
-    UserError
-        As `exclusive`; or something could not be written.
+    Raises `UserError`: as `exclusive`; or something could not be written.
     """
     try:
         with exclusive(directory), stop_signals() as stop:

@@ -111,10 +111,7 @@ def all_modules(fidelity: str) -> tuple[str, ...]:
 def mission_function(fidelity: str) -> Callable[..., MissionResult]:
     """The `nbv.mission.MissionFunction` behind a name or ``"module:function"``.
 
-    Raises
-    ------
-    UserError
-        There is no such fidelity.
+    Raises `UserError`: there is no such fidelity.
     """
     require_fidelity(fidelity)
     if (plugin := FIDELITIES.plugin(fidelity)) is not None:

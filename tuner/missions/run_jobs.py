@@ -85,10 +85,7 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     about the mission: it is run again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`. The executor is
     left open; missions still in flight at the end are killed.
 
-    Raises
-    ------
-    UserError
-        A mission met a user's mistake, which every other one would meet too.
+    Raises `UserError`: a mission met a user's mistake, which every other one would meet too.
     """
     running: dict[str, _Running] = {}
     try:

@@ -272,12 +272,8 @@ def tuned_configs(
 ) -> dict[str, MissionConfig]:
     """The tuned configuration and the arms that split its gain, each where it is a mission of its own.
 
-    Parameters
-    ----------
-    tuned, base
-        The tuned configuration, and the default: Hyb-H.
-    counted
-        The tuned one with as many photographs as the random views are to have, where something may end it early.
+    ``counted``: the tuned one with as many photographs as the random views are to have, where something may end it
+    early.
     """
     arms = {
         TUNED: tuned,

@@ -92,12 +92,7 @@ def photographs_metric(
 ) -> DeterministicMetric | None:
     """Return the objective where it is the number of photographs; None where only a mission can tell it.
 
-    Parameters
-    ----------
-    config
-        Makes the complete configuration of tuned values.
-    default
-        The default values; what is not tuned is read from their configuration.
+    ``default``: the default values; what is not tuned is read from their configuration.
     """
     base, tuned = config(default), {path for p in space.parameters for path in (p.path, *p.also)}
     if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or tuned & set(ENDS_EARLY):

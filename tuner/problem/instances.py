@@ -70,10 +70,7 @@ def family_of(rock: str) -> str | None:
 def with_families(rocks: Iterable[str]) -> list[str]:
     """Return ``rocks`` with ``any`` as one name for every family.
 
-    Raises
-    ------
-    UserError
-        There is no such family, or some are rocks and some are families.
+    Raises `UserError`: there is no such family, or some are rocks and some are families.
     """
     found = [name for rock in rocks for name in ([f"{ANY}-{f}" for f in FAMILIES] if rock == ANY else [rock])]
     for rock in found:

@@ -50,10 +50,8 @@ def reached(metric: str) -> tuple[str, float] | None:
 def direction_of(metric: str) -> Direction:
     """Return which way a mission's metric, or a cost, is better.
 
-    Raises
-    ------
-    UserError
-        Neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has to say it.
+    Raises `UserError`: neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has
+    to say it.
     """
     if reached(metric):
         return "maximise"

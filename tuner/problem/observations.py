@@ -148,12 +148,8 @@ def mission_key(config: Configuration) -> str:
 def photographs_key(config: Configuration, chosen: Sequence[str]) -> str:
     """Return the same for missions on one block that take the same photographs and use them alike; empty for a mission file's.
 
-    Parameters
-    ----------
-    config
-        Of the mission; what only decides which views are planned, or when planning ends, does not count.
-    chosen
-        The planned views, in order, by their names in the candidate pool.
+    ``config``: of the mission; what only decides which views are planned, or when planning ends, does not count.
+    ``chosen``: the planned views, in order, by their names in the candidate pool.
     """
     if not isinstance(config, MissionConfig):
         return ""

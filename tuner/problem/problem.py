@@ -108,14 +108,8 @@ class Problem(abc.ABC):
     ) -> Strategies:
         """Return the recommendation, ``tuned``, and what it is compared with on ``rocks`` under ``conditions``.
 
-        Parameters
-        ----------
-        values
-            The recommended ones.
-        names
-            The baselines; None: those that are run by default.
-        photographs
-            That the recommendation took, mean over its missions rounded up; None where it has none.
+        ``names``: the baselines; None: those that are run by default. ``photographs``: that the recommendation took,
+        mean over its missions rounded up; None where it has none.
         """
 
     def controls(

@@ -166,10 +166,7 @@ class SearchSpace:
     def default(self, preset: Configuration) -> Values:
         """Return the default values: explicit ones, else the base configuration's (in every preset the paper's).
 
-        Raises
-        ------
-        UserError
-            A default outside its bounds, or bounds that ``MissionConfig`` refuses.
+        Raises `UserError`: a default outside its bounds, or bounds that ``MissionConfig`` refuses.
         """
         base = self.base_config(preset)
         values: Values = {}

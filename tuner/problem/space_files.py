@@ -53,10 +53,7 @@ def available_search_spaces() -> dict[str, Path]:
 def load_search_space(name_or_path: str | Path) -> SearchSpace:
     """Read a space by name (``gate``, ``gate_and_weights``) or from a YAML file.
 
-    Raises
-    ------
-    UserError
-        No such space, or a mistake in the file.
+    Raises `UserError`: no such space, or a mistake in the file.
     """
     text = str(name_or_path)
     named = available_search_spaces()
@@ -76,10 +73,7 @@ def parse_search_space(text: str, source: str) -> SearchSpace:
 def space_from_dict(tree: Any, source: str) -> SearchSpace:
     """Build and check a space from its YAML tree.
 
-    Raises
-    ------
-    UserError
-        Unknown key or parameter path, bad bounds or default, no parameters.
+    Raises `UserError`: unknown key or parameter path, bad bounds or default, no parameters.
     """
     if not isinstance(tree, dict):
         raise UserError(f"{source}: a search space is a mapping with the key 'parameters'")

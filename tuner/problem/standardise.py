@@ -45,13 +45,9 @@ class RockStandardiser:
     ) -> RockStandardiser:
         """Return the standardiser estimated from n outcomes; n may be 0.
 
-        Parameters
-        ----------
-        shrink_centres
-            Without it each rock is centred on its own mean: for a model that infers what is left of the rock effect by itself.
-        blocks
-            (n,) blocks, each within one rock: scales are then standard deviations within blocks, for a model that infers
-            what is common to a block.
+        ``shrink_centres``: without it each rock is centred on its own mean: for a model that infers what is left of
+        the rock effect by itself. ``blocks``: (n,) blocks, each within one rock: scales are then standard deviations
+        within blocks, for a model that infers what is common to a block.
         """
         y = np.asarray(outcomes, dtype=float)
         if len(y) == 0:

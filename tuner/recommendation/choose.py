@@ -345,14 +345,9 @@ def fewest_changes(
     One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
     mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`.
 
-    Parameters
-    ----------
-    among
-        Indices of those that may be taken; not empty. The default is taken only where it is among them.
-    belief
-        The joint posterior of ``configurations``, in their order, and of the default behind them.
-    noise_sd
-        The standard deviation of one mission, objective's unit.
+    ``among``: indices of those that may be taken; not empty. The default is taken only where it is among them.
+    ``belief``: the joint posterior of ``configurations``, in their order, and of the default behind them.
+    ``noise_sd``: the standard deviation of one mission, objective's unit.
     """
     reference, better = len(configurations), list(among)
     own = [i for i in among if configurations[i] == default]

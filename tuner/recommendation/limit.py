@@ -32,16 +32,9 @@ def limit_of(
 ) -> Limit | None:
     """Return how the recommended ``values`` keep the limit on the training instances and on the next rock.
 
-    Parameters
-    ----------
-    kept
-        Whether any configuration run can be taken to keep the limit.
-    no_worse
-        Probability that the values are no worse than the default on the next rock, where it is known.
+    ``no_worse``: probability that the values are no worse than the default on the next rock, where it is known.
 
-    Returns
-    -------
-    None where nothing has a limit. Of the next rock nothing is said where one rock alone was run.
+    It is None where nothing has a limit. Of the next rock nothing is said where one rock alone was run.
     """
     second, limit = goal.second, goal.limit
     if constraint is None or second is None or limit is None:

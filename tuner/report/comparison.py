@@ -142,22 +142,11 @@ def comparison_facts(
 ) -> ComparisonFacts:
     """What ``run`` says of its strategies.
 
-    Parameters
-    ----------
-    run
-        What was run, complete or not.
-    reference
-        Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
-        configuration), else the first strategy.
-    asked
-        The objectives, and the limit where there is one; by default the F-score alone.
-    notes
-        What to know before the verdicts.
+    ``reference``: strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's
+    default configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by
+    default the F-score alone.
 
-    Raises
-    ------
-    UserError
-        The reference was not evaluated.
+    Raises `UserError`: the reference was not evaluated.
     """
     records, plan = run.records, run.plan
     strategies = tuple(in_table_order(plan.strategies))
@@ -274,18 +263,8 @@ def _quality(
 ) -> Sentence:
     """Whether a strategy's quality is better, worse, or no worse by more than the margin.
 
-    Parameters
-    ----------
-    records
-        All missions.
-    name, reference
-        The strategy, and the one that it is held against.
-    asked
-        With a quality.
-    margin
-        What may be lost and still counts as kept, in the metric's unit.
-    whom
-        What the reference is called, where not by its label.
+    ``margin``: what may be lost and still counts as kept, in the metric's unit. ``whom``: what the reference is
+    called, where not by its label.
     """
     assert asked.quality is not None
     row, label = _row_of(asked.quality), metric_label(asked.quality.metric)
@@ -517,23 +496,9 @@ def write_comparison_report(
 ) -> Path:
     """Write ``report.html`` into ``directory``; returns its path.
 
-    Parameters
-    ----------
-    facts
-        From `comparison_facts`; the run may be incomplete.
-    directory
-        Where to.
-    title
-        The page's.
-    paper
-        Show the paper's Table I beside ours, with what is not comparable.
-    command
-        The command line that repeats the evaluation.
+    ``paper``: show the paper's Table I beside ours, with what is not comparable.
 
-    Raises
-    ------
-    UserError
-        The directory cannot be written.
+    Raises `UserError`: the directory cannot be written.
     """
     run, plan, tables = facts.run, facts.run.plan, list(facts.tables.values())
     kinds = [line.kind for line in facts.verdicts]

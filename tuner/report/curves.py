@@ -32,12 +32,7 @@ def write_comparison(
 ) -> dict[str, Any]:
     """Write ``report.html``, ``curves.svg``, ``curves.csv``, ``targets.csv`` and ``comparison.json``; return the last.
 
-    Parameters
-    ----------
-    reference
-        The strategy of the ratios and gains.
-    records
-        Of all missions of the suite.
+    ``reference``: the strategy of the ratios and gains.
     """
     series = curves.all_series(suite, strategies, records)
     base = next(one for one in series if one.name == reference)

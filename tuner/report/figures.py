@@ -46,14 +46,8 @@ def draw_outcomes(
 ) -> str:
     """The outcome of every trial, a colour and a marker per instance; failed trials are crosses at the bottom.
 
-    Parameters
-    ----------
-    trials
-        By the instance's name: position along ``x``, outcome (None: failed) and "default", "recommended" or nothing.
-    label, x
-        Of the outcomes, and of the positions.
-    sign
-        1 where more is better, -1 where less is: a line shows the best so far. 0: no line.
+    ``trials``: by the instance's name: position along ``x``, outcome (None: failed) and "default", "recommended" or
+    nothing. ``sign``: 1 where more is better, -1 where less is: a line shows the best so far. 0: no line.
     """
     with look():
         figure = new_figure(6.4, 3.0)

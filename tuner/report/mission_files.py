@@ -79,14 +79,7 @@ def decided(run: Path, result: MissionResult) -> list[tuple[PlanningState, Candi
 def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
     """The rock that the mission in ``run`` was run on; ``UserError`` if the one found is another.
 
-    Parameters
-    ----------
-    run, result
-        The mission's directory, and its result.
-    rock
-        Catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
-    store
-        Where rocks are kept.
+    ``rock``: catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
     """
     name, remedy = rock or result.rock, "name its mesh file with --rock"
     # As the mission loaded it.

@@ -47,10 +47,7 @@ def unbroken(text: str) -> str:
 def write_page(path: Path, template: str, **facts: Any) -> Path:
     """Render ``template`` with ``facts`` and the program's version into ``path``, atomically.
 
-    Raises
-    ------
-    UserError
-        The file cannot be written.
+    Raises `UserError`: the file cannot be written.
     """
     text = _environment().get_template(template).render(version=versions().get("gatetune", ""), **facts)
     text = printable(text)

@@ -34,10 +34,7 @@ _DOTS = 40_000
 def write_import_report(photographs: PhotographSet, directory: Path | None = None) -> Path:
     """Write ``report.html`` into the set's folder, or another one; returns its path.
 
-    Raises
-    ------
-    UserError
-        The page cannot be written, or a file of the set is damaged.
+    Raises `UserError`: the page cannot be written, or a file of the set is damaged.
     """
     views = photographs.coverage
     reference = photographs.reference()

@@ -56,10 +56,7 @@ def vehicle_files(
 
     ``onto``: by name a file of the authors' kind whose other keys are kept; others are as published.
 
-    Raises
-    ------
-    UserError
-        A file of ``onto`` cannot be read.
+    Raises `UserError`: a file of ``onto`` cannot be read.
     """
     config = campaign.settings.config(best.values)
     header = "\n".join(_header(campaign, best, best.changed))  # a name may hold a new line

@@ -130,10 +130,7 @@ def ask_many(
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     """Return the sampler called ``name``.
 
-    Raises
-    ------
-    UserError
-        No such sampler, or one that cannot handle the search space.
+    Raises `UserError`: no such sampler, or one that cannot handle the search space.
     """
     make: Callable[[SamplerSettings, str], Sampler] = SAMPLERS.load(name)
     return make(settings, name)

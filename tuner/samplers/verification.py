@@ -44,24 +44,13 @@ def verification(
 ) -> Proposal | None:
     """Return the favourite on a block it has not run, if that is worth more than exploring.
 
-    Parameters
-    ----------
-    model
-        The surrogate of the successful missions in ``history``.
-    replicates
-        Per instance, numbered from 0.
-    expected_gain
-        What the best mission of the search promises, objective's unit.
-    last
-        Whether to verify whatever exploring promises.
-    exact
-        The objective, where the configuration decides it: run is then what that mission may save most by, where that is
-        more than exploring promises.
+    ``replicates``: per instance, numbered from 0. ``expected_gain``: what the best mission of the search promises,
+    objective's unit. ``last``: whether to verify whatever exploring promises. ``exact``: the objective, where the
+    configuration decides it: run is then what that mission may save most by, where that is more than exploring
+    promises.
 
-    Returns
-    -------
-    None where the favourite (best posterior mean) has run every block, or where exploring promises more than the noise
-    of a mission. The instance is one of those it has run least.
+    It is None where the favourite (best posterior mean) has run every block, or where exploring promises more than the
+    noise of a mission. The instance is one of those it has run least.
     """
     if exact is not None and constraint is not None:
         chosen = _worth_confirming(model, history, pending, replicates, constraint, exact)

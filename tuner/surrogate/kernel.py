@@ -89,16 +89,9 @@ def mission_kernel(
 ) -> Kernel:
     """Return the kernel of this file's docstring, with its priors.
 
-    Parameters
-    ----------
-    ordered, categorical
-        Columns of the ordered parameters and of the choices.
-    instance_column
-        The instance's column; the block's is the next one.
-    settings
-        Which parts there are.
-    tau
-        Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
+    ``ordered``, ``categorical``: columns of the ordered parameters and of the choices. ``instance_column``: the
+    instance's column; the block's is the next one. ``tau``: of the sparse prior of the length scales; None:
+    log-normal, growing with the square root of the dimension.
     """
     f = _landscape(ordered, categorical, tau)
     instance = SharedLevel(active_dims=[instance_column])

@@ -59,14 +59,9 @@ def moments(posterior: Any) -> tuple[Floats, Floats]:
 class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
-    Parameters
-    ----------
-    observations
-        Finished missions; failed ones tell the search alone, by `feasibility`. At least one must be feasible.
-    instances
-        The training instances over which the mean is taken; a rock alone is that rock under ``ideal``.
-    settings
-        What the model is made of; None: by the number of parameters.
+    ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
+    feasible. ``instances``: the training instances over which the mean is taken; a rock alone is that rock under
+    ``ideal``.
     """
 
     def __init__(

@@ -32,24 +32,13 @@ def dask_executor(
 ) -> DaskExecutor:
     """Return an executor on the scheduler at ``scheduler``, on a local cluster, or on jobs of SLURM or PBS.
 
-    Parameters
-    ----------
-    where
-        What is started where ``scheduler`` is None; Dask-jobqueue's ``jobqueue.yaml`` has a batch system's settings.
-    scheduler
-        ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or ``tcp://127.0.0.1:PORT``.
-    workers
-        How many workers are started.
-    timeout_s
-        A mission that takes longer is killed.
-    unencrypted
-        Whether ``tcp://`` to another machine, or between the batch system's, will do: whoever can reach a scheduler or
-        worker there can run programs.
+    ``where``: what is started where ``scheduler`` is None; Dask-jobqueue's ``jobqueue.yaml`` has a batch system's
+    settings. ``scheduler``: ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or
+    ``tcp://127.0.0.1:PORT``. ``workers``: how many workers are started. ``timeout_s``: a mission that takes longer is
+    killed. ``unencrypted``: whether ``tcp://`` to another machine, or between the batch system's, will do: whoever
+    can reach a scheduler or worker there can run programs.
 
-    Raises
-    ------
-    UserError
-        An address that is not allowed or not answered; a batch system without settings.
+    Raises `UserError`: an address that is not allowed or not answered; a batch system without settings.
     """
     dask.config.set(_SETTINGS)
     if scheduler is not None:

@@ -43,12 +43,8 @@ class DaskExecutor(Executor):
     Where a worker dies its mission is run elsewhere. What the lost worker may still send is ignored, since only the
     scheduler's word counts.
 
-    Parameters
-    ----------
-    client
-        Connected; closed with this executor, and with it the cluster that was started for it.
-    timeout_s
-        As in `Executor`.
+    ``client``: connected; closed with this executor, and with it the cluster that was started for it. ``timeout_s``:
+    as in `Executor`.
     """
 
     def __init__(self, client: Client, timeout_s: float = 3600.0) -> None:

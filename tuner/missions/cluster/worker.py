@@ -109,16 +109,8 @@ def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:
     A scheduler makes anew what lay on a lost worker, whether or not the coordinator has it, and a worker that was cut off
     would go through all that had been sent to it. Who runs again decides the coordinator alone, by another task.
 
-    Parameters
-    ----------
-    task
-        The task's key.
-    address
-        The worker that asks.
-    attempt
-        Identifies this run of the task.
-    dask_scheduler
-        The scheduler, which Dask passes.
+    ``task``: the task's key. ``address``: the worker that asks. ``attempt``: identifies this run of the task.
+    ``dask_scheduler``: the scheduler, which Dask passes.
     """
     state = dask_scheduler.tasks.get(task)
     worker = dask_scheduler.workers.get(dask_scheduler.coerce_address(address))  # it may be given by a name

@@ -54,25 +54,15 @@ def run_external_mission(
 ) -> MissionResult:
     """Run one mission of a mission file.
 
-    Parameters
-    ----------
-    config
-        The mission file and the parameters' values.
-    rock
-        One of its instances.
-    replicate
-        The number of the repetition, from 0; it decides the seed.
-    directory
-        Where request, result, log and the mission's own files go; None: a temporary folder.
-    keep
-        ``"summary"`` removes the mission's own files once it has been measured.
+    ``replicate``: the number of the repetition, from 0; it decides the seed. ``directory``: where request, result,
+    log and the mission's own files go; None: a temporary folder. ``keep``: ``"summary"`` removes the mission's own
+    files once it has been measured.
 
-    Raises
-    ------
-    MissionFailure
-        ``machine_error: ...``: the mission says nothing about the configuration and may be run again.
-    UserError
-        The mission file has changed, its program cannot be run, or ``config`` is none of a mission file.
+    Raises `MissionFailure`: ``machine_error: ...``: the mission says nothing about the configuration and may be run
+    again.
+
+    Raises `UserError`: the mission file has changed, its program cannot be run, or ``config`` is none of a mission
+    file.
     """
     if not isinstance(config, ExternalConfig):
         raise UserError("the fidelity external runs missions of a mission file; name one with --mission")
@@ -161,12 +151,9 @@ def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[d
     PAMI 1991). It is then in the mesh's own frame and moved with the mesh to where `nbv.rocks.import_mesh` puts that, or
     there already (``frame: rock``).
 
-    Raises
-    ------
-    MissionFailure
-        The cloud cannot be read (``machine_error``), aligned or measured.
-    UserError
-        There is no such mesh, or no such parameter.
+    Raises `MissionFailure`: the cloud cannot be read (``machine_error``), aligned or measured.
+
+    Raises `UserError`: there is no such mesh, or no such parameter.
     """
     mesh, score, store = request.instance["mesh"], mission.score or Score(), Store()
     file = mission.folder / mesh

@@ -80,10 +80,7 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def complete(self, values: Mapping[str, Any]) -> Values:
         """Return ``values`` and the defaults of what they leave out.
 
-        Raises
-        ------
-        UserError
-            A name that is no parameter's, or a value that it does not allow.
+        Raises `UserError`: a name that is no parameter's, or a value that it does not allow.
         """
         parameters = {parameter.path: parameter for parameter in self.space.parameters}
         for name, value in values.items():
@@ -106,10 +103,8 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
     """Read and check a mission file.
 
-    Raises
-    ------
-    UserError
-        It cannot be read, makes no mission, or has another hash than ``sha256``; one line names the place.
+    Raises `UserError`: it cannot be read, makes no mission, or has another hash than ``sha256``; one line names the
+    place.
     """
     path = path.resolve()
     if not is_file(path):

@@ -41,10 +41,7 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
     Returns its exit status, negative where a signal ended it; None where its time was over. What it prints goes to
     `LOG_FILE` in the output folder.
 
-    Raises
-    ------
-    UserError
-        The program does not exist or may not be run.
+    Raises `UserError`: the program does not exist or may not be run.
     """
     command, environment = list(mission.command), {**os.environ, **request.environment()}
     if mission.function:
@@ -157,10 +154,7 @@ class Result(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_result(path: Path) -> Result:
     """Read and check what a mission left.
 
-    Raises
-    ------
-    UserError
-        The file is missing, half written, or holds something else than a result; one line says what.
+    Raises `UserError`: the file is missing, half written, or holds something else than a result; one line says what.
     """
     if not path.exists():
         raise UserError(f"no {path.name}")

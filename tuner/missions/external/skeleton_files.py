@@ -24,10 +24,7 @@ def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
     The data are 16-bit measurements that come with Matplotlib: two halves of an elevation model (USGS, Jacksboro
     fault), and a magnetic resonance scan to hold out.
 
-    Raises
-    ------
-    UserError
-        There is something in ``folder``, or it cannot be written.
+    Raises `UserError`: there is something in ``folder``, or it cannot be written.
     """
     source, program = (
         resources.files(__package__).joinpath("skeleton"),
