@@ -23,7 +23,7 @@ from tuner.problem.deterministic_metrics import DeterministicMetrics, with_secon
 from tuner.problem.instances import InstanceLike
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
-from tuner.problem.share import SURE, ShareBelief
+from tuner.problem.share import SURE, ShareEstimate
 from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability_positive
@@ -65,7 +65,7 @@ class Constraint:
     at_least: float  # oriented so that larger is better
     is_share: bool = False  # of rocks, in percent
 
-    def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
+    def means_and_sds(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
         """Return (m,) means and standard deviations of the second objective, larger is better."""
         found = [
             self.model.posterior(configurations[i : i + _CHUNK])
@@ -75,22 +75,22 @@ class Constraint:
 
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
         """Return (m,) probabilities that each keeps the limit."""
-        mean, sd = self.belief(configurations)
+        mean, sd = self.means_and_sds(configurations)
         if isinstance(self.model, DeterministicOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
         if self.is_share:
-            beliefs = self.shares(configurations)
-            return np.array([belief.probability(self.at_least / 100.0) for belief in beliefs])
+            shares = self.shares(configurations)
+            return np.array([share.probability(self.at_least / 100.0) for share in shares])
         sd = np.maximum(sd, 1e-9 * self.model.mean_scale)
         return np.array([probability_positive(m - self.at_least, s) for m, s in zip(mean, sd)])
 
-    def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
-        """Return the belief about each share, worth as many rocks as the mean's variance goes into one mission's."""
+    def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareEstimate]:
+        """Return the estimate of each share, worth as many rocks as the mean's variance goes into one mission's."""
         assert isinstance(self.model, InstanceMeanGP)
         one = self.model.one_mission_sd**2
         return [
-            ShareBelief(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, 1e-9) ** 2)
-            for m, s in zip(*self.belief(configurations))
+            ShareEstimate(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, 1e-9) ** 2)
+            for m, s in zip(*self.means_and_sds(configurations))
         ]
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
@@ -99,7 +99,7 @@ class Constraint:
 
     @property
     def quantile(self) -> float:
-        """Standard deviations above the limit at which it is believed to be kept."""
+        """Standard deviations above the limit at which it counts as kept."""
         if not self.is_share:
             return float(special.stdtrit(FREEDOM, SURE))
         # Missions near the limit vary less, or more, than they do everywhere.
@@ -113,7 +113,7 @@ class Constraint:
         model = self.model
         assert isinstance(model, InstanceMeanGP)
         unit = np.unique(model.unit, axis=0)
-        mean, _ = self.belief([model.space.from_unit(u) for u in unit])
+        mean, _ = self.means_and_sds([model.space.from_unit(u) for u in unit])
         with torch.no_grad():
             level, _ = moments(model.model.posterior(model.inputs(unit)))
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
@@ -185,9 +185,9 @@ def _saving(
     cost: DeterministicOutcome, constraint: Constraint, model: InstanceMeanGP, running: torch.Tensor | None
 ) -> AcquisitionFunction:
     evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
-    believed = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
-    # Before anything is believed, all that may be saves against the most expensive there is.
-    best = max(cost.posterior(believed).mean) if believed else cost.worst() - 1.0
+    kept_so_far = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
+    # Before anything counts as keeping the limit, all that may keep it saves against the most expensive there is.
+    best = max(cost.posterior(kept_so_far).mean) if kept_so_far else cost.worst() - 1.0
     return LogExpectedSaving(model, cost, constraint.at_least, constraint.quantile, float(best), running)
 
 

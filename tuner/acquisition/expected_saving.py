@@ -1,9 +1,9 @@
 """What a mission is expected to save of an exact cost, where a quality has to keep a limit.
 
-A cheaper configuration counts once it is believed to keep the limit, with the probability `SURE`. Before a mission, with the
+A cheaper configuration counts once it keeps the limit with the probability `SURE`. Before a mission, with the
 posterior mean m, variance v and noise variance t of the quality, the mean after it is normal with mean m and variance
-v^2 / (v + t), the variance after it v t / (v + t); so the probability that it will be believed has a closed form. It times what
-it saves over the cheapest that is believed is the value. (The noisy expected improvement is over the cheapest of each draw
+v^2 / (v + t), the variance after it v t / (v + t); so the probability that it will count has a closed form. It times what
+it saves over the cheapest that counts is the value. (The noisy expected improvement is over the cheapest of each draw
 instead: among many configurations near the limit one keeps it in almost every draw, and the search goes on below.)
 """
 
@@ -64,7 +64,7 @@ class LogExpectedSaving(AcquisitionFunction):
         return saved.clamp_min(_LEAST).log() + self._log_chance(X)
 
     def _log_chance(self, X: torch.Tensor) -> torch.Tensor:
-        """Return (b,) log probabilities, of (b, 1, inputs), that a mission will make one believe that the limit is kept."""
+        """Return (b,) log probabilities, of (b, 1, inputs), that after a mission the limit will count as kept."""
         points = X
         if self._recent is not None:
             points = torch.cat([X, self._recent.expand(len(X), *self._recent.shape)], dim=1)

@@ -56,12 +56,12 @@ def propose(
         acquisition = LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
         position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
-    belief = model.posterior([values])
+    posterior = model.posterior([values])
     return values, {
         "log_nei": score,
         "expected_gain": math.exp(score) * model.mean_scale,
-        "predicted_mean": float(belief.mean[0]),
-        "predicted_sd": float(belief.sd[0]),
+        "predicted_mean": float(posterior.mean[0]),
+        "predicted_sd": float(posterior.sd[0]),
     }
 
 

@@ -119,7 +119,7 @@ class Campaign:
         Parameters
         ----------
         expected
-            Settings the caller believes in; a difference is refused.
+            Settings that the campaign must have; a difference is refused.
         read_only
             For status and reports of a campaign that may be running.
         fidelity

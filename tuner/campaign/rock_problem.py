@@ -92,7 +92,7 @@ class RockProblem(Problem):
         """Raise `UserError` for fewer photographs than all missions take, and for a share that few rocks cannot show."""
         if limited.is_share:
             require_share(share := limit / 100.0, "the limit")
-            # So many rocks must reach it, and none fail, before anybody may believe it (`tuner.problem.share`).
+            # So many rocks must reach it, and none fail, before the share is shown (`tuner.problem.share`).
             needed = rocks_that_show(share)
             if not are_drawn(self.rocks) and len(self.rocks) < needed:
                 raise UserError(

@@ -32,7 +32,7 @@ LEVELS = np.arange(6.0, 49.0)  # photographs of a rock 1 m high
 THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which a mission stops
 BOOTSTRAP = 1000
 CURVE = "curve"
-# Seeds as few as register, the size of targets known to 20 %, and no weights but a scorer's own main term for ours.
+# Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,

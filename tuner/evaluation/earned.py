@@ -1,4 +1,4 @@
-"""What earned the gain of a tuned configuration: its groups of changes, believed by the model and measured by paired missions."""
+"""What earned the gain of a tuned configuration: its groups of changes, measured by paired missions."""
 
 from __future__ import annotations
 
@@ -9,41 +9,6 @@ from tuner.evaluation.comparison import MetricRow, PairedDifference, strategy_di
 from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.problem.groups import CHOICE, THRESHOLDS, grouped
-from tuner.problem.search_space import Values
-from tuner.recommendation.recommendation import Recommendation
-from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.posterior import interval_95
-
-Gain = tuple[float, tuple[float, float]]  # the gain, positive where better, and its 95 % interval
-
-
-@dataclass(frozen=True)
-class GroupGain:
-    """One group of changes, as the model believes it over the training rocks, in the objective's unit."""
-
-    group: str
-    paths: tuple[str, ...]
-    alone: Gain  # the default with this group's changes, against the default
-    rest: Gain  # the recommendation without this group's changes, against the default
-
-
-def believed_gains(model: InstanceMeanGP, best: Recommendation) -> list[GroupGain]:
-    """Return what the model believes of every group of changes of the recommendation, alone and left out."""
-    default, groups = best.default_values, grouped(best.changed)
-    configurations: list[Values] = [default]
-    for paths in groups.values():
-        configurations.append({**default, **{path: best.values[path] for path in paths}})
-        configurations.append({**best.values, **{path: default[path] for path in paths}})
-    belief = model.posterior(configurations)
-
-    def against_default(index: int) -> Gain:
-        mean, sd = belief.difference(index, 0)
-        return mean, interval_95(mean, sd)
-
-    return [
-        GroupGain(group, paths, against_default(1 + 2 * k), against_default(2 + 2 * k))
-        for k, (group, paths) in enumerate(groups.items())
-    ]
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ class LocalProcessExecutor(Executor):
     def _start_server(self) -> subprocess.Popen[bytes]:
         # Where a library may start threads, the server cannot fork.
         environment = {**os.environ, **ONE_THREAD}
-        # Without the current directory: a numpy.py that lies there is not ours.
+        # Without the current directory: a numpy.py that lies there is not the library.
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._buffer, self._server_is_up, self._silent_s = b"", False, 0.0
         return subprocess.Popen(

@@ -90,7 +90,7 @@ def module_of(fidelity: str) -> str:
 
 @functools.cache
 def code_of(fidelity: str) -> str:
-    """Return the digest of a fidelity's code: ours with all it imports of ``nbv``, another's own file alone."""
+    """Return the digest of a fidelity's code: a built-in one with all it imports of ``nbv``, another's own file alone."""
     module = module_of(fidelity)
     if module.partition(".")[0] == "nbv":
         return code_digest(module)

@@ -1,6 +1,6 @@
-"""What is believed of a share of rocks, as if so many rocks had been run and so many of them had succeeded.
+"""An estimate of a share of rocks, as if so many rocks had been run and so many of them had succeeded.
 
-The belief is the Beta distribution of a share after those rocks, with Jeffreys' prior (Brown, Cai and DasGupta, "Interval
+The estimate is the Beta distribution of a share after those rocks, with Jeffreys' prior (Brown, Cai and DasGupta, "Interval
 estimation for a binomial proportion", 2001). A Gaussian process has rocks of its own at every configuration: the variance
 of one mission over that of the mean is the number of missions that would tell as much.
 """
@@ -19,7 +19,7 @@ NEXT = 100
 
 
 @dataclass(frozen=True)
-class ShareBelief:
+class ShareEstimate:
     """Of a share, 0 to 1."""
 
     share: float  # of the rocks, 0 to 1
@@ -31,7 +31,7 @@ class ShareBelief:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the belief."""
+        """Standard deviation of the estimate."""
         a, b = self._ab
         return math.sqrt(a * b / ((a + b) ** 2 * (a + b + 1.0)))
 
@@ -58,5 +58,5 @@ class ShareBelief:
 
 
 def rocks_that_show(share: float) -> int:
-    """Return how many rocks must succeed, and none fail, before it may be believed that so large a share does."""
-    return next(n for n in range(1, 1_000_000) if ShareBelief(1.0, n).probability(share) >= SURE)
+    """Return how many rocks must succeed, and none fail, before so large a share is shown to."""
+    return next(n for n in range(1, 1_000_000) if ShareEstimate(1.0, n).probability(share) >= SURE)

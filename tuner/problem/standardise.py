@@ -100,8 +100,8 @@ class RockStandardiser:
 def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -> Floats:
     """Return (n,) outcomes, those far from all others moved to `FAR` ranges of the others: winsorised.
 
-    The middle half of the deviations from the groups' medians is believed, and step by step the next one on either side, where
-    its distance is at most `FAR` ranges of what is believed already. Where more lie beyond than one in `FEW`, they are believed
+    The middle half of the deviations from the groups' medians is accepted, and step by step the next one on either side, where
+    its distance is at most `FAR` ranges of what is accepted already. Where more lie beyond than one in `FEW`, they are believed
     on the good side, and on the bad one up to a distance that grows with the square of their number.
     """
     y = np.asarray(outcomes, dtype=float)

@@ -49,7 +49,7 @@ from tuner.surrogate.posterior import DeterministicOutcome, Posterior, interval_
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
-JOINT = 600  # configurations, over instances, whose joint belief is computed; it grows with the square
+JOINT = 600  # configurations, over instances, whose joint posterior is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
 SUSPECT, CONTRADICTS = 2.5, 6.0  # standard deviations
@@ -72,9 +72,9 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
     candidates = candidates_of(data, constraint, outliers)
     if len(candidates) > JOINT:
         candidates = most_promising(candidates, data, goal, model)
-    belief = belief_about(candidates, data, goal, model)
-    index = choose(candidates, data, goal, belief, constraint)
-    return described(index, candidates, data, goal, belief, constraint, outliers)
+    posteriors = posteriors_of(candidates, data, goal, model)
+    index = choose(candidates, data, goal, posteriors, constraint)
+    return described(index, candidates, data, goal, posteriors, constraint, outliers)
 
 
 def constraint_of(
@@ -122,7 +122,7 @@ class Candidates:
 
 
 @dataclass(frozen=True)
-class Belief:
+class Posteriors:
     """The joint posteriors of the candidates, in their order, and of the default behind them."""
 
     model: InstanceMeanGP
@@ -173,23 +173,31 @@ def most_promising(
     return candidates.only([*best, *own_default, *seldom])
 
 
-def belief_about(candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP) -> Belief:
+def posteriors_of(
+    candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP
+) -> Posteriors:
     """Return the posterior of the candidates and the default."""
     values = [*candidates.values, data.default]
     modelled = model.posterior(values)
     if goal.exact.first is None:
-        return Belief(model, modelled, modelled)
-    return Belief(model, modelled, DeterministicOutcome(data.space, goal.exact.first).posterior(values))
+        return Posteriors(model, modelled, modelled)
+    return Posteriors(model, modelled, DeterministicOutcome(data.space, goal.exact.first).posterior(values))
 
 
 def choose(
-    candidates: Candidates, data: CampaignData, goal: Goal, belief: Belief, constraint: Constraint | None
+    candidates: Candidates,
+    data: CampaignData,
+    goal: Goal,
+    posteriors: Posteriors,
+    constraint: Constraint | None,
 ) -> int:
     """Return the index of the candidate to recommend, by the rule in this file's docstring."""
     among = candidates.eligible
     if goal.exact.first is not None:
-        among = _cheapest(candidates, data, constraint, belief.objective)
-    index = fewest_changes(candidates.values, among, data.default, belief.modelled, belief.model.noise_sd)
+        among = _cheapest(candidates, data, constraint, posteriors.objective)
+    index = fewest_changes(
+        candidates.values, among, data.default, posteriors.modelled, posteriors.model.noise_sd
+    )
     own = candidates.outcomes(index)
     same = [i for i in among if i == index or own.items() <= candidates.outcomes(i).items()]
     return min(same, key=lambda i: len(changes(candidates.values[i], data.default)))
@@ -212,16 +220,16 @@ def described(
     candidates: Candidates,
     data: CampaignData,
     goal: Goal,
-    belief: Belief,
+    posteriors: Posteriors,
     constraint: Constraint | None,
     outliers: Sequence[Observation],
 ) -> Recommendation:
     """Return the recommendation of a candidate, with all that is said of it."""
-    model, values, own = belief.model, candidates.values[index], candidates.missions[index]
+    model, values, own = posteriors.model, candidates.values[index], candidates.missions[index]
     objective, modelled = goal.objective, goal.modelled
-    mean = objective.sign * belief.plausible(belief.objective.mean[index])
-    sd = float(belief.objective.sd[index])
-    gain, gain_sd = belief.objective.difference(index, len(candidates))
+    mean = objective.sign * posteriors.plausible(posteriors.objective.mean[index])
+    sd = float(posteriors.objective.sd[index])
+    gain, gain_sd = posteriors.objective.difference(index, len(candidates))
     elsewhere = _on_next_rock(values, data, model)
     return Recommendation(
         values=values,
@@ -230,7 +238,7 @@ def described(
         interval_95=interval_95(mean, sd),
         per_rock=[_rock_row(model, instance, own, values, modelled.sign) for instance in model.instances],
         default_values=dict(data.default),
-        default_mean=objective.sign * belief.plausible(belief.objective.mean[-1]),
+        default_mean=objective.sign * posteriors.plausible(posteriors.objective.mean[-1]),
         improvement=gain,
         improvement_sd=gain_sd,
         improvement_interval_95=interval_95(gain, gain_sd),
@@ -242,7 +250,7 @@ def described(
         leave_one_out=model.leave_one_out(),
         exact=goal.exact.first is not None,
         modelled_metric=modelled.metric,
-        runner_up=_runner_up(index, candidates, data, goal, belief, constraint),
+        runner_up=_runner_up(index, candidates, data, goal, posteriors, constraint),
         next_rock=elsewhere,
         limit=limit_of(
             data,
@@ -262,11 +270,11 @@ def _runner_up(
     candidates: Candidates,
     data: CampaignData,
     goal: Goal,
-    belief: Belief,
+    posteriors: Posteriors,
     constraint: Constraint | None,
 ) -> RunnerUp | None:
     """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
-    posterior = belief.objective
+    posterior = posteriors.objective
     rivals = [
         i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]
     ]
@@ -281,7 +289,7 @@ def _runner_up(
     return RunnerUp(
         values=values,
         missions=len(candidates.missions[rival]),
-        mean=goal.objective.sign * belief.plausible(posterior.mean[rival]),
+        mean=goal.objective.sign * posteriors.plausible(posterior.mean[rival]),
         difference=difference[0],
         difference_interval_95=interval_95(*difference),
         improvement=improvement[0],
@@ -337,7 +345,7 @@ def fewest_changes(
     configurations: Sequence[Mapping[str, Any]],
     among: Sequence[int],
     default: Mapping[str, Any],
-    belief: Posterior,
+    posterior: Posterior,
     noise_sd: float,
 ) -> int:
     """Return the index of the configuration to use, by the rule in this file's docstring.
@@ -346,24 +354,25 @@ def fewest_changes(
     mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`.
 
     ``among``: indices of those that may be taken; not empty. The default is taken only where it is among them.
-    ``belief``: the joint posterior of ``configurations``, in their order, and of the default behind them.
+    ``posterior``: the joint posterior of ``configurations``, in their order, and of the default behind them.
     ``noise_sd``: the standard deviation of one mission, objective's unit.
     """
     reference, better = len(configurations), list(among)
     own = [i for i in among if configurations[i] == default]
     if own:
-        better = [i for i in among if interval_95(*belief.difference(i, reference))[0] > 0.0]
+        better = [i for i in among if interval_95(*posterior.difference(i, reference))[0] > 0.0]
         if not better:
             return own[0]
-    best = max(better, key=lambda i: belief.mean[i])
+    best = max(better, key=lambda i: posterior.mean[i])
 
     def not_worse(i: int) -> bool:
-        mean, sd = belief.difference(i, best)
+        mean, sd = posterior.difference(i, best)
         unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
         return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
     return min(
-        filter(not_worse, better), key=lambda i: (len(changes(configurations[i], default)), -belief.mean[i])
+        filter(not_worse, better),
+        key=lambda i: (len(changes(configurations[i], default)), -posterior.mean[i]),
     )
 
 

@@ -12,7 +12,7 @@ from scipy import special
 from tuner.acquisition.constrained import Constraint
 from tuner.problem.instances import are_drawn, instances_of, rocks_of
 from tuner.problem.observations import Observation
-from tuner.problem.share import ShareBelief
+from tuner.problem.share import ShareEstimate
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
@@ -41,9 +41,13 @@ def limit_of(
         return None
     rocks = rocks_of(instances_of(data.instances))
     several = len(rocks) > 1 or are_drawn(rocks)
-    belief, sign = constraint.model.posterior([values, data.default]), second.sign
+    posterior, sign = constraint.model.posterior([values, data.default]), second.sign
     probability, of_default = constraint.probability([values, data.default])
-    mean, default_mean, sd = sign * float(belief.mean[0]), sign * float(belief.mean[1]), float(belief.sd[0])
+    mean, default_mean, sd = (
+        sign * float(posterior.mean[0]),
+        sign * float(posterior.mean[1]),
+        float(posterior.sd[0]),
+    )
     interval, next_rocks, evaluated = interval_95(mean, sd), None, None
     if constraint.is_share:
         next_rocks, default_mean = (
@@ -76,17 +80,17 @@ def limit_of(
     )
 
 
-def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareBelief:
-    """Return the belief about the share of rocks never run on which ``values`` keep the limit of a mean."""
+def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareEstimate:
+    """Return the estimate of the share of rocks never run on which ``values`` keep the limit of a mean."""
     model = constraint.model
     assert isinstance(model, InstanceMeanGP)
     rocks = rocks_of(model.instances)
     if not are_drawn(rocks):  # as if so many of the training rocks kept it
-        return ShareBelief(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
-    belief, one = model.posterior([values]), model.one_mission_sd  # every block is a rock
-    evaluated = (one / max(float(belief.sd[0]), 1e-9 * one)) ** 2
-    z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
-    return ShareBelief(float(special.stdtr(PRIOR_ROCKS + evaluated, z)), evaluated)
+        return ShareEstimate(_next_rock_keeps(model, values, constraint.at_least), len(rocks))
+    posterior, one = model.posterior([values]), model.one_mission_sd  # every block is a rock
+    evaluated = (one / max(float(posterior.sd[0]), 1e-9 * one)) ** 2
+    z = (float(posterior.mean[0]) - constraint.at_least) / math.hypot(one, float(posterior.sd[0]))
+    return ShareEstimate(float(special.stdtr(PRIOR_ROCKS + evaluated, z)), evaluated)
 
 
 def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least: float) -> float:
@@ -95,7 +99,7 @@ def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least:
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
     differ as much as missions on one rock do.
     """
-    belief = model.posterior([values])
+    posterior = model.posterior([values])
     rocks = rocks_of(model.instances)
     own = [
         np.mean([model.predict_mission(values, w)[0] for w in model.instances if w.rock == rock])
@@ -105,5 +109,5 @@ def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least:
     between = (
         PRIOR_ROCKS * (model.noise_sd**2 + (model.block_sd or 0.0) ** 2) + float(np.var(own)) * len(rocks)
     ) / freedom
-    sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(belief.sd[0]) ** 2)
-    return float(special.stdtr(freedom, (float(belief.mean[0]) - at_least) / sd))
+    sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(posterior.sd[0]) ** 2)
+    return float(special.stdtr(freedom, (float(posterior.mean[0]) - at_least) / sd))

@@ -138,7 +138,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
 
 
 def outlier_sentences(best: Recommendation) -> list[str]:
-    """Which missions are not believed, and what becomes of them."""
+    """Which missions are outliers, and what becomes of them."""
     name, said = short_name(metric_label(best.modelled_metric)), []
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "

@@ -1,4 +1,4 @@
-"""``report.html`` of a campaign: one self-contained page for the person who has to believe it."""
+"""``report.html`` of a campaign: one self-contained page, with the evidence."""
 
 from __future__ import annotations
 
@@ -177,7 +177,6 @@ def write_campaign_report(campaign: Campaign) -> Path:
         result=result,
         result_tables=[gate_result.table_of(block) for block in result.blocks] if result else [],
         result_legend=gate_result.LEGEND,
-        groups=gate_result.group_table(result, facts.label.full) if result else Table.of("", (), ()),
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,
@@ -391,7 +390,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     if best.keep_default:
         rival = best.runner_up
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
-            return "Stop: keep the default. Nothing else is believed to be better.", ""
+            return "Stop: keep the default. Nothing else is predicted to be better.", ""
         return "Run more: the runner-up is not yet told from the default.", more
     if is_geometric(s.fidelity):
         return (

@@ -496,7 +496,7 @@ def write_comparison_report(
 ) -> Path:
     """Write ``report.html`` into ``directory``; returns its path.
 
-    ``paper``: show the paper's Table I beside ours, with what is not comparable.
+    ``paper``: show the paper's Table I beside the measured one, with what is not comparable.
 
     Raises `UserError`: the directory cannot be written.
     """

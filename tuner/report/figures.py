@@ -133,8 +133,8 @@ def draw_slices(
         at: list[Any] = list(p.choices)
         if p.kind != "categorical":
             at = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
-        belief = model.posterior([{**values, p.path: v} for v in at])
-        found.append((p, at, sign * np.asarray(belief.mean), 1.96 * np.asarray(belief.sd)))
+        posterior = model.posterior([{**values, p.path: v} for v in at])
+        found.append((p, at, sign * np.asarray(posterior.mean), 1.96 * np.asarray(posterior.sd)))
     low = min(outcomes.min(), *(float((mean - half).min()) for *_, mean, half in found))
     high = max(outcomes.max(), *(float((mean + half).max()) for *_, mean, half in found))
     low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)

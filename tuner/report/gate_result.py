@@ -16,7 +16,7 @@ from tuner.evaluation.comparison import (
     strategy_difference,
     strategy_interval,
 )
-from tuner.evaluation.earned import GroupGain, believed_gains, measured_steps
+from tuner.evaluation.earned import measured_steps
 from tuner.evaluation.of_campaign import HELD_OUT, TRAINING
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.job import Trial
@@ -90,7 +90,6 @@ class GateResult:
 
     blocks: list[ResultBlock]  # held-out rocks first
     sentences: list[str]
-    groups: list[GroupGain]  # as the model believes them
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form; differences and gains in F-score points, positive where better."""
@@ -116,11 +115,7 @@ def gate_result(campaign: Campaign) -> GateResult | None:
             blocks.append(sources[-1][0])
     if not blocks:
         return None
-    groups: list[GroupGain] = []
-    if best.changed and not best.exact:
-        history = [o for o in campaign.history() if o.feasible]
-        groups = believed_gains(campaign.surrogate_from(history), best)
-    return GateResult(blocks, _sentences(sources, best), groups)
+    return GateResult(blocks, _sentences(sources, best))
 
 
 def _plans(campaign: Campaign, name: str, tuned: Any) -> list[Any]:
@@ -263,18 +258,3 @@ def table_of(block: ResultBlock) -> Table:
         notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")
     title = block.title if block.complete else f"{block.title}, not complete"
     return Table(title, ("strategy", *columns, "F 48 from Hyb-H"), rows, " ".join(notes))
-
-
-def group_table(result: GateResult, metric: str) -> Table:
-    """What each group of changes gains on the training rocks, as the model believes it."""
-    rows = [
-        (
-            f"{g.group} ({', '.join(g.paths)})",
-            *(difference_text((gain, *bounds)) for gain, bounds in (g.alone, g.rest)),
-        )
-        for g in result.groups
-    ]
-    caption = (
-        f"Each value is the gain over the default in {metric}: the posterior mean with its 95 % interval."
-    )
-    return Table.of("", ("changed", "this group alone", "all but this group"), rows, caption)

@@ -1,4 +1,4 @@
-"""Configurations as files: what a campaign recommends in the authors' files and in ours, each with a header that says so."""
+"""Configurations as files: what a campaign recommends in the authors' files and in gatetune's, each with a header that says so."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class VehicleFile:
 def vehicle_files(
     campaign: Campaign, best: Recommendation, onto: Mapping[str, Path] | None = None
 ) -> list[VehicleFile]:
-    """What ``best`` recommends as every file there is: the authors' by what they carry, ours, those that carry nothing.
+    """What ``best`` recommends as every file there is: the authors' by what they carry, gatetune's, those that carry nothing.
 
     ``onto``: by name a file of the authors' kind whose other keys are kept; others are as published.
 
@@ -133,7 +133,7 @@ def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> li
     return [*lines, f"gain over the default on the training rocks, {gain}"]
 
 
-# -- our own file ----------------------------------------------------------------------------------------------
+# -- gatetune's file ----------------------------------------------------------------------------------------------
 
 
 def commented_yaml(config: MissionConfig) -> list[str]:

@@ -88,7 +88,7 @@ def _worth_confirming(
 ) -> tuple[Values, float] | None:
     """Return the configuration run that one mission more may save most by, and how much it is expected to save.
 
-    Against the cheapest that may be recommended already and is believed to keep the limit: that one where nothing is cheaper.
+    Against the cheapest that may be recommended already and is taken to keep the limit: that one where nothing is cheaper.
     """
     configurations = distinct_configurations(model.space, model.observations)
     costs, keeps = exact.posterior(configurations).mean, constraint.keeps(configurations)

@@ -128,6 +128,6 @@ class Feasibility:
 
     def log_chance(self, unit: torch.Tensor) -> torch.Tensor:
         """Return (...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""
-        belief = self._model(unit.unsqueeze(-2))
-        mean, variance = belief.mean[..., 0], belief.variance[..., 0]
+        posterior = self._model(unit.unsqueeze(-2))
+        mean, variance = posterior.mean[..., 0], posterior.variance[..., 0]
         return torch.special.log_ndtr(mean / (variance + _LEAST_SD**2).sqrt())

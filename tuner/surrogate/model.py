@@ -161,12 +161,12 @@ class InstanceMeanGP:
             for level in map(self.levels, self.instances)
         ]
         everywhere = torch.cat([torch.cat([x[..., :d], level], dim=-1) for level in levels], dim=-2)
-        belief = self.model.posterior(everywhere).distribution
+        joint_posterior = self.model.posterior(everywhere).distribution
         scales = x.new_tensor([self.standardiser.scale(instance.rock) for instance in self.instances]) / count
         centre = sum(self.standardiser.centre(instance.rock) for instance in self.instances) / count
-        joint = belief.covariance_matrix.unflatten(-1, (count, q)).unflatten(-3, (count, q))
+        joint = joint_posterior.covariance_matrix.unflatten(-1, (count, q)).unflatten(-3, (count, q))
         return (
-            centre + torch.einsum("r,...rq->...q", scales, belief.mean.unflatten(-1, (count, q))),
+            centre + torch.einsum("r,...rq->...q", scales, joint_posterior.mean.unflatten(-1, (count, q))),
             torch.einsum("r,s,...rmsn->...mn", scales, scales, joint),
         )
 

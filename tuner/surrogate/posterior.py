@@ -1,4 +1,4 @@
-"""What is believed of some configurations, jointly, and how that is stated: by Student's t, not by the normal distribution.
+"""The joint posterior of some configurations, and how it is stated: by Student's t, not by the normal distribution.
 
 A search goes where the model hopes for something that it has not seen, and its standard deviations are estimates themselves.
 What the configuration decides needs no surrogate: `DeterministicOutcome` stands where one is expected.
@@ -39,7 +39,7 @@ def probability_positive(mean: float, sd: float) -> float:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Joint Gaussian belief about the mean outcome over the training rocks, without observation noise.
+    """Joint Gaussian posterior of the mean outcome over the training rocks, without observation noise.
 
     In the objective's unit, oriented so that larger is better.
     """

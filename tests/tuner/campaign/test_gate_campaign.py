@@ -94,7 +94,6 @@ def test_the_campaign_ends_in_one_table(ended):
     for sentence in result["sentences"]:
         assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
     changed = Campaign.open(run, read_only=True).recommended().changed
-    assert sorted(p for g in result["groups"] for p in g["paths"]) == sorted(changed)
 
 
 def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):

@@ -2,20 +2,13 @@
 
 import itertools
 
-import numpy as np
 import pytest
 
 from tuner.evaluation.comparison import MetricRow, same_photographs, strategy_difference
-from tuner.evaluation.earned import believed_gains, measured_steps
+from tuner.evaluation.earned import measured_steps
 from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
 from tuner.problem.groups import B_AWARE, COVIS, OTHER, POOL, SEEDS, STOP, THRESHOLDS, grouped
-from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
-from tuner.problem.space_files import load_search_space
-from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData, Goal
-from tuner.surrogate.model import InstanceMeanGP
 
 ROW = MetricRow("", "F", "observable.f", "%", True)
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
@@ -67,24 +60,3 @@ def test_groups_cover_every_path():
     paths = ["gate.d95_m", "covis.weights.nov", "matchable.views", "pool.max_altitude_m", "seed.count"]
     found = grouped([*paths, "stop.adaptive_budget", "dense.neighbours"])
     assert list(found) == [THRESHOLDS, COVIS, B_AWARE, POOL, SEEDS, STOP, OTHER]
-
-
-def test_the_model_gives_the_gain_to_the_group_that_has_it():
-    """Only the pool matters to this outcome: its group alone has the whole gain, and the others none without it."""
-    space = load_search_space("gate_weights_and_pool")
-    rng = np.random.default_rng(3)
-    default = {p.path: p.default if p.default is not None else p.from_unit(0.5) for p in space.parameters}
-    history = []
-    for number in range(24):
-        values = default if number < 4 else space.from_unit(rng.random(space.dimension).tolist())
-        outcome = -3.0 * space.to_unit(values)[space.paths.index("pool.max_altitude_m")]
-        outcome += 0.01 * rng.standard_normal()
-        history.append(Observation(number, values, "ab"[number % 2], number // 2 % 2, outcome, outcome))
-    data = CampaignData(space, history, ("a", "b"), default, only_verified=False)
-    best = recommend(data, Goal(Objective()))
-    assert best is not None and "pool.max_altitude_m" in best.changed
-    for gain in believed_gains(InstanceMeanGP(space, history, ("a", "b")), best):
-        part = gain.alone if gain.group == POOL else gain.rest
-        assert part[0] == pytest.approx(best.improvement, abs=0.25)
-        low, high = part[1]
-        assert low < part[0] < high

@@ -23,7 +23,7 @@ from tuner.problem.deterministic_metrics import (
 from tuner.problem.objective import Objective, asked_objective, objective_text
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.problem.share import ShareBelief
+from tuner.problem.share import ShareEstimate
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.surrogate.model import InstanceMeanGP
 
@@ -76,14 +76,14 @@ def test_few_rocks_cannot_show_a_share() -> None:
 
 
 def test_a_belief_is_that_of_the_rocks_flown() -> None:
-    belief = ShareBelief(57 / 58, 58)
+    belief = ShareEstimate(57 / 58, 58)
     posterior = stats.beta(57.5, 1.5)
     assert belief.interval_95 == pytest.approx(posterior.interval(0.95))
     assert belief.sd == pytest.approx(posterior.std())
     assert belief.probability(0.95) == pytest.approx(posterior.sf(0.95))
     next_ones = stats.betabinom(100, 57.5, 1.5)
     assert belief.predictive_interval() == (next_ones.ppf(0.025), next_ones.ppf(0.975))
-    assert ShareBelief(1.0, 3).interval_95[1] == 1.0 and ShareBelief(0.0, 3).interval_95[0] == 0.0
+    assert ShareEstimate(1.0, 3).interval_95[1] == 1.0 and ShareEstimate(0.0, 3).interval_95[0] == 0.0
 
 
 ONE = SearchSpace("one", (Parameter("seed.count", "int", 8, 40, "linear", (), 24),), {})

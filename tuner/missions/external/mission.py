@@ -1,4 +1,4 @@
-"""The fidelity ``external``: a mission of a mission file, run and measured like one of ours."""
+"""The fidelity ``external``: a mission of a mission file, run and measured like a built-in one."""
 
 from __future__ import annotations
 
