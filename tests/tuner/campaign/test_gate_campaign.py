@@ -93,7 +93,6 @@ def test_the_campaign_ends_in_one_table(ended):
     assert "Measure it on more rocks: 1 rock cannot speak for others." in page.replace("\u00a0", " ")
     for sentence in result["sentences"]:
         assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
-    changed = Campaign.open(run, read_only=True).recommended().changed
 
 
 def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
