@@ -30,7 +30,7 @@ def patchmatch_runs() -> bool:
     return bool(pycolmap.has_cuda)
 
 
-def best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
+def with_best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
     """``values`` by parameter path with COLMAP's PatchMatch, the paper's, where it runs here and they name no other.
 
     It becomes part of the configuration, so that a result says what made it, and a resume elsewhere uses the same.

@@ -94,7 +94,7 @@ def all_metrics() -> dict[str, Metric]:
 
 
 def measure_all(distances: Distances) -> dict[str, Any]:
-    """Every metric by its name in the result."""
+    """Every metric's value by its name in ``mission.json``, with the threshold in mm where it has one (``f_score_48mm``)."""
     values = {}
     for metric in all_metrics().values():
         thresholds_mm = sorted(distances.config.thresholds_mm) if "{t}" in metric.key else [0.0]

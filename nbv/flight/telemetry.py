@@ -63,7 +63,8 @@ class TelemetryErrors:
         return wave
 
     def _lever_arm_m(self, world_from_camera: Floats) -> Floats:
-        """The lever arm in the world: level, forward along the camera's heading."""
+        """(3,) from the camera to the antenna in the world, of a camera with pose (4, 4); the vehicle is level and heads where the
+        camera looks."""
         forward = world_from_camera[:2, 2]
         east, north = forward / max(1e-12, float(np.linalg.norm(forward)))
         along, left, up = self._config.lever_arm_m

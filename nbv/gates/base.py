@@ -78,7 +78,7 @@ class Gate(ABC):
         return keyed_rng(self.config.gate.kind, self.rock_sha256, self.replicate, state.iteration)
 
     def retargeted(self, config: MissionConfig) -> Self:
-        """This gate, once the target has been found where ``config`` says."""
+        """A copy of this gate for ``config``, whose ``target_m`` is where the mission has found the target."""
         other = copy.copy(self)
         other.config = config
         return other

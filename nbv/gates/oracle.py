@@ -53,7 +53,7 @@ class GreedyOracleGate(Gate):
     sees_ground_truth: ClassVar[bool] = True
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """Falling gain."""
+        """All candidates, ordered by the true surface that each would add; the best first."""
         coverage = self.truth.coverage(state)
         gains = np.array([self.truth.gain(p, coverage) for p in pool.positions_m])
         ranking = ranking_of("greedy-oracle", gains, rankings)

@@ -55,8 +55,11 @@ class Landmarks:
         self.noise: Floats = noise[:, :3]  # (L, 3) of the point's position, standard normal
         self.error_px: Floats = 0.28 * np.exp(0.8 * noise[:, 3])  # (L,) reprojection error
 
-    def look(self, view: Viewpoint, aim_m: Point, center_m: Floats) -> tuple[Ints, Floats32]:
-        """The landmarks (K,) that a view, aimed at a point, detects from ``center_m`` (3,), and unit directions (K, 3) to it."""
+    def detected_from(self, view: Viewpoint, aim_m: Point, center_m: Floats) -> tuple[Ints, Floats32]:
+        """Indices (K,) of the landmarks that a photograph detects, and unit directions (K, 3) from them to the camera.
+
+        ``aim_m``: where the camera is aimed; ``center_m`` (3,): where it really is, arrival error included.
+        """
         world = self._world
         seen = np.flatnonzero(world.landmarks_seen(view.position_m, aim_m)[: self.count])
         directions = center_m - world.landmarks_m[seen]

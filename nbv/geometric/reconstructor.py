@@ -85,7 +85,7 @@ class GeometricReconstructor(Reconstructor):
         return seed.report
 
     def _look(self, capture: Capture) -> tuple[Ints, Floats32]:
-        return self._landmarks.look(capture.viewpoint, self._aim_m, capture.camera_center_m)
+        return self._landmarks.detected_from(capture.viewpoint, self._aim_m, capture.camera_center_m)
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
@@ -135,6 +135,7 @@ class GeometricReconstructor(Reconstructor):
         return np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
 
     def _model(self) -> SparseModel:
+        """Return the sparse model of the registered captures: tracks, and points with noise that falls with their rays' angle."""
         assert self._tracks is not None
         landmark, offsets, views = self._tracks.points(MIN_TRACK_LENGTH)
         centers = self._centers_m()

@@ -111,6 +111,10 @@ class ReferenceMaker:
     def _fused(
         self, views: Sequence[Photograph], config: DenseConfig, near_m: Floats | None, what: str
     ) -> dict[str, np.ndarray]:
+        """Return ``points_m``, ``colors`` and ``normals`` of the cloud fused from the depth maps of ``views``, none where fusion fails.
+
+        ``near_m`` (N, 3): sparse points near which depths are sought; ``what``: what the progress line says is being made.
+        """
         small = shrunk_camera(self.camera, DENSE_SIZE_PX)
         posed = PosedViews(
             {v.name: shrunk(read_image(self.folder, v.name, self.camera), small) for v in views},

@@ -90,9 +90,9 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
 
 
 def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
-    """`load_rock`, but a drawn rock (``FAMILY-SEED``) as a coarse mesh, in a tenth of the time, for missions that render nothing.
+    """`load_rock`, but a generated rock (``FAMILY-SEED``) as a coarse mesh, in a tenth of the time, for missions that render nothing.
 
-    It has a hash of its own, by which errors and noise are drawn.
+    The coarse mesh has a hash of its own, which seeds the errors and the noise of missions.
     """
     if generated_name(name) is None:
         return load_rock(name, store)

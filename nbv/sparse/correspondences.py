@@ -33,25 +33,27 @@ class Correspondences:
         """Features of an (H, W, 3) RGB photograph; see :func:`nbv.sparse.features.extract_features`."""
         c = self.config.sparse
         inputs = [c.max_features, c.first_octave, c.peak_threshold, image]
-        return self._features(lambda: extract_features(image, c), "nbv.sparse.features", inputs)
+        return self._cached_features(lambda: extract_features(image, c), "nbv.sparse.features", inputs)
 
     def ground_features(self, image: NDArray[np.uint8], camera_from_world: Floats) -> Features:
         """Features of the ground about the target of a photograph with that reported pose (4, 4)."""
         c = self.config
         limits = [c.camera, c.target_m, c.sparse.ground_features, c.sparse.peak_threshold]
-        return self._features(
+        return self._cached_features(
             lambda: extract_ground_features(image, camera_from_world, c),
             "nbv.sparse.ground_features",
             [*limits, image, camera_from_world],
         )
 
-    def _features(self, extract: Callable[[], Features], code: str, inputs: list[Any]) -> Features:
+    def _cached_features(self, extract: Callable[[], Features], module: str, inputs: list[Any]) -> Features:
+        """Return what ``extract`` makes from ``inputs`` by the code of ``module``, or what the store has of an earlier call."""
+
         def make() -> Arrays:
             with self.stopwatch.timed("sparse.features"):
                 features = extract()
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
-        entry = cached(self._store, "features", make, code=code, inputs=inputs)
+        entry = cached(self._store, "features", make, code=module, inputs=inputs)
         return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:

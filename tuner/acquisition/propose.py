@@ -166,9 +166,16 @@ def starting_points(
     count: int = LOCAL_POINTS,
     near_to: Floats | None = None,
 ) -> Floats:
-    """Return (n, d) unit positions at which the search for the maximum begins, global and local ones.
+    """Return (n, d) positions in the unit cube at which the search for the acquisition function's maximum begins.
 
-    ``near_to``: (m, d) positions around which local points lie; None: those run with the best posterior means.
+    Parameters
+    ----------
+    seed
+        Of the draws.
+    everywhere_count, count
+        How many lie anywhere, and how many around good positions.
+    near_to
+        (m, d) these good positions; None: those, of all that missions have run at, with the best posterior means.
     """
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)

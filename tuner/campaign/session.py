@@ -156,7 +156,7 @@ class _Session:
                 f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; mend the cause, then "
                 "resume",
             )
-        if self._nothing_registers(self._ledger.trials()):
+        if self._no_planned_view_can_register(self._ledger.trials()):
             return self._end("failing", "stopped", NOTHING_REGISTERS)
         if self._infrastructure_failures:
             return self._end(
@@ -267,7 +267,7 @@ class _Session:
         elif (
             left <= 0
             or self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS
-            or self._nothing_registers(trials)
+            or self._no_planned_view_can_register(trials)
             or self._has_run_all(trials)
         ):
             return None
@@ -299,8 +299,9 @@ class _Session:
         run = {(configuration_key(s.space, t.values), t.instance, t.replicate) for t in trials}
         return sum(replicate < s.blocks for _, _, replicate in run) >= every
 
-    def _nothing_registers(self, trials: Sequence[Trial]) -> bool:
-        """Return whether no planned photograph of the first few missions registered, and no tuned parameter can change that."""
+    def _no_planned_view_can_register(self, trials: Sequence[Trial]) -> bool:
+        """Return whether no planned photograph of the first `FIRST_FEW` missions registered in the sparse model, and no tuned
+        parameter can change that: then thresholds and weights have no effect."""
         few = [trial for trial in trials if trial.state == "complete"][:FIRST_FEW]
         if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
             return False

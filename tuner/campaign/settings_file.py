@@ -14,7 +14,7 @@ from typing import Any
 
 from nbv.checksums import require_checksum, with_checksum
 from nbv.config.declaration import declared, leaves
-from nbv.dense import best_dense_stage
+from nbv.dense import with_best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import PREDICTED, all_metrics
 from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
@@ -233,7 +233,7 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
         return settings_from_dict(tree, source)
     tree = dict(tree)
     if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
-        tree["overrides"] = best_dense_stage(tree.get("overrides") or {})
+        tree["overrides"] = with_best_dense_stage(tree.get("overrides") or {})
     if isinstance(tree.get("rocks"), (list, tuple)):
         tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
     if isinstance(tree.get("compare_on"), (list, tuple)):

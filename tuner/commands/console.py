@@ -29,7 +29,7 @@ from nbv.config import (
     preset,
     under,
 )
-from nbv.dense import best_dense_stage
+from nbv.dense import with_best_dense_stage
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import PROGRESS
@@ -221,7 +221,7 @@ def mission_config(
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    chosen = best_dense_stage(values)
+    chosen = with_best_dense_stage(values)
     note_dense_stage(values, chosen)
     return under(preset(preset_name), load_condition(condition)).with_values(chosen)
 

@@ -29,7 +29,7 @@ class Instance(NamedTuple):
 
     @property
     def file_name(self) -> str:
-        """``slab`` or ``slab_field``, whatever the rock is called."""
+        """Part of a directory's name: ``slab``, or ``slab_field`` under condition ``field``; other characters become dashes."""
         safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in Path(self.rock).stem) or "rock"
         return safe if self.condition == IDEAL else f"{safe}_{self.condition}"
 

@@ -87,11 +87,19 @@ def mission_kernel(
     settings: SurrogateSettings,
     tau: float | None = None,
 ) -> Kernel:
-    """Return the kernel of this file's docstring, with its priors.
+    """Return the covariance k of two missions, as the equation at the top of this module has it, with its priors.
 
-    ``ordered``, ``categorical``: columns of the ordered parameters and of the choices. ``instance_column``: the
-    instance's column; the block's is the next one. ``tau``: of the sparse prior of the length scales; None:
-    log-normal, growing with the square root of the dimension.
+    Parameters
+    ----------
+    ordered, categorical
+        Columns of the numerical and of the categorical parameters.
+    instance_column
+        The column with the instance's number; the next one has the number of the block, that is, of the instance and replicate.
+    settings
+        Which of the optional terms the sum has: those with a^2, c^2 and t^2.
+    tau
+        Global scale of the sparse prior of the length scales, `SparseLengthPrior`. None: a log-normal prior, whose median grows
+        with the square root of the number of parameters.
     """
     f = _landscape(ordered, categorical, tau)
     instance = SharedLevel(active_dims=[instance_column])
