@@ -46,8 +46,8 @@ class TelemetryErrors:
         normal = keyed_rng("telemetry", *self._key, viewpoint_id).standard_normal(6)
         c = self._config
         sd_m = np.array([c.horizontal_noise_m, c.horizontal_noise_m, c.vertical_noise_m])
-        error_m = sd_m * normal[:3] + self.drift_m(time_s) + self._lever_arm_m(world_from_reported)
-        position_m = world_from_reported[:3, 3] - error_m
+        error_m = sd_m * normal[:3] + self.drift_m(time_s)
+        position_m = world_from_reported[:3, 3] - error_m + self._lever_arm_m(world_from_reported)
         position_m[2] = max(position_m[2], self._min_altitude_m)
         tilt = Rotation.from_rotvec(np.deg2rad(c.attitude_noise_deg) * normal[3:]).as_matrix()
         true = np.eye(4)
@@ -63,8 +63,7 @@ class TelemetryErrors:
         return wave
 
     def _lever_arm_m(self, world_from_camera: Floats) -> Floats:
-        """(3,) from the camera to the antenna in the world, of a camera with pose (4, 4); the vehicle is level and heads where the
-        camera looks."""
+        """(3,) from the reported point to the camera in the world; the vehicle is level and heads where the camera looks."""
         forward = world_from_camera[:2, 2]
         east, north = forward / max(1e-12, float(np.linalg.norm(forward)))
         along, left, up = self._config.lever_arm_m

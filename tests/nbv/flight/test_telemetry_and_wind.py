@@ -55,8 +55,8 @@ def test_drift_correlates_by_one_over_e() -> None:
 
 def test_lever_arm_turns_with_the_heading() -> None:
     config = TelemetryConfig(drift_m=1e-9, lever_arm_m=(0.1, 0.02, 0.3))
-    # The camera looks north: forward is +y, left is -x.
-    np.testing.assert_allclose(errors_m(config, 1)[0], [-0.02, 0.1, 0.3], atol=1e-7)
+    # The camera looks north: forward is +y, left is -x. It stands before and above the point that is reported.
+    np.testing.assert_allclose(-errors_m(config, 1)[0], [-0.02, 0.1, 0.3], atol=1e-7)
 
 
 def test_attitude_error_turns_the_camera_about_itself() -> None:
