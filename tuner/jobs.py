@@ -18,7 +18,7 @@ from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
 from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationRun, place_for, run_evaluation
+from tuner.evaluation.run import EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 from tuner.report.records import records_of
@@ -75,7 +75,9 @@ def tune(
     ) as executor:
         if run_campaign(campaign, executor, on_event).found:
             for name, asked_for in end_of_campaign(campaign).items():
-                run_evaluation(asked_for.plan, place_for(asked_for.plan, campaign.directory / name), executor)
+                run_evaluation(
+                    asked_for.plan, evaluation_directory(asked_for.plan, campaign.directory / name), executor
+                )
     return campaign
 
 
@@ -120,7 +122,9 @@ def evaluate(
         conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
     )
-    where = Path(directory) if directory else place_for(asked.plan, source.directory / "evaluation")
+    where = (
+        Path(directory) if directory else evaluation_directory(asked.plan, source.directory / "evaluation")
+    )
     return _run(asked.plan, where, workers, timeout_s, source.settings.mission)
 
 

@@ -276,7 +276,7 @@ def run_and_report(
     """
     from tuner.campaign.session import run_campaign
     from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
+    from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 
     settings = campaign.settings
     if campaign.status().finished < settings.budget:
@@ -291,7 +291,7 @@ def run_and_report(
         then = "; then a comparison" if settings.compare_on else ""
         output.print(expected_text(remaining, about_s) + then)
     if is_geometric(settings.fidelity):
-        output.print(GEOMETRIC_NOTE)
+        output.print(LOW_FIDELITY_NOTE)
     if campaign.learned is not None:
         output.print(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
@@ -335,13 +335,13 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
     """
     from tuner.commands.console import ComparisonProgress
     from tuner.evaluation.of_campaign import end_of_campaign
-    from tuner.evaluation.run import place_for, run_evaluation
+    from tuner.evaluation.run import evaluation_directory, run_evaluation
     from tuner.report import comparison, gate_result
     from tuner.report.style import short_names
 
     for name, asked in end_of_campaign(campaign, working).items():
         plan = asked.plan
-        directory = place_for(plan, campaign.directory / name)
+        directory = evaluation_directory(plan, campaign.directory / name)
         output.print(
             f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
-from tuner.commands.console import FlightProgress, output, show_table
+from tuner.commands.console import MissionProgress, output, show_table
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
@@ -25,7 +25,7 @@ LINE = 80  # columns of a mission's line
 PER_PHOTOGRAPH_S, GEOMETRIC_S = 0.44, 2.0
 
 
-class CampaignProgress(FlightProgress):
+class CampaignProgress(MissionProgress):
     """A line per mission and one bar: how far, what failed, what is left, the best so far, what runs now."""
 
     def __init__(self, settings: CampaignSettings, about_s: float = 0.0) -> None:
@@ -41,10 +41,10 @@ class CampaignProgress(FlightProgress):
         if self._began is None:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
-            self.took_off(str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.path)
+            self.launched(str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.path)
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
             self._failed += event.kind == "failed"
-            self.load_trial(str(trial.number), mission_line(event, self._settings))
+            self.ended(str(trial.number), mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
             output.print(f"{event.kind}: {event.message}", style="yellow")
         if event.recommendation is not None:

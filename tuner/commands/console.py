@@ -123,7 +123,7 @@ def load(module: str) -> None:
         importlib.import_module(module)
 
 
-class FlightProgress(Progress):
+class MissionProgress(Progress):
     """One bar: how far it is, and which missions are in flight; above it a line for each that has ended."""
 
     def __init__(self, total: int | None = None) -> None:
@@ -135,17 +135,17 @@ class FlightProgress(Progress):
             console=output,
             refresh_per_second=_PER_SECOND,
         )
-        self._flights: dict[str, tuple[str, Path | None]] = {}
+        self._running: dict[str, tuple[str, Path | None]] = {}
         self._counts = ""
         self._missions = self.add_task("", total=total)
 
-    def took_off(self, key: str, label: str, directory: Path | None = None) -> None:
+    def launched(self, key: str, label: str, directory: Path | None = None) -> None:
         """A mission runs; in its ``directory`` it notes how far it is."""
-        self._flights[key] = label, directory
+        self._running[key] = label, directory
 
-    def load_trial(self, key: str, line: str) -> None:
+    def ended(self, key: str, line: str) -> None:
         """It is over, and what there is to say of it."""
-        self._flights.pop(key, None)
+        self._running.pop(key, None)
         output.print(line, highlight=False, soft_wrap=True)
 
     def reached(self, finished: int, total: int, counts: str) -> None:
@@ -155,9 +155,9 @@ class FlightProgress(Progress):
 
     def said(self) -> str:
         """``3/9, runs slab r0 (photograph 12/32), fin r1 (photograph 3/32) and 6 more``."""
-        flights = list(self._flights.values())
-        named = ", ".join(label + _how_far(directory) for label, directory in flights[:_NAMED])
-        more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""
+        running = list(self._running.values())
+        named = ", ".join(label + _how_far(directory) for label, directory in running[:_NAMED])
+        more = f" and {len(running) - _NAMED} more" if len(running) > _NAMED else ""
         return f"{self._counts}, runs {named}{more}" if named else self._counts
 
     def get_renderables(self) -> Iterable[RenderableType]:
@@ -176,7 +176,7 @@ def _how_far(directory: Path | None) -> str:
     return f" (photograph {lines[-1]})" if lines else ""
 
 
-class ComparisonProgress(FlightProgress):
+class ComparisonProgress(MissionProgress):
     """A line per mission and one bar."""
 
     def __init__(self, metric: str) -> None:
@@ -187,14 +187,14 @@ class ComparisonProgress(FlightProgress):
         job, trial = event.job, event.trial
         instance, strategy = Instance(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
         if trial is None:
-            self.took_off(job.id, f"{strategy} {instance.label} r{job.replicate}", job.directory)
+            self.launched(job.id, f"{strategy} {instance.label} r{job.replicate}", job.directory)
         else:
             value = trial.value(self._metric)
             text = "not measured" if value is None else number_text(value)
             if trial.status == "failed":
                 text = f"failed: {trial.reason} {trial.message}"
             line = f"{strategy:<22} {instance.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
-            self.load_trial(job.id, line)
+            self.ended(job.id, line)
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 

@@ -33,7 +33,7 @@ from tuner.commands.options import (
     TunedRocks,
     Workers,
 )
-from tuner.missions.registry import DEFAULT_FIDELITY, GEOMETRIC_NOTE, is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, LOW_FIDELITY_NOTE, is_geometric
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -223,14 +223,14 @@ def compare(
     named. ``paper``: show the paper's numbers beside. ``campaign``: whose page is written anew: it shows what its
     evaluations found.
     """
-    from tuner.evaluation.run import place_for, run_evaluation
+    from tuner.evaluation.run import evaluation_directory, run_evaluation
     from tuner.report import comparison
     from tuner.report.labels import counted, duration
 
     plan, word = asked.plan, asked.asked.instance_word
-    directory = out or place_for(plan, usual)
+    directory = out or evaluation_directory(plan, usual)
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
-    notes = (*asked.notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else asked.notes
+    notes = (*asked.notes, LOW_FIDELITY_NOTE) if is_geometric(plan.fidelity) else asked.notes
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
     for note in notes:
         output.print(note, style="yellow")

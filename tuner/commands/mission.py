@@ -100,7 +100,7 @@ def run(
         show_metrics(result.metrics)
     output.print(
         f"{result.costs['images']:.0f} images ({result.costs['registered_images']:.0f} registered), "
-        f"{result.costs['path_length_m']:.0f} m run in {duration(result.costs['flight_time_s'])} (simulated), "
+        f"{result.costs['path_length_m']:.0f} m flown in {duration(result.costs['flight_time_s'])} (simulated), "
         f"computed in {duration(result.costs['wall_s'])}; everything is in {directory}"
     )
     if result.status == "failed":

@@ -81,7 +81,7 @@ def failure_counts(records: Iterable[Trial]) -> dict[str, int]:
     return dict(collections.Counter(r.reason for r in records if r.status == "failed"))
 
 
-def place_for(plan: EvaluationPlan, usual: Path) -> Path:
+def evaluation_directory(plan: EvaluationPlan, usual: Path) -> Path:
     """``usual``, or ``usual-2`` and so on: the first that holds this plan or nothing yet.
 
     A campaign goes on and recommends something else, other rocks are asked for: what was run before stays.

@@ -43,10 +43,11 @@ _IMPORTED_IN_FLIGHT = {
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # runs the missions of mission files
 
-GEOMETRIC_NOTE = (
-    "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
-    "predicted, accuracy is taken as 100 %, distances are absent, and features, matching and the ground-truth gate have "
-    "nothing to act on, nor has what a condition says of scene, sensor, telemetry, target and relief."
+LOW_FIDELITY_NOTE = (
+    "Geometric missions are a low-fidelity simulation: the loop, scorers, gates and flight are the same, feature tracks are "
+    "simulated, and no photograph is rendered. Completeness is predicted, accuracy is set to 100 %, and distances are not "
+    "computed. Parameters of features, matching and the ground-truth gate have no effect, nor have conditions of scene, sensor, "
+    "telemetry, target and relief."
 )
 
 

@@ -25,7 +25,7 @@ from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.evaluation.comparison import MIN_ROCKS
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
-from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
+from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 from tuner.problem.baselines import TUNED
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
@@ -412,7 +412,7 @@ def _warnings(facts: CampaignFacts) -> list[str]:
     best, s, status = facts.recommendation, facts.settings, facts.status
     out = []
     if is_geometric(s.fidelity):
-        out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them.")
+        out.append(f"{LOW_FIDELITY_NOTE} They rank configurations and do not measure them.")
     if status.remaining:
         out.append(_stop_reason(facts))
     if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:

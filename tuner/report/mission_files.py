@@ -21,14 +21,14 @@ from tuner.missions.registry import is_geometric
 
 @dataclass(frozen=True)
 class Flight:
-    """What a mission ran."""
+    """The flight of a mission."""
 
     samples: Floats  # (N, 4): time in s; east, north and up in m
     ends_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in their order
     duration_s: float
 
     def photographed_m(self) -> dict[str, Floats]:
-        """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order run."""
+        """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order flown."""
         last = len(self.samples) - 1
         return {
             name: self.samples[min(int(np.searchsorted(self.samples[:, 0], end_s)), last), 1:]
@@ -54,7 +54,7 @@ def planned_config(run: Path) -> MissionConfig:
 
 
 def read_flight(run: Path) -> Flight:
-    """What a mission ran; ``UserError`` if the mission kept nothing of it."""
+    """The flight of a mission; ``UserError`` if the mission kept nothing of it."""
     file = run / "flight.json"
     if not file.is_file():
         raise UserError(

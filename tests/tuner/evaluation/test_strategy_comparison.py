@@ -21,7 +21,7 @@ from tuner.evaluation.comparison import (
     values_of,
 )
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationEvent, place_for, run_evaluation
+from tuner.evaluation.run import EvaluationEvent, evaluation_directory, run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.problem.baselines import (
     BASELINES,
@@ -167,6 +167,6 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
 def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:
     usual = tmp_path / "evaluation"
     for made, name in ((plan(), "evaluation"), (plan(replicates=3), "evaluation-2"), (plan(), "evaluation")):
-        place = place_for(made, usual)
+        place = evaluation_directory(made, usual)
         assert place == tmp_path / name
         run_evaluation(made, place, InProcessExecutor())
