@@ -17,6 +17,7 @@ FAR = 2.0  # ranges of all others: no outcome counts as further from them
 FEW = 20  # one outcome in so many may be an outlier
 _SMALLEST = 1e-6  # spread within rocks, of the range of all outcomes
 _ROUNDING = 1e-14  # of a number
+_SAME = 1e-9  # of an outcome: the same photographs in another order differ by less
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -
     """Return (n,) outcomes, those far from all others moved to `FAR` ranges of the others: winsorised.
 
     The middle half of the deviations from the groups' medians is accepted, and step by step the next one on either side, where
-    its distance is at most `FAR` ranges of what is accepted already. Where more lie beyond than one in `FEW`, they are believed
+    its distance is at most `FAR` ranges of what is accepted already. Where more lie beyond than one in `FEW`, they are accepted
     on the good side, and on the bad one up to a distance that grows with the square of their number.
     """
     y = np.asarray(outcomes, dtype=float)
@@ -110,7 +111,7 @@ def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -
     centre = _middles(groups, y)
     deviation = y - centre
     v, n = np.sort(deviation), len(y)
-    some = np.unique(v)
+    some = v[np.diff(v, prepend=-np.inf) > _SAME * float(np.abs(centre).max())]
     if len(some) == 3 and n >= FEW // 2:  # a quarter of three is none: all but the farthest from the middle
         some = some[1:] if some[1] - some[0] > some[2] - some[1] else some[:-1]
     low, high = some[len(some) // 4], some[-1 - len(some) // 4]

@@ -80,17 +80,18 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
         ([0.0, 1.0, 2.0, 3.0, -1e12], [0.0, 1.0, 2.0, 3.0, -6.0]),  # two ranges away
         ([0.0, 1.0, 2.0, 3.0, 1e12], [0.0, 1.0, 2.0, 3.0, 9.0]),
         ([0.0] * 17 + [0.5, 1.0, 90.0], [0.0] * 17 + [0.5, 1.0, 3.0]),
-        ([0.0] * 17 + [0.5, 90.0, 91.0], [0.0] * 17 + [0.5, 90.0, 91.0]),  # two are believed
+        ([0.0] * 17 + [0.5, 90.0, 91.0], [0.0] * 17 + [0.5, 90.0, 91.0]),  # two are accepted
         ([*np.linspace(0, 1, 17), -99.0, -99.0, -99.0], [*np.linspace(0, 1, 17), -2.0, -2.0, -2.0]),
         ([1.0] * 9, [1.0] * 9),
         ([90.0] * 18 + [91.0, -1e6], [90.0] * 18 + [91.0, 88.0]),  # three different outcomes
         ([90.0] * 18 + [89.0, 1e6], [90.0] * 18 + [89.0, 92.0]),
         ([90.0] * 17 + [89.0, 91.0, 91.0], [90.0] * 17 + [89.0, 91.0, 91.0]),
         ([100.0] * 19 + [0.0], [100.0] * 19 + [0.0]),  # two: nothing says how far is far
+        ([98.1, 98.1 + 2e-9, 98.1 - 2e-9, 98.2, 98.0], [98.1, 98.1, 98.1, 98.2, 98.0]),  # three are the same
         ([], []),
     ],
 )  # fmt: skip
-def test_what_is_believed(outcomes: list[float], expected: list[float]) -> None:
+def test_what_is_accepted(outcomes: list[float], expected: list[float]) -> None:
     assert winsorised(["r"] * len(outcomes), outcomes) == pytest.approx(expected)
 
 
