@@ -1,16 +1,12 @@
 """The store: whole entries or none, damage noticed, bounded, safe for several processes; and what decides an address."""
 
-import ast
 import multiprocessing
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import nbv
 from nbv.cache import Store, cache_key, cached, cached_json, code_digest
-from nbv.cache.addressing import imported_modules
 
 
 def file_of(store, key, kind="*"):
@@ -129,45 +125,6 @@ def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
     stores[2].put("photos", "ab12", photo)
     assert shared.read_bytes() == file_of(stores[2], "ab12").read_bytes()
     assert Store(tmp_path / "own").get("photos", "ab12") is None
-
-
-ROOT = Path(nbv.__file__).parent.parent
-
-
-MAKERS = (
-    "nbv.scene.bake",
-    "nbv.geometric.world",
-    "nbv.evaluation",
-    "nbv.sparse.features",
-    "nbv.photogrammetric",
-)
-
-
-def source_of(module):
-    return ROOT.joinpath(*module.split(".")).with_suffix(".py")
-
-
-def imports_in(module):
-    """Dotted names of all of nbv that a module's source imports, found by parsing it."""
-    for node in ast.walk(ast.parse(source_of(module).read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module} has a relative import, which the address does not follow"
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                is_module = source_of(inner).is_file() or source_of(inner).with_suffix("").is_dir()
-                yield inner if is_module else node.module
-
-
-@pytest.mark.parametrize("maker", MAKERS)
-def test_every_import_of_the_code_is_in_its_digest(maker):
-    found = imported_modules(maker)
-    assert len(found) > 5
-    for module in found:
-        for name in imports_in(module):
-            if name.startswith("nbv."):
-                assert name in found or f"{name}.__init__" in found, f"{module} imports {name}"
 
 
 def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):

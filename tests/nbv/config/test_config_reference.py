@@ -41,11 +41,3 @@ def test_the_paper_s_preset_is_the_defaults_and_changes_nothing() -> None:
     assert PRESETS["paper"].values == {}
     reduced = {path.split(".")[0] for path in PRESETS["paper-reduced"].values}
     assert reduced == {"sparse", "dense"}  # the same flight rules, scorers, gate and metrics
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_lists_what_it_changes(name: str) -> None:
-    paper = MissionConfig(preset=name)
-    values = PRESETS[name].values
-    assert preset(name) == paper.with_values(values)
-    assert all(paper.with_values({path: value}) != paper for path, value in values.items())

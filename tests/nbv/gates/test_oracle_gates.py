@@ -135,21 +135,6 @@ def test_the_later_code_credits_a_scorers_own_term() -> None:
     assert decide(0.9, 0.9, 0.95) == ("covis", True)
 
 
-def test_the_later_code_weighs_shares_against_the_term() -> None:
-    """All of what is left (0.6 of the ball) against 0.5 of a main term that is 1 higher."""
-    later = config("reconstruction").with_values({"gate.oracle_quality_weight": 0.5})
-    o, p = GroundTruthOracle(*_ball(), later), opposite_pool()
-    east = state(points=o.samples_m[o.samples_m[:, 0] > 0])  # covis's side is done
-    tops = rankings(0, 1, 2)
-    for name, own in (("covis", 1.0), ("b-aware", 0.0)):
-        tops[name].terms["main"] = np.full(2, own)
-    rewards = oracle_rewards(o, east, p, tops)
-    share = (rewards["b-aware"] - rewards["covis"]) / np.count_nonzero(~o.coverage(east).covered)
-    chosen = make_gate(later, oracle=o).decide(east, p, tops).ranking.scorer
-    assert chosen == ("b-aware" if share > 0.5 else "covis")
-    assert 0.1 < share < 1.0
-
-
 def test_matchable_needs_views_at_matchable_angles() -> None:
     o = oracle("matchable")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from nbv.geometry.target import find_target
 
@@ -29,13 +28,6 @@ def test_place_and_size_are_found_from_a_metre_off(height_m: float) -> None:
     assert found.half_extent_m == pytest.approx(height_m / 2, abs=0.05)
 
 
-def test_a_tilted_and_shifted_frame_does_not_hide_it() -> None:
-    tilt = Rotation.from_euler("xy", [6.0, -5.0], degrees=True).as_matrix()
-    found = find_target(scene() @ tilt.T + [0.5, 0.5, 0.9], (0.0, 0.0, 0.8))
-    assert found is not None
-    np.testing.assert_allclose(found.center_m, tilt @ [0, 0, 0.8] + [0.5, 0.5, 0.9], atol=0.15)
-
-
 def test_one_side_of_it_is_taken_for_half() -> None:
     """Seen from the south alone, the egg's northern half is not in the model: it lies behind its front all the same."""
     points = scene((0.7, -0.6))
@@ -53,13 +45,6 @@ def test_of_two_things_the_nearer_is_meant() -> None:
     found = find_target(both, (0.0, 0.3, 0.8))
     assert found is not None
     np.testing.assert_allclose(found.center_m, [0.4, 0.0, 0.8], atol=0.08)
-
-
-def test_floaters_do_not_stretch_it() -> None:
-    floaters = np.random.default_rng(5).uniform([-2, -2, 0.3], [2, 2, 3], (60, 3))
-    found = find_target(np.concatenate([scene(), floaters]), (0.0, 0.0, 0.8))
-    assert found is not None
-    np.testing.assert_allclose(found.center_m, [0.0, 0.0, 0.8], atol=0.1)
 
 
 def test_bare_ground_and_few_points_hold_no_target() -> None:

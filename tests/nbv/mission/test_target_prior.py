@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from test_mission_loop import CountingReconstructor, made
 
 from nbv.config import MissionConfig, preset
 from nbv.flight import Flight
-from nbv.mission.target_prior import reaching_a_ring, with_target_error, with_target_found
+from nbv.mission.target_prior import with_target_error, with_target_found
 from nbv.types import SparseModel
-from nbv.viewpoints import candidate_pool
 
 ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "stop.adaptive_budget": 2}
 
@@ -99,19 +96,6 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     for capture in mission.captures[24:]:
         assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
     assert mission.config.flight.keep_out_height_m == pytest.approx(2.2 + ground_m, abs=0.05)
-
-
-@pytest.mark.parametrize("height_m", [0.35, 0.65, 0.69, 0.8, 0.95, 1.4])
-def test_a_low_ceiling_lets_the_lowest_ring_pass(height_m: float) -> None:
-    """1.5 m lets the ring at 10 degrees pass about a target at 0.8 m, and none about one at 0.65 m or at 0.95 m."""
-    low = preset("campaign").with_values({"pool.max_altitude_m": 1.5})
-    config = dataclasses.replace(low, target_m=(0.0, 0.0, height_m))
-    pool = candidate_pool(reaching_a_ring(config), np.array([0.0, -4.0, 2.0]), np.zeros((0, 3)))
-    assert len(pool.ids) > 0 and pool.positions_m[:, 2].min() >= config.pool.min_altitude_m
-    if len(candidate_pool(config, np.array([0.0, -4.0, 2.0]), np.zeros((0, 3))).ids):
-        assert reaching_a_ring(config) is config
-    else:
-        assert np.ptp(pool.positions_m[:, 2]) < 1e-9  # one ring, the lowest that flies
 
 
 class FoundLate(OnTheGround):

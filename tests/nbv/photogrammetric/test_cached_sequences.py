@@ -2,25 +2,18 @@
 
 import dataclasses
 import hashlib
-import json
 import types
 
 import numpy as np
 import pytest
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
 
-from nbv.cache import Store, addressing
-from nbv.config import MissionConfig, config_from_dict
-from nbv.evaluation import evaluate_cloud
-from nbv.geometry.sampling import sample_surface
-from nbv.mission.fidelity import MissionContext
-from nbv.photogrammetric import mission as photogrammetric
+from nbv.cache import Store
+from nbv.config import MissionConfig
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
-from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.stopwatch import Stopwatch
-from nbv.types import PointCloud, Viewpoint
+from nbv.types import Viewpoint
 
 SEEDS = ring_captures(12)
 LATER = ring_captures(5, radius_m=3.5, start=12, turn_deg=5.0)
@@ -104,22 +97,6 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     assert entries[3].exists()
 
 
-def test_entries_of_code_that_named_its_arrays_otherwise_are_not_read(store, plain, monkeypatch):
-    """Older missions kept ``track_lengths`` where ``track_offsets`` are kept now."""
-    with monkeypatch.context() as patch:
-        older = dict(addressing._sources())
-        older["nbv.mission.planning_state"] += "# with track_lengths"
-        patch.setattr(addressing, "_sources", lambda: older)
-        addressing.code_digest.cache_clear()
-        filled(store)
-    addressing.code_digest.cache_clear()
-    for path in (store.root / "sequence-models").glob("*/*"):
-        arrays = store.get("sequence-models", path.name)
-        arrays["track_lengths"] = np.diff(arrays.pop("track_offsets"))
-        store.put("sequence-models", path.name, arrays)
-    assert bits(filled(store)[1:]) == plain[len(LATER)]
-
-
 @pytest.mark.slow
 def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     filled(store)
@@ -134,50 +111,6 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
 
 
 # -- clouds and metrics ---------------------------------------------------------------------------------
-
-
-def made_cloud(store, made, config, points):
-    """What a reconstructor that has been given a sequence of photographs finishes with."""
-    cached = PhotogrammetricReconstructor(config, store)
-    cached._key, cached._fuse = "a sequence", lambda: made.append(1) or PointCloud(points)
-    return cached.finish()
-
-
-def test_a_known_cloud_is_made_only_if_somebody_looks_at_it(store):
-    made, points = [], np.random.default_rng(0).normal(size=(50, 3))
-    for views in (3, 3, 5):
-        config = config_from_dict({"dense": {"agreeing_views": views}})
-        cloud = made_cloud(store, made, config, points)
-    assert len(made) == 2  # once for each number of views
-    cloud = made_cloud(store, made, config, points)
-    assert len(made) == 2
-    np.testing.assert_array_equal(cloud.points_m, points)
-    assert len(made) == 3 and cloud.normals is None
-
-
-@pytest.mark.slow
-def test_metrics_come_back_as_they_were(store, monkeypatch):
-    rock = load_rock("boulder", Store())
-    config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
-    points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
-    cloud = PointCloud(points + np.random.default_rng(1).normal(0, 0.004, points.shape))
-    plain = evaluate_cloud(cloud, rock, config)
-
-    def measured(key):
-        context = MissionContext(config, rock, 0, config, store, True, Stopwatch(), rock.sha256)
-        fidelity = photogrammetric.PhotogrammetricFidelity(context)
-        fidelity.reconstructor._key = key
-        fidelity.measure(cloud)
-        return fidelity._evaluation
-
-    first = measured("a sequence")
-    monkeypatch.setattr(photogrammetric, "evaluate_cloud", None)  # not to be asked again
-    second = measured("a sequence")
-    texts = [json.dumps([e.metrics, e.cleaning]) for e in (plain, first, second)]  # floats to the last bit
-    assert texts[0] == texts[1] == texts[2]
-    np.testing.assert_array_equal(second.cleaned.points_m, plain.cleaned.points_m)
-    with pytest.raises(TypeError):  # another cloud is another question
-        measured("another sequence")
 
 
 def test_a_glimpse_leaves_nothing_behind(monkeypatch):

@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from nbv.errors import UserError
-from nbv.geometry.frames import invert_rigid, look_at
+from nbv.geometry.frames import look_at
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
@@ -45,25 +45,6 @@ def check(path: Path, middle: tuple[float, float], lens: tuple[float, ...], max_
         local = POINTS @ pose[:3, :3].T + pose[:3, 3]
         shown = np.asarray(camera.img_from_cam(local)) * WIDTH / max_size
         assert np.allclose(shown, seen(pose, middle, lens), atol=1e-6)
-
-
-def test_transforms_json(tmp_path: Path) -> None:
-    frames = [
-        {
-            "file_path": f"./images/IMG_{i}.JPG",
-            "transform_matrix": (invert_rigid(pose) @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist(),
-        }
-        for i, pose in enumerate(POSES)
-    ]
-    lens = {"k1": K1, "k2": K2, "p1": P1, "p2": P2}
-    tree = {"w": WIDTH, "h": HEIGHT, "fl_x": FOCAL, "cx": 322.0, "cy": 239.0, **lens, "frames": frames}
-    path = tmp_path / "transforms.json"
-    path.write_text(json.dumps(tree))
-    check(path, (322.0, 239.0), (K1, K2, P1, P2))
-    check(path, (322.0, 239.0), (K1, K2, P1, P2), max_size=320)
-    wide = {"w": WIDTH, "h": HEIGHT, "camera_angle_x": 2 * np.arctan(0.5 * WIDTH / FOCAL), "frames": frames}
-    path.write_text(json.dumps(wide))
-    check(path, (320.0, 240.0), ())
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -105,19 +86,6 @@ def test_a_model_of_other_photographs_is_refused(tmp_path: Path) -> None:
     frame["file_path"] = "IMG_0.JPG"
     path.write_text(json.dumps({**tree, "w": 1000}))
     refused(path, "other photographs: it has IMG_0.JPG with 1000 x 480")
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("transforms.json", '{"w": 640, "h": 480, "fl_x": 500, "frames": [{"file_path": "IMG_0.JPG"}]}'),
-        ("transforms.json", '{"w": 640, "h": 480, "frames": 7}'),
-    ],
-)
-def test_a_damaged_model_is_one_line(tmp_path: Path, name: str, content: str) -> None:
-    path = tmp_path / name
-    path.write_text(content)
-    refused(path, "cannot be read")
 
 
 def test_there_is_no_model(tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from PIL import Image
 from nbv.errors import UserError
 from nbv.rocks import describe, import_mesh
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "rocks"
-
 RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
 
 
@@ -195,30 +193,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
         import_mesh(path)
     assert "\n" not in str(caught.value)
     assert path.name in str(caught.value)
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize(
-    ("file", "extents", "contrast"),
-    [
-        ("apollo_15016_0/apollo_15016_0.obj", (0.60, 0.69, 0.8), 0.5),
-        ("apollo_65035_0/apollo_65035_0.obj", (0.45, 0.58, 0.8), 0.5),
-        ("phobos/phobos.glb", (0.60, 0.72, 0.8), 0.2),
-        ("earth_10/earth_10.ply", (0.89, 0.52, 0.8), 0.1),
-    ],
-)
-def test_real_rocks(file, extents, contrast):
-    path = SHARED / file
-    if not path.is_file():
-        pytest.skip("the real rocks in ../shared/rocks are not here")
-    rock = import_mesh(path, height_m=0.8)
-    facts = describe(rock)
-    assert facts.extents_m == pytest.approx(extents, abs=0.01)
-    assert facts.boundary_edges == 0 and facts.volume_m3 > 0.06
-    assert facts.mean_edge_m < 0.006
-    assert facts.albedo_contrast > contrast
-    if "65035" in file:
-        assert any("largest of 29 bodies" in note for note in rock.notes)
 
 
 def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None:

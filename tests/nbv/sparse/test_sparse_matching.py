@@ -1,8 +1,6 @@
 import numpy as np
 import pycolmap
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
@@ -17,39 +15,6 @@ def descriptors(rng, count, like=None, noise=0.0):
         raw = like / 512.0 + noise * np.abs(rng.standard_normal(like.shape))
     raw /= np.linalg.norm(raw, axis=1, keepdims=True)
     return np.clip(np.round(512 * raw), 0, 255).astype(np.uint8)
-
-
-def reference(a, b, ratio, limit):
-    """COLMAP's rule, one descriptor at a time, in integers and doubles."""
-
-    def one_way(x, y):
-        out = {}
-        for i, row in enumerate(x.astype(np.int64)):
-            dots = y.astype(np.int64) @ row
-            best = int(dots.argmax())
-            angles = np.arccos(np.minimum(dots / 512.0**2, 1.0))
-            others = np.delete(angles, best)
-            second = others.min() if len(others) else np.pi / 2
-            if angles[best] <= limit and angles[best] < ratio * second:
-                out[i] = best
-        return out
-
-    forward, backward = one_way(a, b), one_way(b, a)
-    return [(i, j) for i, j in sorted(forward.items()) if backward.get(j) == i]
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 10_000), st.integers(1, 60), st.integers(1, 60), st.floats(0.0, 0.08))
-def test_agrees_with_one_descriptor_at_a_time(seed, count_a, count_b, noise):
-    rng = np.random.default_rng(seed)
-    a = descriptors(rng, count_a)
-    b = descriptors(rng, count_b)
-    shared = min(count_a, count_b) // 2
-    b[:shared] = descriptors(rng, shared, like=a[:shared].astype(float), noise=noise)
-    for ratio in (0.6, 0.8, 0.95):
-        got = match_pair(a, b, ratio, 0.7)
-        assert got.dtype == np.uint32 and got.shape[1] == 2
-        assert [tuple(m) for m in got.tolist()] == reference(a, b, ratio, 0.7)
 
 
 def test_agrees_with_colmap():

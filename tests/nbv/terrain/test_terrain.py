@@ -9,7 +9,6 @@ import trimesh
 from nbv.config import GroundConfig, MissionConfig
 from nbv.errors import UserError
 from nbv.evaluation.ground_truth import build_ground_truth
-from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
@@ -38,14 +37,6 @@ def test_relief_has_the_rms_and_slope_that_is_asked() -> None:
     assert np.mean(rms) == pytest.approx(0.08, rel=0.05)
     # A Gaussian correlation of length l has rms slope sqrt(2) h / l.
     assert np.mean(slopes) == pytest.approx(np.sqrt(2) * 0.08, rel=0.1)
-
-
-def test_the_height_of_relief_is_that_of_its_mesh() -> None:
-    relief = make_relief(0.1, 0.6, 1)
-    points = np.random.default_rng(0).uniform(-5.9, 5.9, (500, 2))
-    caster = RayCaster(*relief.mesh())
-    t = caster.cast(rays_of(np.column_stack([points, np.full(500, 5.0)]), np.array([0.0, 0.0, -1.0]))).t
-    np.testing.assert_allclose(5.0 - t, relief.height_m(points), atol=2e-6)
 
 
 @pytest.mark.parametrize("seed", range(0, 40, 4))

@@ -11,7 +11,7 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.flight.route import clear
 from nbv.terrain import Cylinder
-from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
+from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.bridges.photogrammetry_nbv import (
     MISSION,
     SCORING,
@@ -21,7 +21,6 @@ from tuner.bridges.photogrammetry_nbv import (
     write_text,
 )
 from tuner.bridges.plan import Home, qgc_plan
-from tuner.problem.space_files import load_search_space
 
 # Another value for every key that answers to something here.
 OTHER_SCORING = {
@@ -127,27 +126,6 @@ def test_published_files_are_preset_paper_code():
     for section in ("target_m", "seed", "pool", "stop", "shared", "covis", "b_aware", "flight"):
         assert getattr(same, section) == getattr(code, section), section
     assert config.gate.budget_fraction == 0.4 and config.gate.d95_m == 0.14
-
-
-def test_the_altitude_limit_keeps_candidates_below_it():
-    config = preset("campaign").with_values({"pool.max_altitude_m": 1.6})
-    written, _ = write_mission(config)
-    assert (written["min_altitude_ned"], written["max_altitude_ned"]) == (-1.6, -1.3)
-    back = ours(read_mission(written))
-    pool = candidate_pool(back, [0.0, -4.0, 2.0], [])
-    assert len(pool) > 20 and pool.positions_m[:, 2].max() <= 1.6
-
-
-def test_a_recommendation_in_space_upstream_is_written_exactly():
-    space = load_search_space("upstream")
-    base = space.base_config(preset("campaign"))
-    values = {p.path: space.from_unit([0.3] * space.dimension)[p.path] for p in space.parameters}
-    config = base.with_values(space.complete(values))
-    written, remarks = write_scoring(config)
-    assert {remark.key for remark in remarks} <= {"gate.d95_m", "stop.knn_region"}
-    back = ours({**read_scoring(written), **read_mission(write_mission(config)[0])})
-    for section in ("covis", "b_aware", "shared", "pool", "seed"):
-        assert getattr(back, section) == getattr(config, section), section
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from nbv.config import parameters, preset
+from nbv.config import preset
 from tuner.report.answer import plan_words
-from tuner.report.labels import parameter_label
 from tuner.report.plan_picture import plan_picture
 
 ORBIT = {
@@ -38,10 +37,3 @@ def test_an_orbit_is_drawn_and_said() -> None:
     (x, y), *_ = circles(plan_picture(config), "#c9a98b")
     lower, upper = math.dist(above[0], (x, y)), math.dist(above[-1], (x, y))
     assert upper / lower == pytest.approx(math.cos(math.radians(35)) / math.cos(math.radians(10)), abs=0.01)
-
-
-def test_every_parameter_has_a_label_that_tells_it_apart() -> None:
-    labels = [parameter_label(path) for path in parameters()]
-    assert len({label.name for label in labels}) == len(labels)
-    assert parameter_label("gate.d95_m").unit == "m"
-    assert parameter_label("covis.weights.nov").name == "Covis: weight W_nov"

@@ -6,27 +6,13 @@ import dataclasses
 
 import pytest
 import synthetic
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.samplers.base import make_sampler
 from tuner.samplers.design import (
     initial_design_size,
-    near_default,
     sobol_point,
 )
-
-MIXED = SearchSpace(
-    "mixed",
-    (
-        Parameter("weight", "float", 0.01, 2.0, scale="log"),
-        Parameter("views", "int", 3, 10),
-        Parameter("mode", "categorical", choices=("a", "b", "c")),
-    ),
-)
-MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
 
 
 @pytest.mark.parametrize(
@@ -43,16 +29,6 @@ MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
 )
 def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
     assert initial_design_size(dimension, budget, trusted_default=trusted) == size
-
-
-@given(seed=st.integers(0, 10_000), index=st.integers(0, 40))
-def test_points_are_configurations_fixed_by_seed_and_index(seed: int, index: int) -> None:
-    for point in (
-        near_default(MIXED, MIXED_DEFAULT, seed, index),
-        sobol_point(MIXED, seed, index),
-    ):
-        assert all(p.contains(point[p.path]) for p in MIXED.parameters)
-    assert near_default(MIXED, MIXED_DEFAULT, seed, index) == near_default(MIXED, MIXED_DEFAULT, seed, index)
 
 
 def test_every_second_point_of_a_trusted_design_is_near() -> None:

@@ -7,13 +7,11 @@ import math
 import numpy as np
 import pytest
 import synthetic
-import torch
-from gpytorch.kernels import Kernel, MaternKernel, ScaleKernel
+from gpytorch.kernels import MaternKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
-from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import NORMAL_95
 from tuner.surrogate.settings import SurrogateSettings
@@ -74,38 +72,6 @@ def test_block_offsets_are_told_from_noise_and_cancel() -> None:
     assert np.mean(noise[False]) > 1.5 * np.mean(noise[True])  # blocks taken for noise
     rms = {blocks: np.sqrt(np.mean(np.square(e))) for blocks, e in errors.items()}
     assert rms[True] < 0.7 * rms[False]
-
-
-def test_slots_are_modelled_only_where_they_show() -> None:
-    from tuner.surrogate.model import blocks_identifiable
-
-    assert blocks_identifiable([("a", 0), ("a", 0), ("a", 1)])
-    assert not blocks_identifiable(
-        [("a", 0), ("a", 0), ("b", 1), ("b", 1)]
-    )  # a rock's only block is the rock
-    assert not blocks_identifiable([("a", 0), ("a", 1), ("b", 0), ("b", 1)])  # one mission each: noise
-    model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.1, 1), synthetic.ROCKS)
-    assert model.block_sd is None
-
-
-def variance_of(kernel: Kernel, index: int, value: float) -> None:
-    """Sets the variance of the ``index``-th term of the sum."""
-    term = kernel.kernels[index]
-    setattr(term, "outputscale" if isinstance(term, ScaleKernel) else "variance", value)
-
-
-def test_kernel_of_missions() -> None:
-    """What shares a rock or a block covaries by it; a column at NO_OFFSET shares nothing, not even with itself."""
-    kernel = mission_kernel([0], [], 1, SurrogateSettings(own_landscapes=True))
-    for term, value in enumerate((1.0, 2.0, 0.5, 3.0)):
-        variance_of(kernel, term, value)
-    x = [[0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 1], [0.5, 1, 2], [0.5, NO_OFFSET, NO_OFFSET]]
-    k = kernel(torch.tensor(x, dtype=torch.float64)).to_dense().detach()
-    np.testing.assert_allclose(k[0], [6.5, 6.5, 3.5, 1.0, 1.0], rtol=1e-6)
-    np.testing.assert_allclose(k[4], [1.0, 1.0, 1.0, 1.0, 1.0], rtol=1e-6)
-    diagonal = kernel(torch.tensor(x, dtype=torch.float64), diag=True).detach()
-    np.testing.assert_allclose(diagonal, k.diagonal(), rtol=1e-9)
-    assert shared_variance(kernel, 2) == pytest.approx(3.0) and shared_variance(kernel, 0) == 0.0
 
 
 def test_a_trend_reaches_where_nothing_was_flown() -> None:
@@ -185,13 +151,3 @@ def test_many_missions_are_believed_as_by_the_exact_model(
     assert b.sd.mean() == pytest.approx(a.sd.mean(), rel=0.5)
     assert exact.best_first(configurations)[0] in small.best_first(configurations)[:3]
     assert small.noise_sd == pytest.approx(0.3, rel=0.4)
-
-
-def test_with_all_missions_promising_it_is_the_exact_model() -> None:
-    missions = _missions(60)
-    exact = InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
-    x, y = exact.model.train_inputs[0], exact.model.train_targets
-    small = fit.with_promising(exact.model, x, y[:, None])
-    probe = exact.inputs(np.random.default_rng(1).uniform(size=(20, 2)))
-    assert np.allclose(small.posterior(probe).mean, exact.model.posterior(probe).mean, atol=1e-3)
-    assert np.allclose(small.posterior(probe).variance, exact.model.posterior(probe).variance, atol=1e-3)
