@@ -74,7 +74,7 @@ MASKS = {  # form: of a mask (H, W) the picture, and the words that refuse it
 }
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lens=st.sampled_from(sorted(ball.LENSES)),
     orientation=st.sampled_from(sorted(ball.STORED)),

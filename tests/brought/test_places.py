@@ -162,7 +162,7 @@ HEIGHTS_M = {"": None, "metres": 1.0, "feet": 0.3048, "flat": np.inf, "none": np
 SHAPE = np.array([[1.0, 0, 0], [-1, 1, 0], [0, -1, 0.2], [0.5, 0.5, 1.0], [-0.6, -0.7, 0.5]])
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     system=st.sampled_from(sorted(SYSTEMS)),
     heights=st.sampled_from(sorted(HEIGHTS_M)),
@@ -194,7 +194,7 @@ def test_control_points_in_any_system(
         return
     told = float(found.notes[0].split(" %")[0].split()[-1]) / 100
     assert found.metres_per_model_unit == pytest.approx(
-        1 / 0.37, rel=0.01 if found.up is not None else max(0.01, 1.1 * told)
+        1 / 0.37, rel=0.01 if found.up is not None else max(0.01, 1.2 * told)
     )
     assert found.up is None or found.up @ TURN @ [0, 0, 1] > np.cos(np.deg2rad(1.5))
     assert f"read as {system.strip()}" in found.notes[0]
