@@ -17,16 +17,13 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
 from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationRun, evaluation_directory, run_evaluation
+from tuner.evaluation.run import EvaluationRun
 from tuner.missions.executors import local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 from tuner.report.records import records_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from tuner.missions.external.mission_file import MissionFile
 
 __all__ = ["evaluate", "frame", "reproduce", "tune"]
 
@@ -75,9 +72,7 @@ def tune(
     ) as executor:
         if run_campaign(campaign, executor, on_event).found:
             for name, asked_for in end_of_campaign(campaign).items():
-                run_evaluation(
-                    asked_for.plan, evaluation_directory(asked_for.plan, campaign.directory / name), executor
-                )
+                asked_for.run(campaign.directory / name, executor)
     return campaign
 
 
@@ -122,10 +117,9 @@ def evaluate(
         conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
     )
-    where = (
-        Path(directory) if directory else evaluation_directory(asked.plan, source.directory / "evaluation")
-    )
-    return _run(asked.plan, where, workers, timeout_s, source.settings.mission)
+    out = None if directory is None else Path(directory)
+    with local_executor(asked.plan.fidelity, workers, timeout_s, source.settings.mission) as executor:
+        return asked.run(source.directory / "evaluation", executor, out=out)[0]
 
 
 def reproduce(
@@ -156,7 +150,8 @@ def reproduce(
     """
     base = preset(preset_name).with_values(overrides or {})
     asked = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
-    return _run(asked.plan, Path(directory), workers, timeout_s)
+    with local_executor(fidelity, workers, timeout_s) as executor:
+        return asked.run(Path(directory), executor, out=Path(directory))[0]
 
 
 def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
@@ -172,14 +167,3 @@ def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
     except ImportError as error:
         raise UserError("a frame needs pandas; run: pip install 'gatetune[frames]'") from error
     return pandas.DataFrame(records_of(source))
-
-
-def _run(
-    plan: EvaluationPlan,
-    directory: Path,
-    workers: int | None,
-    timeout_s: float,
-    mission: MissionFile | None = None,
-) -> EvaluationRun:
-    with local_executor(plan.fidelity, workers, timeout_s, mission) as executor:
-        return run_evaluation(plan, directory, executor)

@@ -335,18 +335,16 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
     """
     from tuner.commands.console import ComparisonProgress
     from tuner.evaluation.of_campaign import end_of_campaign
-    from tuner.evaluation.run import evaluation_directory, run_evaluation
     from tuner.report import comparison, gate_result
     from tuner.report.style import short_names
 
     for name, asked in end_of_campaign(campaign, working).items():
         plan = asked.plan
-        directory = evaluation_directory(plan, campaign.directory / name)
         output.print(
             f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
         )
         with ComparisonProgress("observable.f_score_48mm") as show:
-            run = run_evaluation(plan, directory, executor, show)
+            run, directory = asked.run(campaign.directory / name, executor, show)
         if not run.complete:
             output.print(
                 f"not complete; go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True

@@ -223,12 +223,10 @@ def compare(
     named. ``paper``: show the paper's numbers beside. ``campaign``: whose page is written anew: it shows what its
     evaluations found.
     """
-    from tuner.evaluation.run import evaluation_directory, run_evaluation
     from tuner.report import comparison
     from tuner.report.labels import counted, duration
 
     plan, word = asked.plan, asked.asked.instance_word
-    directory = out or evaluation_directory(plan, usual)
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
     notes = (*asked.notes, LOW_FIDELITY_NOTE) if is_geometric(plan.fidelity) else asked.notes
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
@@ -240,7 +238,7 @@ def compare(
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
-        run = run_evaluation(plan, directory, executor, show)
+        run, directory = asked.run(usual, executor, show, out)
     facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=notes)
     for line in facts.verdicts:
         output.print(line.text, style="bold")
@@ -249,7 +247,7 @@ def compare(
     for name, table in tables.items():
         shown = comparison.table_by_strategy(table, name, None, word)
         output.print(*shown.for_terminal(output.width))
-    if paper:
+    if paper and "whole" in facts.tables:  # no mission that has ended well, no table
         shown = comparison.table_i(
             facts.tables["whole"], "Table I, whole surface", paper=True, differences=False
         )

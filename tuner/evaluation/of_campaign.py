@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,8 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
+from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import (
     COMPARISON,
@@ -68,6 +70,17 @@ class CampaignEvaluation:
     reference: str
     asked: ComparisonSpec
     notes: tuple[str, ...] = ()
+
+    def run(
+        self,
+        usual: Path,
+        executor: Executor,
+        on_event: Callable[[EvaluationEvent], None] | None = None,
+        out: Path | None = None,
+    ) -> tuple[EvaluationRun, Path]:
+        """Run what is missing and return the directory, too: ``out``, else ``usual`` or, where that holds another plan, one beside it."""
+        directory = out or evaluation_directory(self.plan, usual)
+        return run_evaluation(self.plan, directory, executor, on_event), directory
 
 
 def held_out(
