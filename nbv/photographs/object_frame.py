@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
@@ -80,7 +81,9 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
         notes.append(f"up: {word}")
     else:
         notes.append("up: from the control points")
-    rotation = _upright(up, model.centers[0] - center)
+    # Up is z, and the first camera stands in the direction of x.
+    turn = Rotation.align_vectors(np.eye(3)[[2, 0]], [up, model.centers[0] - center], weights=[np.inf, 1])[0]
+    rotation = turn.as_matrix()
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
     rough = Similarity(scale, rotation, -scale * rotation @ center)
     low, high, grounded, word = _box(
@@ -169,16 +172,6 @@ def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
             rest = np.rad2deg(np.arcsin(np.sqrt(np.mean((sides[kept] @ level) ** 2))))
             return level, f"photographs are held level to {rest:.1f}° rms"
     return mean, "the mean of the photographs' ups, since they are not held level"
-
-
-def _upright(up: Floats, toward: Floats) -> Floats:
-    """(3, 3) rotation that turns ``up`` to z and ``toward``, as far as it is horizontal, to x."""
-    z = up / np.linalg.norm(up)
-    x = toward - (toward @ z) * z
-    if np.linalg.norm(x) < 1e-6 * max(float(np.linalg.norm(toward)), 1e-12):
-        x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
 
 
 def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, bool, str]:

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2  # noqa: F401  before pycolmap: the other order aborts the process when cv2 writes a PNG
 import numpy as np
+import pycolmap
 from pyproj import CRS, Proj, Transformer
 from pyproj.exceptions import CRSError, ProjError
 from scipy.optimize import least_squares
@@ -168,22 +170,28 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
     path = points.path
     row = {name: index for index, name in enumerate(model.names)}
     found, expected, misses_deg = [], [], []
-    for place, seen in points.marks.items():
+    for position, seen in points.marks.items():
         views, rays = [], []
         for name, x_px, y_px in seen:
             if name in row:
                 camera = model.cameras[row[name]]
                 shrunk = np.array([camera.width, camera.height]) / source.full_size_px(name)
                 views.append(row[name])
-                rays.append(np.asarray(camera.cam_from_img(shrunk[None] * [x_px, y_px]))[0])
+                rays.append(camera.cam_ray_from_img(shrunk * [x_px, y_px]))
         if len(rays) >= 2:
-            point, miss_deg = _triangulated(model, views, np.array(rays))
+            poses = model.poses[views, :3]
+            point = pycolmap.triangulate_multi_view_point(poses, rays)
+            if point is None:  # behind the cameras
+                misses_deg.append(180.0)
+                continue
+            toward = poses @ [*point, 1.0]
+            cosines = (toward * rays).sum(axis=1) / np.linalg.norm(toward, axis=1)
+            misses_deg.append(float(np.rad2deg(np.median(np.arccos(cosines.clip(-1, 1))))))
             found.append(point)
-            expected.append(place)
-            misses_deg.append(miss_deg)
-    if len(found) < FEWEST_POINTS:
+            expected.append(position)
+    if len(misses_deg) < FEWEST_POINTS:
         raise UserError(
-            f"{path}: {len(found)} control points are marked in two registered photographs or more; "
+            f"{path}: {len(misses_deg)} control points are marked in two registered photographs or more; "
             f"{FEWEST_POINTS} are needed"
         )
     if np.median(misses_deg) > WORST_MISS_DEG:
@@ -316,7 +324,7 @@ def _best_fit(found: Floats, readings: Mapping[str, Floats], centers: Floats) ->
     alike = [
         fit for fit in fits if fit.up is None and fit.sigma_m < BETTER * best.sigma_m + 1e-4 * best.size_m
     ]
-    return replace(best, error=max(best.error, *(abs(fit.scale / best.scale - 1) for fit in alike)))
+    return replace(best, error=best.error + max(abs(fit.scale / best.scale - 1) for fit in alike))
 
 
 def _fitted(reading: str, found: Floats, places_m: Floats) -> _Fit:
@@ -363,18 +371,3 @@ def _fitted(reading: str, found: Floats, places_m: Floats) -> _Fit:
         sigma * size_m,
         max(rms, own * float(student.ppf(0.975, free))),
     )
-
-
-def _triangulated(model: SolvedModel, views: list[int], rays: Floats) -> tuple[Floats, float]:
-    """(3,) the point nearest to rays (K, 2), normalised coordinates in so many photographs, and by how much they miss it."""
-    directions = np.einsum(
-        "kji,kj->ki", model.poses[views, :3, :3], np.column_stack([rays, np.ones(len(rays))])
-    )
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    centers = model.centers[views]
-    right = np.einsum("kij,kj->i", across, centers)
-    point = np.asarray(np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0], dtype=float)
-    sights = point - centers
-    cosines = (sights * directions).sum(axis=1) / np.linalg.norm(sights, axis=1)
-    return point, float(np.rad2deg(np.median(np.arccos(np.clip(cosines, -1, 1)))))
