@@ -29,16 +29,11 @@ from nbv.types import Cloud, PointCloud
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What `evaluate_cloud` found."""
+    """What was measured of a cloud."""
 
     metrics: dict[str, Any]  # see `nbv.evaluation.metrics.compute_metrics`
     cleaning: dict[str, float]  # points after each cleaning step
-    _make_cleaned: Callable[[], PointCloud]
-
-    @property
-    def cleaned(self) -> PointCloud:
-        """The cloud that was measured."""
-        return self._make_cleaned()
+    cleaned: PointCloud  # the cloud that was measured
 
 
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
@@ -67,7 +62,7 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
     metrics = measure(cleaned)
     if not config.telemetry.is_exact:
         metrics["registered"] = _registered(cloud, truth, config, measure)
-    return Evaluation(metrics, report, lambda: cleaned)
+    return Evaluation(metrics, report, cleaned)
 
 
 def _registered(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from nbv.cache import cached_json
 from nbv.config import CameraConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
-from nbv.evaluation.evaluate import clean_for_evaluation
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.run_directory import RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
@@ -24,6 +23,9 @@ class PhotogrammetricFidelity(Fidelity):
 
     name = "photogrammetric"
     reconstructor: PhotogrammetricReconstructor
+    evaluation_code: ClassVar[str] = "nbv.evaluation"  # the package that evaluates
+    _cloud: Cloud
+    _evaluation: Evaluation | None = None  # of the cloud, where it was not known
 
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
@@ -36,19 +38,16 @@ class PhotogrammetricFidelity(Fidelity):
             self.vehicle_config, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
         )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
-        self._evaluation: Evaluation | None = None
 
-    def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """Clean the cloud and compare it with the true rock; metrics of a known cloud are kept, failures are not."""
-        config, rock, store = self.context.config, self.context.rock, self.context.store
+    def evaluate(self, cloud: Cloud) -> Evaluation:
+        """Clean the cloud and compare it with the true rock."""
+        return evaluate_cloud(cloud, self.context.rock, self.context.config, self.context.store)
 
-        def evaluate() -> dict[str, Any]:
-            self._evaluation = evaluate_cloud(cloud, rock, config, store)
-            return {"metrics": self._evaluation.metrics, "cleaning": self._evaluation.cleaning}
-
-        inputs = [
-            self.reconstructor.cloud_key,
-            rock.sha256,
+    def evaluation_inputs(self) -> list[Any]:
+        """What decides an evaluation beside the cloud."""
+        config = self.context.config
+        return [
+            self.context.rock.sha256,
             config.evaluation,
             list(config.target_m),
             config.dense.fusion_voxel_m,
@@ -58,19 +57,28 @@ class PhotogrammetricFidelity(Fidelity):
             camera_shell(config),
             *sources("metrics", *sorted(plugins("metrics"))),
         ]
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """What `evaluate` says; the metrics of a known cloud are kept, failures are not."""
+        self._cloud = cloud
+
+        def evaluated() -> dict[str, Any]:
+            self._evaluation = self.evaluate(cloud)
+            return self._evaluation.metrics
+
+        inputs = [self.reconstructor.cloud_key, *self.evaluation_inputs()]
         with self.context.stopwatch.timed("evaluation"):
-            found = cached_json(store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
-        if self._evaluation is None:
-            self._evaluation = Evaluation(
-                found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]
+            found: dict[str, Any] = cached_json(
+                self.context.store, "evaluations", evaluated, code=self.evaluation_code, inputs=inputs
             )
-        return self._evaluation.metrics
+        return found
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The cleaned cloud, how it was cleaned, and the sparse model."""
-        if self._evaluation is not None:
-            run.write_cloud("cleaned.ply", self._evaluation.cleaned)
-            run.write_json("metrics.json", {"metrics": metrics, "cleaning": self._evaluation.cleaning})
+        if metrics:
+            evaluation = self._evaluation or self.evaluate(self._cloud)
+            run.write_cloud("cleaned.ply", evaluation.cleaned)
+            run.write_json("metrics.json", {"metrics": metrics, "cleaning": evaluation.cleaning})
         if self.reconstructor.has_model:
             self.reconstructor.export_sparse(run.sparse_model, run.images)
 

@@ -7,29 +7,28 @@ nominal: straight legs between the places, no errors of arrival.
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from functools import cached_property
 from operator import attrgetter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from nbv.cache import cached_json
 from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
+from nbv.evaluation import Evaluation
 from nbv.gates import Oracle
-from nbv.mission.fidelity import Fidelity, MissionContext
+from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
-from nbv.photogrammetric import PhotogrammetricReconstructor
+from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.oracle import TrackOracle
-from nbv.photographs.photograph_set import PhotographSet, Reference
+from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.safe_files import write_atomic
-from nbv.threads import limit_threads
-from nbv.types import Camera, Cloud, PointCloud
+from nbv.types import Cloud
 
 FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
 # Defaults for photograph sets, where the configuration has its preset's value. Work is left out that scores do not show; photographs
@@ -49,16 +48,16 @@ NOMINAL = "nominal: straight legs between places where a hand held the camera"
 TAKEN = "photographs.txt"
 
 
-class PhotographFidelity(Fidelity):
+class PhotographFidelity(PhotogrammetricFidelity):
     """Photographs of a set, each from where it was taken."""
 
     name = "photographs"
-    reconstructor: PhotogrammetricReconstructor
     viewpoints: PhotographViewpoints
+    camera: PhotographCamera
+    evaluation_code: ClassVar[str] = "nbv.photographs"
 
     def __init__(self, context: MissionContext) -> None:
-        limit_threads()
-        super().__init__(context)
+        super().__init__(context)  # its camera and reconstructor are replaced
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
         self.viewpoints = PhotographViewpoints(
@@ -70,8 +69,7 @@ class PhotographFidelity(Fidelity):
         )
         require_expressible(config, self.photographs.name)
         self.vehicle_config = over_photographs(config, self.photographs)
-        self._camera = PhotographCamera(context, self.photographs, self.viewpoints)
-        self.camera: Camera = self._camera
+        self.camera = PhotographCamera(context, self.photographs, self.viewpoints)
         margin_m = MARGIN * self.photographs.height_m
         x_m, y_m, z_m = (extent_m / 2 + margin_m for extent_m in self.photographs.extents_m)
         self.reconstructor = PhotogrammetricReconstructor(
@@ -86,52 +84,32 @@ class PhotographFidelity(Fidelity):
             "seed_cap_deg": SEED_CAP_DEG,
             "flight_time": NOMINAL,
         }
-        self._cleaned: PointCloud | None = None
-
-    @cached_property
-    def _reference(self) -> Reference:
-        return self.photographs.reference()
 
     def oracle(self) -> Oracle:
         """The tracks of the reference model."""
         return TrackOracle(self.photographs, self.viewpoints, self.context.config)
 
-    def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """Against the dense reference."""
-        with self.context.stopwatch.timed("evaluation"):
-            found: dict[str, Any] = cached_json(
-                self.context.store,
-                "evaluations",
-                lambda: self._measure(cloud),
-                code="nbv.photographs",
-                inputs=[
-                    self.reconstructor.cloud_key,
-                    self.context.rock.sha256,
-                    self.vehicle_config.evaluation,
-                ],
-            )
-        return {**found, "taken": list(self._camera.taken)}
-
-    def _measure(self, cloud: Cloud) -> dict[str, Any]:
-        metrics, cleaning, self._cleaned = measure_cloud(
-            cloud, self.photographs, self._reference, self.vehicle_config.evaluation
+    def evaluate(self, cloud: Cloud) -> Evaluation:
+        """Compare the cloud with the dense reference."""
+        config = self.vehicle_config.evaluation
+        metrics, cleaning, cleaned = measure_cloud(
+            cloud, self.photographs, self.photographs.reference(), config
         )
-        return {**metrics, "cleaning": cleaning, "taken": list(self._camera.taken)}
+        return Evaluation({**metrics, "cleaning": cleaning}, cleaning, cleaned)
+
+    def evaluation_inputs(self) -> list[Any]:
+        """See `PhotogrammetricFidelity`."""
+        return [self.context.rock.sha256, self.vehicle_config.evaluation]
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """Against the dense reference, with the photographs taken."""
+        return {**super().measure(cloud), "taken": list(self.camera.taken)}
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""
         run.write_config(self.vehicle_config.to_dict(), LOCATED)
-        write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self._camera.taken))
-        if metrics:
-            if self._cleaned is None:
-                cloud = self.reconstructor.finish()
-                self._cleaned = measure_cloud(
-                    cloud, self.photographs, self._reference, self.vehicle_config.evaluation
-                )[2]
-            run.write_cloud("cleaned.ply", self._cleaned)
-            run.write_json("metrics.json", {"metrics": metrics, "cleaning": metrics["cleaning"]})
-        if self.reconstructor.has_model:
-            self.reconstructor.export_sparse(run.sparse_model, run.images)
+        write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self.camera.taken))
+        super().export(run, metrics)
 
 
 def require_expressible(config: MissionConfig, name: str) -> None:
