@@ -8,9 +8,7 @@ from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
     backproject,
-    depth_normals,
     estimate_depth,
-    merge_estimates,
     sgbm_depth_maps,
 )
 from nbv.dense.views import PosedViews, camera_center_m
@@ -18,7 +16,6 @@ from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)
-NAN = np.nan
 
 
 def orbit_pose(azimuth_deg, elevation_deg=20.0, radius_m=3.5):
@@ -124,33 +121,3 @@ def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     found = np.isfinite(near)
     offset = (backproject(near, scene.camera)[found] - pose[:3, 3]) @ pose[:3, :3] - np.array(TARGET)
     assert np.abs(offset).max() < 0.6 + 2.5 * SEARCH_MARGIN_M
-
-
-def test_merge_takes_the_supported_depth():
-    column = lambda *values: np.array(values, np.float32).reshape(-1, 1, 1)  # noqa: E731
-    assert merge_estimates(column(2.0, 3.0, 3.01))[0, 0] == pytest.approx(3.005)
-    assert merge_estimates(column(2.0, 3.0, 4.0))[0, 0] == 2.0  # no agreement: the best neighbour's
-    assert merge_estimates(column(NAN, 3.0, NAN))[0, 0] == 3.0
-    assert np.isnan(merge_estimates(column(NAN, NAN)))[0, 0]
-    assert merge_estimates(column(2.0))[0, 0] == 2.0
-
-
-def test_normals_of_a_plane():
-    camera = CameraConfig(width_px=80, height_px=60, focal_px=60.0)
-    normal = np.array([0.3, -0.2, -0.9])
-    normal /= np.linalg.norm(normal)
-    rays = backproject(np.ones((60, 80), np.float32), camera)
-    depth = (-2.0 / (rays @ normal)).astype(np.float32)
-    depth[20, 30] = np.nan
-    normals = depth_normals(backproject(depth, camera))
-    known = np.isfinite(normals[..., 0])
-    assert np.allclose(normals[known], normal, atol=2e-3)
-    assert not known[20, 30] and not known[20, 31] and not known[0].any() and known[40, 50]
-
-
-def test_backprojection_uses_pixel_centres_at_half_integers():
-    camera = CameraConfig(width_px=64, height_px=64, focal_px=50.0)
-    points = backproject(np.full((64, 64), 2.0, np.float32), camera)
-    assert points[32, 32].tolist() == pytest.approx([2 * 0.5 / 50, 2 * 0.5 / 50, 2.0])
-    window = backproject(np.full((64, 64), 2.0, np.float32), camera, (10, 20, 30, 50))
-    assert np.array_equal(window, points[10:20, 30:50])

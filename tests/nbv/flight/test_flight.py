@@ -41,13 +41,6 @@ def test_a_climb_obeys_the_climb_limit() -> None:
     assert leg.duration_s == pytest.approx(40 / v + ramp)
 
 
-def test_a_turn_on_the_spot_takes_the_shorter_way() -> None:
-    leg = fly_straight(Pose((0, 0, 3), 3.0), Pose((0, 0, 3), -3.0), LIMITS)
-    assert leg.path_length_m == 0
-    assert leg.duration_s < 1.5  # 0.28 rad; the long way round would take more than 7 s
-    assert (np.abs(leg.samples[:, 4]) >= 3.0 - 1e-9).all()
-
-
 @settings(max_examples=60)
 @given(start=poses, end=poses)
 def test_limits_hold_along_the_leg(start: Pose, end: Pose) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from nbv.config import (
-    TELEMETRY_LEVELS,
     FlightConfig,
     MissionConfig,
     TelemetryConfig,
@@ -66,20 +64,6 @@ def test_attitude_error_turns_the_camera_about_itself() -> None:
     cosine = [(np.trace(pose[:3, :3] @ REPORTED[:3, :3].T) - 1) / 2 for pose in true]
     angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
     assert np.sqrt((angle_deg**2).mean()) == pytest.approx(np.sqrt(3.0), rel=0.06)
-
-
-def test_same_viewpoint_same_error_other_viewpoint_another() -> None:
-    flight = TelemetryErrors(TELEMETRY_LEVELS["gnss"], "rock", 0, 0.3)
-    a, b, c = (flight.true_pose(REPORTED, name, 5.0) for name in ("seed_00", "seed_00", "seed_01"))
-    assert np.array_equal(a, b)
-    assert not np.array_equal(a, c)
-
-
-def test_a_level_sets_the_whole_section() -> None:
-    config = MissionConfig().with_values({"telemetry": "rtk", "telemetry.drift_m": 0.1})
-    assert config.telemetry == dataclasses.replace(TELEMETRY_LEVELS["rtk"], drift_m=0.1)
-    with pytest.raises(UserError, match="unknown telemetry level 'gps'; there are exact, rtk, gnss, vio"):
-        MissionConfig().with_values({"telemetry": "gps"})
 
 
 @pytest.mark.parametrize(

@@ -95,13 +95,6 @@ def test_hyb_o_takes_the_side_that_is_not_reconstructed() -> None:
     assert rewards == oracle_rewards(o, west_done, p, both)
 
 
-def test_ties_go_to_covis() -> None:
-    o, p = oracle("reconstruction"), opposite_pool()
-    both = rankings(1, 1, 2)
-    decision = make_gate(config("reconstruction"), oracle=o).decide(state(points=o.samples_m[:50]), p, both)
-    assert decision.ranking is both["covis"] and decision.details["tie"]
-
-
 def test_the_papers_code_is_degenerate() -> None:
     """Frustum membership covers everything at the first seed, so its oracle always says Covis."""
     o, p = oracle("paper-code"), opposite_pool()

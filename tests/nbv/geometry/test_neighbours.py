@@ -4,24 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners
-from nbv.geometry.neighbours import knn_d95_m, nearest_neighbours
+from nbv.geometry.neighbours import knn_d95_m
 
 ALL = MissionConfig()
-
-
-@pytest.mark.parametrize("k", [1, 5])
-def test_equals_a_plain_query(k):
-    rng = np.random.default_rng(k)
-    points, queries = rng.normal(size=(3000, 3)), rng.normal(size=(1000, 3))
-    for asked in (queries, points):
-        expected_distance, expected_index = cKDTree(points).query(asked, k=k)
-        distance, index = nearest_neighbours(points, asked, k)
-        assert np.array_equal(distance, expected_distance)
-        assert np.array_equal(index, expected_index)  # no ties among random points
 
 
 def grid(n, spacing_m):

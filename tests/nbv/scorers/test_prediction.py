@@ -31,11 +31,6 @@ def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
     )  # a ball looks alike from everywhere
 
 
-def test_the_f_score_is_that_of_the_completeness_with_every_point_right():
-    made = predict(NO_POINTS, orbit(12), CONFIG)
-    assert made.f_score_percent == pytest.approx(200 * made.completeness / (1 + made.completeness))
-
-
 def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
     made = predict(NO_POINTS, orbit(12, turn_deg=180.0), CONFIG)  # bearings 0 to 165 degrees: y > 0
     level = np.abs(made.normals[:, 2]) < 0.3

@@ -69,19 +69,6 @@ def test_everything_registers_in_millimetres(flown):
     )  # known intrinsics are never refined
 
 
-def test_the_model_holds_colmaps_points_and_tracks(flown):
-    sparse, reports = flown
-    model, colmap = reports[-1].model, sparse.reconstruction
-    ids = sorted(colmap.points3D)
-    image_ids = sorted(colmap.reg_image_ids())
-    tracks = [sorted({image_ids.index(e.image_id) for e in colmap.point3D(i).track.elements}) for i in ids]
-    assert model.track_cameras.tolist() == [camera for track in tracks for camera in track]
-    assert model.track_offsets.tolist() == np.cumsum([0] + [len(track) for track in tracks]).tolist()
-    np.testing.assert_array_equal(model.reprojection_error_px, [colmap.point3D(i).error for i in ids])
-    xyz = np.array([colmap.point3D(i).xyz for i in ids])
-    np.testing.assert_array_equal(model.points_m, sparse.alignment.world_from_model.apply(xyz))
-
-
 def test_same_bits_in_another_process(flown):
     _, reports = flown
     script = (
@@ -219,24 +206,6 @@ def test_photographs_of_the_wrong_size_are_a_users_mistake():
 
 
 # ------------------------------------------------------------------------------------------------ pairs, files
-
-
-def test_limited_pairs_match_only_the_nearest_views():
-    class Recording(LabelledPoints):
-        def __init__(self, captures):
-            super().__init__(captures)
-            self.asked = []
-
-        def pair(self, a, b):
-            self.asked.append((int(a.descriptors[0, 2]), int(b.descriptors[0, 2])))
-            return super().pair(a, b)
-
-    world = Recording(SEEDS)
-    sparse = reconstructor(world, dataclasses.replace(CONFIG, max_pairs=4))
-    assert len(sparse.bootstrap(SEEDS).model.camera_names) == 12
-    # View 11 closes the ring: its neighbours are 10 and 0, then 9 and 1; equal angles go to the older.
-    assert [a for a, b in world.asked if b == 11][:4] == pytest.approx([0, 10, 1, 9])
-    assert all(sum(b == view for _, b in world.asked) == min(view, 4) for view in range(12))
 
 
 def test_export_opens_in_the_world_frame(flown, tmp_path):

@@ -12,17 +12,10 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints, shell_viewpoints
-from nbv.viewpoints.pool import sector_of
-from nbv.viewpoints.rings import lateral_ring_counts, upper_ring_counts
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
-
-
-def test_ring_counts_are_the_papers() -> None:
-    assert lateral_ring_counts(120, 4) == [58, 29, 19, 14]
-    assert upper_ring_counts(50, 3) == [17, 17, 16]
 
 
 def test_seeds() -> None:
@@ -46,13 +39,6 @@ def turn(count: int, **seed: float) -> MissionConfig:
     return MissionConfig().with_values(
         {"seed.count": count, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6, **values}
     )
-
-
-def test_seeds_on_one_turn_take_their_elevations_in_turn() -> None:
-    seeds = seed_viewpoints(turn(8, rings=2, lowest_deg=12.0, span_deg=20.0, start_bearing_deg=30.0))
-    assert [s.elevation_deg for s in seeds] == [12.0, 32.0] * 4
-    assert [s.azimuth_deg for s in seeds] == [(60.0 - 45.0 * k) % 360.0 for k in range(8)]
-    assert {len(seed_viewpoints(turn(n))) for n in (8, 12, 16)} == {8, 12, 16}
 
 
 @pytest.mark.parametrize(
@@ -158,16 +144,6 @@ def test_pool_positions_equal_the_reference(name: str, golden: str) -> None:
     reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
     assert set(pool.ids) == set(reference)
     np.testing.assert_allclose(pool.positions_m, [reference[i] for i in pool.ids], atol=1e-9)
-
-
-def test_visited_sectors_go_last() -> None:
-    config = MissionConfig()
-    visited = np.array([[1.2, 3.0, 1.408]])  # bearing 22 degrees: sector 0
-    pool = candidate_pool(config, VEHICLE, visited)
-    sectors = sector_of(pool.positions_m, np.array(config.target_m), 8)
-    in_visited = sectors == 0
-    assert in_visited.any()
-    assert not in_visited[: np.argmax(in_visited)].any() and in_visited[np.argmax(in_visited) :].all()
 
 
 @settings(max_examples=30)

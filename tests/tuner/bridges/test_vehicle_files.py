@@ -1,6 +1,5 @@
 """The authors' files, every key there and back, and what cannot be said; a route as QGroundControl reads it."""
 
-import itertools
 import math
 
 import numpy as np
@@ -9,8 +8,6 @@ from authors_files import read_mission, read_scoring
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.flight.route import clear
-from nbv.terrain import Cylinder
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.bridges.photogrammetry_nbv import (
     MISSION,
@@ -216,10 +213,6 @@ CONFIG = preset("campaign")
 SEEDS = [view.id for view in seed_viewpoints(CONFIG)]
 
 
-def places(plan, commands=(16,)):
-    return [item["params"][4:] for item in plan["mission"]["items"] if item["command"] in commands]
-
-
 def metres(place):
     """(3,) east, north, up of home on the sphere that touches the ellipsoid there; good to 1 mm in 10 m."""
     return np.array(
@@ -242,16 +235,6 @@ def test_every_view_is_flown_in_order_and_photographed_once():
     for name, params in zip(views, settled, strict=True):
         where = np.array(known[name].position_m) - np.array(CONFIG.flight.home_m)
         assert np.allclose(metres(params[4:]), where, atol=0.02), name
-
-
-def test_no_leg_passes_through_the_target():
-    views = ["seed_00", "seed_04"]  # opposite sides of the lowest ring
-    plan = qgc_plan(CONFIG, views, HOME)
-    points = [metres(place) + np.array(CONFIG.flight.home_m) for place in places(plan, (16, 22))]
-    assert len(points) > 1 + len(views)
-    keep_out = Cylinder(CONFIG.target_m[:2], CONFIG.flight.keep_out_radius_m - 0.02, 0.0, 2.2)
-    for a, b in itertools.pairwise(points):
-        assert clear(a, b, keep_out)
 
 
 @pytest.mark.parametrize("longitude_deg, east_m", [(179.99999, 5.0), (-179.99999, -5.0), (180.0, 0.0)])

@@ -8,7 +8,7 @@ from tuner.evaluation.comparison import MetricRow, same_photographs, strategy_di
 from tuner.evaluation.earned import measured_steps
 from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
-from tuner.problem.groups import B_AWARE, COVIS, OTHER, POOL, SEEDS, STOP, THRESHOLDS, grouped
+from tuner.problem.groups import grouped
 
 ROW = MetricRow("", "F", "observable.f", "%", True)
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
@@ -54,9 +54,3 @@ def test_the_same_photographs_everywhere_are_found_and_once_is_not_enough():
     assert same_photographs(everywhere, names) == {"hyb-h": "b-aware"}
     once = records(dict.fromkeys(names, 90.0), lambda name, k: "one" if k == 0 else name)
     assert same_photographs(once, names) == {}
-
-
-def test_groups_cover_every_path():
-    paths = ["gate.d95_m", "covis.weights.nov", "matchable.views", "pool.max_altitude_m", "seed.count"]
-    found = grouped([*paths, "stop.adaptive_budget", "dense.neighbours"])
-    assert list(found) == [THRESHOLDS, COVIS, B_AWARE, POOL, SEEDS, STOP, OTHER]
