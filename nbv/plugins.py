@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -127,7 +127,7 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
         asked = "" if module == "__main__" else module if "." in module or not file else file
     plugin = Plugin(group, name, f"{module}:{name}", part=part, asked=asked)
     earlier = _registered.get((group, name))
-    if earlier is not None and earlier.reference != plugin.reference:
+    if earlier is not None and (earlier.reference, earlier.asked) != (plugin.reference, plugin.asked):
         raise UserError(f"two {group} are called {name!r}: {earlier.label} and {plugin.label}; rename one")
     _require_face(plugin, part)
     _registered[group, name] = plugin
@@ -150,9 +150,13 @@ def use(text: str) -> None:
             sys.path.append(folder)  # last: what lies beside it hides nothing
         text = file.stem
     try:
-        importlib.import_module(text)
+        module = importlib.import_module(text)
     except Exception as error:  # whatever another's module raises
         raise UserError(f"plug-in {text} cannot be imported ({type(error).__name__}: {error})") from error
+    if file.suffix == ".py" and not (module.__file__ and file.samefile(module.__file__)):
+        raise UserError(
+            f"plug-in {file}: another module is called {text} ({module.__file__}); rename the file"
+        )
 
 
 def asked() -> list[str]:
@@ -193,6 +197,14 @@ def plugins(group: str) -> dict[str, Plugin]:
             raise UserError(
                 f"two {group} are called {plugin.name!r}: {earlier.label} and {plugin.label}; uninstall one"
             )
+    return found
+
+
+def beside(own: Collection[str], group: str) -> dict[str, Plugin]:
+    """`plugins` beside our ``own``; `UserError` where one has a name of ours."""
+    found = plugins(group)
+    for taken in own & found.keys():
+        raise UserError(f"{found[taken].label} has the name of one that is built in; uninstall it")
     return found
 
 
@@ -292,6 +304,7 @@ def _guarded_scorer(plugin: Plugin, scorer: Any) -> Any:
 
 def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
     def decide(self: Any, state: Any, pool: Any, rankings: Any) -> Any:
+        rankings = {name: read_only(ranking) for name, ranking in rankings.items()}
         decision = _call(plugin, gate.decide, self, read_only(state), read_only(pool), rankings)
         ranking: Any = getattr(decision, "ranking", None)
         _require_numbers(plugin, getattr(ranking, "scores", None), len(pool))
@@ -302,4 +315,18 @@ def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
     return type(gate.__name__, (gate,), {"decide": decide, "__module__": gate.__module__})
 
 
-_GUARDS: dict[str, Callable[[Plugin, Any], Any]] = {"scorers": _guarded_scorer, "gates": _guarded_gate}
+def _guarded_metric(plugin: Plugin, metric: Any) -> Any:
+    return dataclasses.replace(metric, measure=functools.partial(_call, plugin, metric.measure))
+
+
+def _guarded_function(plugin: Plugin, function: Any) -> Any:
+    return functools.wraps(function)(functools.partial(_call, plugin, function))
+
+
+_GUARDS: dict[str, Callable[[Plugin, Any], Any]] = {
+    "scorers": _guarded_scorer,
+    "gates": _guarded_gate,
+    "dense": _guarded_function,
+    "metrics": _guarded_metric,
+    "families": _guarded_function,
+}

@@ -37,10 +37,7 @@ class Registry(MutableMapping[str, str]):
         """
         if name in self.own:
             return None
-        found = plugins.plugins(self.group)
-        for taken in self.own.keys() & found.keys():
-            raise UserError(f"{found[taken].label} has the name of one that is built in; uninstall it")
-        return found.get(name)
+        return plugins.beside(self.own.keys(), self.group).get(name)
 
     def __getitem__(self, name: str) -> str:
         if name in self.own:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from nbv.errors import UserError
 from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
 from nbv.plugins import plugins
 from nbv.types import Floats
@@ -90,7 +91,10 @@ PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 def all_metrics() -> dict[str, Metric]:
     """Those built in, then those of plug-ins."""
-    return {**METRICS, **{plugin.loaded.key: plugin.loaded for plugin in plugins("metrics").values()}}
+    found = {plugin.loaded.key: plugin for plugin in plugins("metrics").values()}
+    for taken in METRICS.keys() & found.keys():
+        raise UserError(f"{found[taken].label} has the key of a metric that is built in, {taken}; rename it")
+    return {**METRICS, **{key: plugin.loaded for key, plugin in found.items()}}
 
 
 def measure_all(distances: Distances) -> dict[str, Any]:

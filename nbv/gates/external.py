@@ -9,7 +9,7 @@
 
 (`nbv.types.SparseModel` says what the parts of the model are) and answers ``{"view": "cand_012"}`` or ``{"scores": [...]}``, one
 number for each candidate, larger is better. It ends when its input does. What it writes to standard error is in the
-mission's log. One that never answers is ended by the time limit of the mission.
+mission's log. One that gives no answer for `ANSWER_S` ends the mission as failed.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ import hashlib
 import shlex
 import shutil
 import subprocess
+import threading
 from pathlib import Path
-from typing import IO, ClassVar
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -29,6 +30,8 @@ from nbv.errors import MissionFailure, UserError
 from nbv.gates.base import Gate, ranking_of
 from nbv.plugins import register
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
+
+ANSWER_S = 120.0  # time for one answer
 
 
 class ExternalGate(Gate):
@@ -61,27 +64,28 @@ class ExternalGate(Gate):
     def _ask(self, line: bytes) -> object:
         if self._process is None:
             self._process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        told, says = self._process.stdin, self._process.stdout
-        assert told is not None and says is not None
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        overdue = threading.Timer(ANSWER_S, process.kill)  # whether it does not read or does not write
+        overdue.start()
         try:
-            answer = _exchange(told, says, line)
-            return msgspec.json.decode(answer)
+            process.stdin.write(line + b"\n")
+            process.stdin.flush()
+            return msgspec.json.decode(process.stdout.readline())
         except (OSError, msgspec.DecodeError) as error:
             why = str(error)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                why = f"exit status {self._process.wait(1.0)}"
+                why = f"exit status {process.wait(1.0)}"
+            if overdue.finished.is_set():
+                why = f"killed after {ANSWER_S:g} s"
             raise MissionFailure("plugin_failed", f"{' '.join(self.command)}: no answer ({why})") from error
+        finally:
+            overdue.cancel()
 
     def __del__(self) -> None:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-
-
-def _exchange(told: IO[bytes], says: IO[bytes], line: bytes) -> bytes:
-    told.write(line + b"\n")
-    told.flush()
-    return says.readline()
 
 
 def _state_line(state: PlanningState, pool: CandidatePool, target_m: tuple[float, ...], seed: int) -> bytes:

@@ -30,7 +30,7 @@ class _MeasuredReconstructor(GeometricReconstructor):
 class CurveFidelity(GeometricFidelity):
     """``metrics["curve"]`` has, for each number of photographs, that number, the F-score and its prediction, in percent.
 
-    A mission that plans nothing has the end alone. ``metrics["believed_height_m"]`` is what the vehicle was told of the target.
+    A mission that plans nothing has the end alone.
     """
 
     name = "curve"
@@ -61,7 +61,6 @@ class CurveFidelity(GeometricFidelity):
         if self.context.config.adaptive_budget == 0:
             self.curve = [(self.curve[-1][0], metrics["observable"]["f_score_48mm"], 0.0)]
         metrics["curve"] = [list(step) for step in self.curve]
-        metrics["believed_height_m"] = 2.0 * self.vehicle_config.target_m[2]
         return metrics
 
 

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.plugins import plugins
+from nbv.plugins import beside, plugins
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
 from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
@@ -172,12 +172,10 @@ EVERY = {**FAMILIES, **SHAPES}
 
 def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
     """What draws a family, built in or a plug-in's, and what makes it hard; None where there is none."""
-    if family in EVERY:
-        return EVERY[family]
-    plugin = plugins("families").get(family)
-    return (
-        None if plugin is None else (plugin.loaded, (plugin.loaded.__doc__ or "").strip().partition("\n")[0])
-    )
+    plugin = beside(EVERY.keys(), "families").get(family)
+    if plugin is None:
+        return EVERY.get(family)
+    return plugin.loaded, (plugin.loaded.__doc__ or "").strip().partition("\n")[0]
 
 
 def generated_recipe(family: str, seed: int) -> Recipe:

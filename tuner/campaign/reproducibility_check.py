@@ -6,8 +6,6 @@ from the last trial of its kind the session stops and asks, so that no ledger mi
 
 from __future__ import annotations
 
-from nbv import plugins
-from nbv.cache import digest
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
@@ -24,8 +22,6 @@ class ReproducibilityCheck:
         self._rocks: dict[str, tuple[str, int]] = {}
         problem = campaign.settings.problem
         self.code = problem.code()
-        if of_plugins := plugins.used():
-            self.code = digest(self.code, of_plugins)
         if accept:
             return
         trials = campaign.trials()

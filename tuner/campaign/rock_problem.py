@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from nbv.cache import digest
 from nbv.config import IDEAL, Condition, MissionConfig, preset, under
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
@@ -121,8 +122,9 @@ class RockProblem(Problem):
         return asked
 
     def code(self) -> str:
-        """Return the digest of the fidelity's code."""
-        return code_of(self.runs_as)
+        """Return the digest of the fidelity's code, and of the plug-ins of the default."""
+        used = [plugin.facts for plugin in self.config(self._default).plugins_used]
+        return digest(code_of(self.runs_as), used) if used else code_of(self.runs_as)
 
     def photographs(self, values: Mapping[str, Any]) -> int:
         """Return seeds and planned views; 0 for a fidelity of the user's."""

@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import digest
+from nbv.cache import Store, digest
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
+from nbv.mission.target_prior import with_size_error
+from nbv.photographs import PhotographSet
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
@@ -30,8 +32,9 @@ TWO_RINGS = "orbit-two"
 PHOTOGRAPHS_PER_LOG_HEIGHT = 20.0  # more on a rock 2.7 times as high (docs/results/where_planning_pays.md)
 LEVELS = np.arange(6.0, 49.0)  # photographs of a rock 1 m high
 THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which a mission stops
-BOOTSTRAP = 1000
+BOOTSTRAP, LEAST_TARGETS = 1000, 5  # fewer have no interval
 CURVE = "curve"
+Interval = tuple[float | None, float | None, float | None]  # a mean and its bounds
 # Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
@@ -74,6 +77,11 @@ class Suite:
         return preset("campaign").with_values(dict(self.values))
 
     @property
+    def measures_every_photograph(self) -> bool:
+        """Whether one mission of a planned strategy tells of every number."""
+        return self.fidelity == CURVE and not any(map(is_photographed, self.targets))
+
+    @property
     def name(self) -> str:
         """A published name, or one made of the content."""
         content = self.to_dict()
@@ -103,7 +111,7 @@ def require_room(targets: Sequence[str], config: MissionConfig) -> None:
     for target in targets:
         if is_photographed(target):
             continue
-        vertices_m = load_coarse_rock(target, None).vertices_m
+        vertices_m = load_coarse_rock(target, Store()).vertices_m
         reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max())
         if reach_m >= min(config.pool.radius_m, config.seed.radius_m):
             raise UserError(
@@ -118,14 +126,17 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     ``strategies``: by name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken,
     and photographs are reconstructed and measured as those of all others are.
 
-    Raises `UserError`: there is no such strategy.
+    Raises `UserError`: there is no such strategy, or nothing can stop it.
     """
     most, base, configs = suite.numbers[-1], suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():
         source = TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
         given = None if given is None else with_sections_of(given, PLAN, base)
         planned = given if given is not None else baseline(source).config(ending_at(base, most))
-        if planned.adaptive_budget and suite.fidelity == CURVE:
+        told = bool(planned.adaptive_budget) and suite.measures_every_photograph
+        if name.endswith(STOPPED) and not told:
+            raise UserError(f"{name}: only a planner, in missions without photographs, predicts as it goes")
+        if told:
             configs[source] = ending_at(planned, most)
         elif planned.adaptive_budget:
             configs |= {f"{source}-{n}": ending_at(planned, n) for n in suite.numbers}
@@ -156,9 +167,12 @@ class Series:
         return mean
 
     def needed(self, share: float, score: float, of: Ints) -> float | None:
-        """Mean photographs of the first setting with which ``share`` of the targets reach ``score``; None: no setting does."""
+        """Mean photographs of the first setting with which ``share`` of the targets reach ``score``; None: no setting does.
+
+        Nor is a share of nothing ever reached.
+        """
         reached: Bools = (self.scores[:, of] >= score).mean(axis=1) >= share - 1e-9
-        return float(self.mean_photographs(of)[np.argmax(reached)]) if reached.any() else None
+        return float(self.mean_photographs(of)[np.argmax(reached)]) if share and reached.any() else None
 
     def at(self, number: float, values: Floats) -> Floats:
         """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion."""
@@ -181,48 +195,50 @@ def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial])
 
 
 def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]) -> Series:
-    numbers, targets = np.array(suite.numbers), suite.targets
+    numbers, targets, columns = np.array(suite.numbers), suite.targets, np.arange(len(suite.targets))
     source = TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
+    flown = [of[source]] if source in of else [of[f"{source}-{n}"] for n in suite.numbers]
     if source in of:
-        own = [of[source][target] for target in targets]
-        curves = [[_curve(trial, numbers) for trial in trials] for trials in own]
-        scores, told = (np.array([np.mean([c[i] for c in cs], axis=0) for cs in curves]).T for i in (0, 1))
-        failed = sum(trial.status == "failed" for trials in own for trial in trials)
+        curves = np.array([np.mean([_curve(t, numbers) for t in of[source][r]], axis=0) for r in targets])
+        scores, told = curves.transpose(1, 2, 0)
+        taken = np.repeat(numbers[:, None].astype(float), len(targets), 1)
     else:
-        own = [t for n in suite.numbers for t in of.get(f"{source}-{n}", {}).values()]
-        failed = sum(trial.status == "failed" for trials in own for trial in trials)
-        scores = np.array(
-            [[np.mean([_score(t) for t in of[f"{source}-{n}"][r]]) for r in targets] for n in suite.numbers]
+        ends = [[[_end(t, n) for t in own[r]] for r in targets] for n, own in zip(suite.numbers, flown)]
+        taken, scores = (
+            np.array([[np.mean([e[i] for e in r]) for r in row] for row in ends]) for i in (0, 1)
         )
-        told = np.zeros_like(scores)
-    columns = np.arange(len(targets))
+    failed = sum(trial.status == "failed" for own in flown for trials in own.values() for trial in trials)
     if name == BY_HEIGHT:
-        heights_m = [_height_m(of[f"{source}-{n}"][r]) for r in targets for n in suite.numbers[-1:]]
+        heights_m = [_believed_height_m(target, suite.base) for target in targets]
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(heights_m)
         at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
-        return Series(name, numbers[at].astype(float), scores[at, columns], failed)
-    if name.endswith(STOPPED):
+    elif name.endswith(STOPPED):
         reached = told[None] >= THRESHOLDS_PERCENT[:, None, None]  # (K, N, R)
         at = np.where(reached.any(axis=1), reached.argmax(axis=1), len(numbers) - 1)
-        return Series(name, numbers[at].astype(float), scores[at, columns], failed)
-    return Series(name, np.repeat(numbers[:, None], len(targets), 1).astype(float), scores, failed)
+    else:
+        return Series(name, taken, scores, failed)
+    return Series(name, taken[at, columns], scores[at, columns], failed)
 
 
-def _curve(trial: Trial, numbers: Ints) -> tuple[Floats, Floats]:
-    """(N,) F-scores and (N,) their predictions; 0 before there is a model, and where the mission failed."""
+def _curve(trial: Trial, numbers: Ints) -> Floats:
+    """(2, N) F-scores and their predictions; 0 before there is a model, and where the mission failed."""
     steps = np.array(trial.metrics.get("curve") or [[np.inf, 0.0, 0.0]], dtype=float).reshape(-1, 3)
     last = np.searchsorted(steps[:, 0], numbers, side="right") - 1
-    return tuple(np.where(last >= 0, steps[np.maximum(last, 0), i], 0.0) for i in (1, 2))  # type: ignore[return-value]
+    return np.where(last >= 0, steps[np.maximum(last, 0), 1:].T, 0.0)
 
 
-def _score(trial: Trial) -> float:
+def _end(trial: Trial, number: int) -> tuple[float, float]:
+    """Photographs taken, as many as were asked for where the mission failed, and the F-score."""
     found = trial.value("registered.observable.f_score_48mm")
-    return float(found if found is not None else trial.value("observable.f_score_48mm") or 0.0)
+    score = found if found is not None else trial.value("observable.f_score_48mm")
+    return trial.value("costs.images") or float(number), score or 0.0
 
 
-def _height_m(trials: Sequence[Trial]) -> float:
-    told = [float(h) for t in trials if (h := t.metrics.get("believed_height_m"))]
-    return told[0] if told else 1.6
+def _believed_height_m(target: str, config: MissionConfig) -> float:
+    """What a vehicle is told before it flies."""
+    if is_photographed(target):
+        return PhotographSet.read(target).height_m
+    return 2.0 * with_size_error(config, load_coarse_rock(target, Store()), 0).target_m[2]
 
 
 @dataclass(frozen=True)
@@ -235,6 +251,19 @@ class Finding:
     low: float | None  # of the 95 % interval of the ratio, paired over targets
     high: float | None
     reached: float  # the largest share
+
+    @property
+    def interval(self) -> str:
+        """``0.93 [0.89, 0.97]``."""
+        return interval_text((self.ratio, self.low, self.high))
+
+
+def interval_text(values: Interval, form: str = ".2f") -> str:
+    """``0.93 [0.89, 0.97]``; without an interval the mean alone, and nothing of nothing."""
+    mean, low, high = values
+    if mean is None or low is None or high is None:
+        return "" if mean is None else f"{mean:{form}}"
+    return f"{mean:{form}} [{low:{form}}, {high:{form}}]"
 
 
 def at_share(series: Sequence[Series], reference: Series, share: float, score: float) -> list[Finding]:
@@ -258,8 +287,10 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
         reached = float((one.scores >= score).mean(axis=1).max())
         ratio = low = high = None
         if needed is not None and base is not None:
-            own = np.array([photographs(one, draw) for draw in draws])
-            ratio, (low, high) = needed / base, np.percentile(own / theirs, [2.5, 97.5]).tolist()
+            ratio = needed / base
+            if count >= LEAST_TARGETS:
+                own = np.array([photographs(one, draw) for draw in draws])
+                low, high = np.percentile(own / theirs, [2.5, 97.5]).tolist()
         findings.append(Finding(one.name, needed, ratio, low, high, reached))
     return findings
 
@@ -289,16 +320,18 @@ def verdict(findings: Sequence[Finding], reference: str, asked: float, share: fl
     for f in findings:
         if f.ratio is None:
             said.append(f"{f.name} never does so: it brings at most {100 * f.reached:.0f} % of them there.")
-        elif f.low is not None and f.high is not None and f.name != reference:
-            shown = "fewer" if f.high < 1.0 else "more" if f.low > 1.0 else "no difference is shown"
-            said.append(
-                f"{f.name} needs {f.ratio:.2f} times as many photographs as {reference} [{f.low:.2f}, {f.high:.2f}]: {shown}."
-            )
+        elif f.name != reference:
+            shown = "too few targets for an interval"
+            if f.low is not None and f.high is not None:
+                shown = "fewer" if f.high < 1.0 else "more" if f.low > 1.0 else "no difference is shown"
+            said.append(f"{f.name} needs {f.interval} times as many photographs as {reference}: {shown}.")
     return " ".join(said)
 
 
-def mean_interval(values: Floats) -> tuple[float, float, float]:
+def mean_interval(values: Floats) -> Interval:
     """Return the mean of (R,) values and its 95 % bootstrap interval over targets."""
+    if len(values) < LEAST_TARGETS:
+        return float(values.mean()), None, None
     draws = np.random.default_rng(0).integers(0, len(values), (BOOTSTRAP, len(values)))
     low, high = np.percentile(values[draws].mean(axis=1), [2.5, 97.5])
     return float(values.mean()), float(low), float(high)

@@ -233,7 +233,10 @@ class LocalProcessExecutor(Executor):
         if attempt.timed_out and attempt.stopped:
             return "worker_stopped", f"somebody stopped its process (SIGSTOP); see {log}"
         if attempt.timed_out:
-            return "timeout", f"killed after {self._timeout_s:g} s; see {log}"
+            return (
+                "timeout",
+                f"killed after {self._timeout_s:g} s, the limit of a mission (--timeout-s); see {log}",
+            )
         if status == EXIT_NOT_WRITABLE:
             return "output_not_writable", f"could not write to {attempt.job.directory}; is the disk full?"
         if status >= 0:

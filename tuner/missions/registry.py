@@ -92,6 +92,8 @@ def module_of(fidelity: str) -> str:
 @functools.cache
 def code_of(fidelity: str) -> str:
     """Return the digest of a fidelity's code: a built-in one with all it imports of ``nbv``, another's own file alone."""
+    if (plugin := FIDELITIES.plugin(fidelity)) is not None:
+        return plugin.source
     module = module_of(fidelity)
     if module.partition(".")[0] == "nbv":
         return code_digest(module)

@@ -76,8 +76,8 @@ def write_comparison(
     number_rows = [
         (
             f"{_marked(document, row['strategy'])}, {row['photographs']}",
-            "{:.2f} [{:.2f}, {:.2f}]".format(*row["f_score"]),
-            "{:+.2f} [{:+.2f}, {:+.2f}]".format(*row["gain"]),
+            curves.interval_text(row["f_score"]),
+            curves.interval_text(row["gain"], "+.2f"),
             f"{100 * row['share']:.0f} %",
             row["failed"],
         )
@@ -105,7 +105,7 @@ def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequen
         (
             _marked(document, f["name"]),
             "never" if f["needed"] is None else f"{f['needed']:.1f}",
-            "" if f["ratio"] is None else f"{f['ratio']:.2f} [{f['low']:.2f}, {f['high']:.2f}]",
+            curves.interval_text((f["ratio"], f["low"], f["high"])),
             f"{100 * f['reached']:.0f} %",
         )
         for f in document["at_share"]
@@ -157,6 +157,7 @@ def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Fl
         low, high = np.percentile(own[:, draws].mean(axis=2), [2.5, 97.5], axis=1)
         colour = style.colour(index)
         axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=colour, label=one.name, lw=1.4)
-        axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
+        if len(of) >= curves.LEAST_TARGETS:
+            axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
     axis.set_title(title, fontsize=9)
     axis.set_ylim(bottom=max(0.0, float(min(v[len(v) // 4 :, of].mean(axis=1).min() for v in values)) - 1.0))

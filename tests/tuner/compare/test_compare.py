@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
 from nbv.config import preset
@@ -116,6 +117,11 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
         (["--numbers", "24,12"], "numbers of photographs must rise"),
         (["--numbers", "many"], "must be FIRST:LAST:STEP"),
         (["--numbers", "6:20:2"], "below the 12 seeds"),
+        (["--strategy", "orbit-stopped"], "orbit-stopped: only a planner"),
+        (
+            ["--strategy", "random-stopped", "--rock", "slab", "--fidelity", "photogrammetric"],
+            "only a planner",
+        ),
         (["--strategy", "no-such"], "unknown strategy 'no-such'"),
         (["--family", "cube"], "there is no family 'cube' of rocks"),
         (["--suite", "rocks-9"], "there is no suite 'rocks-9'"),
@@ -137,9 +143,9 @@ def series(name, photographs, scores):
 
 
 def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
-    ring = series("ring", (10, 20, 30), [[50, 50, 50, 50], [99, 99, 50, 50], [99, 99, 99, 50]])
-    mine = series("mine", (10, 20, 30), [[50, 50, 50, 99], [99, 99, 99, 99], [99, 99, 99, 99]])
-    never = series("never", (10, 20, 30), [[0, 0, 0, 0]] * 3)
+    ring = series("ring", (10, 20, 30), [[50, 50, 50, 50] * 2, [99, 99, 50, 50] * 2, [99, 99, 99, 50] * 2])
+    mine = series("mine", (10, 20, 30), [[50, 50, 50, 99] * 2, [99, 99, 99, 99] * 2, [99, 99, 99, 99] * 2])
+    never = series("never", (10, 20, 30), [[0, 0, 0, 0] * 2] * 3)
     found = {f.name: f for f in at_share([ring, mine, never], ring, 0.75, 98.0)}
     assert (found["ring"].needed, found["mine"].needed, found["mine"].ratio) == (30.0, 20.0, 20 / 30)
     assert found["mine"].low <= found["mine"].ratio <= found["mine"].high <= 1.0
@@ -148,7 +154,7 @@ def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
     assert said.startswith(
         "ring needs 30.0 photographs for 75 % of the targets to reach an F-score of 98 %. "
     )
-    assert "mine needs 0.67 times as many photographs as ring [" in said
+    assert "mine needs 0.67 [" in said and "] times as many photographs as ring: " in said
     assert said.endswith("never never does so: it brings at most 0 % of them there.")
     assert "nothing can be compared with it" in verdict(list(found.values()), "never", 0.75, 0.0, 98.0)
     rows = {row["strategy"]: row for row in at_number([ring, mine], ring, 15, 98.0)}
@@ -166,7 +172,7 @@ def test_a_share_that_the_reference_never_has_is_replaced_by_one_that_it_has():
         "ring brings at most 67 % of the targets to an F-score of 98 %, not the 75 % asked for; 65 % are compared instead. "
         "ring needs 30.0 photographs for 65 %"
     )
-    assert "mine needs 0.67 times as many" in said
+    assert "mine needs 0.67 times as many photographs as ring: too few targets for an interval." in said
 
 
 def test_a_suite_is_named_by_all_its_settings():
@@ -178,6 +184,35 @@ def test_a_suite_is_named_by_all_its_settings():
     assert plan.missions == 60 * (1 + 19)
     rendered = Suite(("slab",), (16, 24), fidelity="photogrammetric")
     assert list(comparison_plan(rendered, {"covis": None}).strategies) == ["covis-16", "covis-24"]
+
+
+def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_the_set(tmp_path, monkeypatch):
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    write_set("ball", spread(40), rendered=True)
+    asked = [
+        "--strategy",
+        "random",
+        "--strategy",
+        "orbit-by-height",
+        "--rock",
+        "ball",
+        "--numbers",
+        "12,14",
+        "--score",
+        "50",
+    ]
+    out = compare(*asked, "--workers", 1, "--out", tmp_path / "run")
+    names = sorted(place.name for place in (tmp_path / "run/missions").iterdir())
+    assert names == ["orbit-two-12", "orbit-two-14", "random-12", "random-14"]
+    rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
+    for number, row in zip((12, 14), [row for row in rows if row["strategy"] == "random"], strict=True):
+        told = json.loads((tmp_path / f"run/missions/random-{number}/00_ball_r0/mission.json").read_text())
+        assert told["costs"]["images"] == float(row["photographs"]), (
+            "a seed without a photograph is not flown"
+        )
+        f_score = told["metrics"]["observable"]["f_score_48mm"]
+        assert float(row["f_score_percent"]) == pytest.approx(f_score, abs=1e-4)
+    assert "too few targets for an interval" in out
 
 
 def test_a_recommendation_is_measured_as_all_others_are():

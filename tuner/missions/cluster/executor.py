@@ -85,7 +85,7 @@ class DaskExecutor(Executor):
             "job": job.to_dict(),
             "rock_sha256": rock_sha256,
             "timeout_s": self._timeout_s,
-            "identity": worker.identity(job.fidelity),
+            "identity": worker.identity(job),
         }
         # A key of its own: Dask would take an equal mission for the same one.
         future = self._client.submit(
@@ -157,6 +157,8 @@ class DaskExecutor(Executor):
             name = type(error).__name__
             if name in _WORKER_LOST:
                 return None, "worker_killed", f"the worker died or left ({name})"
+            if isinstance(error, UserError):  # such as a plug-in that is not installed there
+                return None, "user_error", f"a worker refuses: {error}"
             if isinstance(error, ImportError):
                 return None, "user_error", f"a worker cannot import this program ({error}); install it there"
             return None, "machine_error", f"{name}: {error}"

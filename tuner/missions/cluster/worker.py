@@ -34,12 +34,16 @@ _FRESH_S = 2.0  # an older answer says nothing: the scheduler may have given thi
 _own = threading.local()  # one executor per thread of a worker
 
 
-def identity(fidelity: str = "") -> dict[str, str]:
-    """Return what must be the same on coordinator, scheduler and workers; of a fidelity also libraries and code."""
+def identity(job: MissionJob | None = None) -> dict[str, str]:
+    """Return what must be the same on coordinator, scheduler and workers; for a job also libraries, code and plug-ins."""
     installed = versions()
-    names = ("python", "gatetune", *(MISSION_LIBRARIES if fidelity else ()))
+    names = ("python", "gatetune", *(MISSION_LIBRARIES if job else ()))
     found = {name: installed[name] for name in names if name in installed}
-    return found | ({f"the code of {fidelity}": code_of(fidelity)[:12]} if fidelity else {})
+    if job is not None:
+        found[f"the code of {job.fidelity}"] = code_of(job.fidelity)[:12]
+        for plugin in getattr(job.config, "plugins_used", ()):
+            found[f"the code of {plugin.label}"] = plugin.source[:12]
+    return found
 
 
 def difference(theirs: dict[str, str], here: dict[str, str], whose: str) -> str:
@@ -67,7 +71,7 @@ def run_order(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
     job = MissionJob.from_dict(order["job"])
     directory = Path(tempfile.mkdtemp(prefix=f"mission-{job.id}-", dir=worker.local_directory))
     try:
-        if why := difference(identity(job.fidelity), order["identity"], "worker"):
+        if why := difference(identity(job), order["identity"], "worker"):
             trial = job.failed("user_error", f"worker {worker.address}: {why}")
         else:
             if rock is not None:

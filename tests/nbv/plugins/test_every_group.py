@@ -1,0 +1,117 @@
+"""A part of each group that an installed distribution brings is what a mission or campaign really uses."""
+
+import sys
+
+import cv2
+import every_part
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nbv import plugins
+from nbv.cache import Store
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometry.frames import look_at
+from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
+from nbv.rocks import load_coarse_rock, load_rock
+from nbv.scene import build_scene, make_renderer
+from nbv.types import Viewpoint
+from tuner.campaign.campaign import Campaign
+from tuner.cli import app
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """The file of the parts."""
+    file = every_part.install(tmp_path / "site")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
+    plugins.installed.cache_clear()
+    yield file
+    plugins.installed.cache_clear()
+    sys.modules.pop("every_part_module", None)
+
+
+def test_every_group_is_listed(installed):
+    found = {group: list(plugins.plugins(group)) for group in plugins.GROUPS}
+    for group, (name, _) in every_part.PLACES.items():
+        assert name in found[group]
+        assert plugins.plugins(group)[name].loaded is not None
+
+
+@pytest.mark.slow
+def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_family(installed, tmp_path):
+    config = preset("campaign").with_values(
+        {
+            "stop.adaptive_budget": 1,
+            "evaluation.gt_samples": 10_000,
+            "dense.agreeing_views": 3,
+            "gate.kind": "last",
+            "scene.backend": "dim",
+            "dense.backend": "nearer",
+        }
+    )
+    mission = run_photogrammetric_mission(config, "egg-3", 0, tmp_path / "run")
+    assert mission.status == "ok", mission.message
+    used = {key: facts["distribution"] for key, facts in mission.provenance["plugins"].items()}
+    brought = [
+        f"{group}/{every_part.PLACES[group][0]}" for group in ("gates", "renderers", "dense", "metrics")
+    ]
+    assert used == dict.fromkeys([*brought, "families/egg"], "every-part")
+    assert [capture.scorer for capture in mission.trace] == ["b-aware"]
+    image = cv2.imread(str(next((tmp_path / "run/images").glob("*.png"))))
+    assert image.max() <= 130, "photographs at half their brightness"
+    assert mission.metric("observable.completeness_48mm") < 20, (
+        "a cloud that stands off by a twentieth of 4 m"
+    )
+    assert mission.metric("observable.farthest_mm") >= mission.metric("observable.c2c_p95_mm")
+
+
+def test_photographs_and_rocks_are_made_again_where_the_source_changes(installed, tmp_path):
+    config = preset("campaign").with_values({"scene.backend": "dim"})
+    store, made = Store(tmp_path / "store"), []
+    pose = look_at((3.5, 0.0, 1.5), config.target_m)
+
+    def photograph():
+        rock = load_coarse_rock("egg-3", store)
+
+        def renderer(camera):
+            made.append(rock.sha256)
+            return make_renderer(build_scene(rock, config.scene, camera), "dim")
+
+        camera = SimulatedCamera(renderer, rock, 0, config, store)
+        return camera.photograph(Viewpoint("a", (3.5, 0.0, 1.5), 0.0, 20.0, "low"), pose)
+
+    first = photograph()
+    assert np.array_equal(photograph(), first) and len(made) == 1
+    installed.write_text(every_part.PARTS.replace("// 2", "// 4"))
+    plugins.installed.cache_clear()
+    sys.modules.pop("every_part_module")
+    assert photograph().mean() < 0.6 * first.mean() and len(made) == 2
+
+
+@pytest.mark.slow
+def test_a_campaign_uses_sampler_fidelity_and_family(installed, tmp_path):
+    asked = "campaign run --name a --space gate --rock egg-4 --budget 4 --sampler drawn --fidelity counted"
+    run = CliRunner().invoke(app, [*asked.split(), "--out", str(tmp_path / "a"), "--workers", "1"])
+    assert run.exit_code == 0, run.output
+    trials = Campaign.open(tmp_path / "a", read_only=True).trials()
+    assert {trial.state for trial in trials} == {"complete"} and len(trials) >= 4
+    assert "drawn" in {trial.why["sampler"] for trial in trials}
+    assert all("views" in trial.metrics for trial in trials)
+
+
+def test_parts_with_names_of_ours_are_refused(installed):
+    def again(group, name):
+        plugins._registered.clear()
+        plugins.register(group, name, plugins.plugins(group)[every_part.PLACES[group][0]].loaded)
+
+    again("families", "boulder")
+    with pytest.raises(UserError, match=r"family 'boulder' .* has the name of one that is built in"):
+        load_rock("boulder-3")
+    again("renderers", "raycast")
+    with pytest.raises(UserError, match=r"renderer 'raycast' .* has the name of one that is built in"):
+        preset("campaign").with_values({"scene.backend": "gone"})

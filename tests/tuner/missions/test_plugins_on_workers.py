@@ -1,0 +1,109 @@
+"""Plug-ins on workers: in processes of this machine and on a real Dask cluster; what hangs or is not there fails clearly."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import every_part
+import pytest
+
+pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
+
+from test_cluster import Cluster
+from test_executors import run_jobs
+
+from nbv import plugins
+from nbv.config import preset
+from nbv.errors import UserError
+from tuner.missions.cluster.connect import dask_executor
+from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import MissionJob
+
+REGISTERS = """
+import time
+from nbv.config import Weights
+from nbv.plugins import register
+from nbv.scorers import Scorer
+
+def high(terms, pool, config):
+    return pool.positions_m[:, 2] / 8.0
+
+def waits(terms, pool, config):
+    time.sleep(3600)
+
+for term in (high, waits):
+    register("scorers", term.__name__, Scorer(term.__name__, term, weights=lambda config: Weights()))
+"""
+
+
+@pytest.fixture
+def brought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An installed distribution, and a file that registers scorers of its own; the former's module."""
+    file = every_part.install(tmp_path / "site")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    (tmp_path / "registers_scorers.py").write_text(REGISTERS)
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    plugins.installed.cache_clear()
+    plugins.use(str(tmp_path / "registers_scorers.py"))
+    yield file
+    plugins.installed.cache_clear()
+    for name in ("registers_scorers", "every_part_module"):
+        sys.modules.pop(name, None)
+
+
+def job(tmp_path: Path, kind: str, fidelity: str = "geometric", rock: str = "slab") -> MissionJob:
+    config = preset("campaign").with_values({"gate.kind": kind, "stop.adaptive_budget": 2})
+    return MissionJob(kind, config, rock, 0, tmp_path / "missions" / kind, fidelity=fidelity)
+
+
+@pytest.mark.slow
+def test_installed_and_registered_plug_ins_run_on_dask_and_others_are_refused(
+    tmp_path: Path, brought: Path
+) -> None:
+    sys.path.remove(str(tmp_path))  # workers find the file by what they are told
+    cluster = Cluster(tmp_path, 1)
+    try:
+        with dask_executor("dask", cluster.address, 1, 60.0) as executor:
+            jobs = [job(tmp_path, "low", "counted", "egg-5"), job(tmp_path, "high")]
+            ended = run_jobs(executor, jobs)
+            assert {trial.status for trial in ended.values()} == {"ok"}, ended
+            assert ended["low"].metrics["views"] == 1.0, "the fidelity of the plug-in"
+            for name in ("low", "high"):
+                trace = (tmp_path / "missions" / name / "mission.json").read_text()
+                assert f"scorers/{name}" in trace
+            brought.write_text(every_part.PARTS + "\n# changed\n")
+            plugins.installed.cache_clear()
+            with pytest.raises(
+                UserError, match=r"the code of scorer 'low' of every-part 1.2 is .* on the worker"
+            ):
+                run_jobs(executor, [job(tmp_path, "low")])
+    finally:
+        cluster.close()
+
+
+@pytest.mark.slow
+def test_a_worker_without_the_plug_in_says_so_once(tmp_path: Path, brought: Path) -> None:
+    sys.path.remove(str(tmp_path / "site"))
+    cluster = Cluster(tmp_path, 1)
+    sys.path.insert(0, str(tmp_path / "site"))
+    try:
+        with (
+            dask_executor("dask", cluster.address, 1, 60.0) as executor,
+            pytest.raises(UserError, match=r"a worker refuses: gate\.kind is 'low'"),
+        ):
+            run_jobs(executor, [job(tmp_path, "low")])
+    finally:
+        cluster.close()
+
+
+def test_a_planner_that_never_answers_ends_by_the_time_limit_and_the_others_go_on(
+    tmp_path: Path, brought: Path
+) -> None:
+    with LocalProcessExecutor(1, 4.0, ("geometric",)) as executor:
+        ended = run_jobs(executor, [job(tmp_path, "waits"), job(tmp_path, "high")])
+    assert (ended["waits"].status, ended["waits"].reason) == ("failed", "timeout")
+    assert ended["waits"].message.startswith("killed after 4 s, the limit of a mission (--timeout-s)")
+    assert ended["high"].status == "ok", ended["high"].message
