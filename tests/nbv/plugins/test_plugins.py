@@ -13,7 +13,9 @@ from nbv import plugins
 from nbv.config import SCORERS, Weights, config_from_dict, parameter, preset
 from nbv.config.declaration import Section
 from nbv.errors import UserError
+from nbv.gates import Gate, external
 from nbv.geometric import run_geometric_mission
+from nbv.types import GateDecision
 
 MINE = """
 from dataclasses import dataclass
@@ -32,7 +34,7 @@ LOW = Scorer("mine-low", low, weights=lambda config: Weights(), settings=Setting
 NOTHING = 3
 """
 PROGRAM = """
-import json, sys
+import json, sys, time
 for line in sys.stdin:
     state = json.loads(line)
     heights = [z for _, _, z in state["pool"]["positions_m"]]
@@ -129,6 +131,19 @@ def changing(terms, pool, config):
     return np.zeros(len(pool))
 
 
+class Changing(Gate):
+    def decide(self, state, pool, rankings):
+        rankings["covis"].scores[:] = 0.0
+        return GateDecision(rankings["covis"], "mine")
+
+
+def test_a_gate_that_changes_the_rankings_is_a_failed_mission(package):
+    plugins.register("gates", "changing", Changing)
+    mission = run_geometric_mission(short(**{"gate.kind": "changing"}), "slab")
+    assert (mission.status, mission.reason) == ("failed", "plugin_failed")
+    assert "must not change what it is given" in mission.message
+
+
 @pytest.mark.parametrize(
     ("term", "said"),
     [
@@ -162,6 +177,9 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         plugins.asked()
     with pytest.raises(UserError, match="cannot be imported"):
         plugins.use("no_such_module")
+    (tmp_path / "json.py").write_text("")
+    with pytest.raises(UserError, match=r"another module is called json .* rename the file"):
+        plugins.use(str(tmp_path / "json.py"))
     with pytest.raises(UserError, match="there is no group 'planners'"):
         plugins.register("planners", "a", None)
     with pytest.raises(UserError, match="settings must be a frozen dataclass"):
@@ -197,10 +215,15 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"view": state["pool"]["ids"][3]}', ""),
         ('{"view": "nowhere"}', "names no view of the pool"),
         ('{"scores": [1.0]}', "1 scores for"),
+        ('{"scores": [float("nan") for z in heights]}', "no answer (JSON is malformed"),
+        ('{"scores": ["high" for z in heights]}', "could not convert string to float"),
+        ('{"scores": [[z, z] for z in heights]}', "one number for each candidate"),
+        ("time.sleep(60)", "no answer (killed after 2 s)"),
         ("sys.exit(3)", "no answer (exit status 3)"),
     ],
 )
-def test_a_planner_in_another_process(package, tmp_path, answer, said):
+def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, said):
+    monkeypatch.setattr(external, "ANSWER_S", 2.0)
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
@@ -208,6 +231,8 @@ def test_a_planner_in_another_process(package, tmp_path, answer, said):
     assert (mission.status == "failed") == bool(said)
     if not said:
         assert {capture.scorer for capture in mission.trace} == {"outside"}
+    with pytest.raises(UserError, match="two gates are called 'outside'"):
+        plugins.use(f"outside={sys.executable} -c pass")
     with pytest.raises(UserError, match="there is no program 'no-such-program'"):
         plugins.use("a=no-such-program")
 

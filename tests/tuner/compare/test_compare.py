@@ -9,6 +9,7 @@ import pytest
 from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
+from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve import run_curve_mission
@@ -109,6 +110,54 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     assert missions[0].is_file() and before == {m: m.stat().st_mtime_ns for m in missions[1:]}
     with pytest.raises(UserError, match="holds another evaluation"):
         compare(*asked, "--strategy", "covis")
+
+
+PICKY = """
+import numpy as np
+from nbv.config import Weights
+from nbv.plugins import register
+from nbv.scorers import Scorer
+
+def picky(terms, pool, config):
+    return np.full(len(pool), np.nan) if config.target_m[2] < 1.1 else 1.0 - pool.positions_m[:, 2] / 4.0
+
+register("scorers", "picky", Scorer("picky", picky, weights=lambda config: Weights()))
+"""
+
+
+@pytest.mark.slow
+def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
+    (tmp_path / "picky_planner.py").write_text(PICKY)
+    asked = [
+        "--strategy",
+        "picky",
+        "--strategy",
+        "orbit",
+        "--numbers",
+        "14,18",
+        "--targets",
+        4,
+        "--score",
+        90,
+    ]
+    asked += ["--workers", 1, "--out", tmp_path / "run"]
+    planner = str(tmp_path / "picky_planner.py")
+    run = CliRunner().invoke(app, ["--plugin", planner, "compare", *map(str, asked)])
+    assert run.exit_code == 0, run.output
+    assert "plugin_failed" in run.output and "returned NaN or infinity for" in run.output
+    failed = [
+        m
+        for m in (tmp_path / "run/missions/picky").iterdir()
+        if "plugin_failed" in (m / "mission.json").read_text()
+    ]
+    told = json.loads((tmp_path / "run/comparison.json").read_text())
+    assert 0 < len(failed) < 4
+    assert {r["failed"] for r in told["at_number"] if r["strategy"] == "picky"} == {len(failed)}
+    rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
+    last = {r["target"]: float(r["f_score_percent"]) for r in rows if r["strategy"] == "picky"}
+    assert sorted(last.values())[: len(failed) + 1] == [0.0] * len(failed) + [pytest.approx(90, abs=10)]
 
 
 @pytest.mark.parametrize(
