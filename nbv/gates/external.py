@@ -47,18 +47,12 @@ class ExternalGate(Gate):
         answer = self._ask(
             _state_line(state, pool, self.config.target_m, int(self.rng(state).integers(2**31)))
         )
-        if isinstance(answer, dict) and isinstance(answer.get("scores"), list):
-            scores = np.array(answer["scores"], dtype=float)
-            if len(scores) != len(pool):
-                raise MissionFailure(
-                    "plugin_failed", f"{kind} gave {len(scores)} scores for {len(pool)} candidates"
-                )
-        elif isinstance(answer, dict) and answer.get("view") in pool.ids:
-            scores = np.array([view == answer["view"] for view in pool.ids], dtype=float)
-        else:
+        known = answer if isinstance(answer, dict) else {}
+        if "scores" not in known and known.get("view") not in pool.ids:
             raise MissionFailure(
                 "plugin_failed", f"{kind} answered {str(answer)[:80]!r}, which names no view of the pool"
             )
+        scores = np.array(known.get("scores", [view == known.get("view") for view in pool.ids]), dtype=float)
         return GateDecision(ranking_of(kind, scores, rankings), f"answer of {self.command[0]}")
 
     def _ask(self, line: bytes) -> object:

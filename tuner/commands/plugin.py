@@ -64,4 +64,4 @@ def init(
     write(f"{kind}.py.txt", folder / words["MODULE"] / "__init__.py")
     write("test.py.txt", folder / "tests" / f"test_{words['SECTION']}.py")
     output.print(f"{folder}: edit {words['MODULE']}/__init__.py, then pip install -e {folder}")
-    output.print(f"its curve against orbits: gatetune compare --strategy {name} --out runs/{name}")
+    output.print(f"then its curve against orbits, 10 minutes: the last command in {folder}/README.md")

@@ -214,7 +214,7 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": [-z for z in heights]}', ""),
         ('{"view": state["pool"]["ids"][3]}', ""),
         ('{"view": "nowhere"}', "names no view of the pool"),
-        ('{"scores": [1.0]}', "1 scores for"),
+        ('{"scores": [1.0]}', "returned the shape (1,), not ("),
         ('{"scores": [float("nan") for z in heights]}', "no answer (JSON is malformed"),
         ('{"scores": ["high" for z in heights]}', "could not convert string to float"),
         ('{"scores": [[z, z] for z in heights]}', "one number for each candidate"),
