@@ -63,7 +63,7 @@ class Cluster:
         options = ["--host", host, "--port", "0", "--no-dashboard"]
         self.scheduler = self._start("scheduler", *options)
         deadline = time.monotonic() + 30
-        while not self._file.exists() and time.monotonic() < deadline:
+        while not (self._file.exists() and self._file.stat().st_size) and time.monotonic() < deadline:
             time.sleep(0.02)
         local = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder)]
         self.workers = [self._start("worker", *local) for _ in range(workers)]
