@@ -99,11 +99,12 @@ def test_a_worker_without_the_plug_in_says_so_once(tmp_path: Path, brought: Path
         cluster.close()
 
 
+@pytest.mark.slow
 def test_a_planner_that_never_answers_ends_by_the_time_limit_and_the_others_go_on(
     tmp_path: Path, brought: Path
 ) -> None:
-    with LocalProcessExecutor(1, 4.0, ("geometric",)) as executor:
+    with LocalProcessExecutor(1, 20.0, ("geometric",)) as executor:
         ended = run_jobs(executor, [job(tmp_path, "waits"), job(tmp_path, "high")])
     assert (ended["waits"].status, ended["waits"].reason) == ("failed", "timeout")
-    assert ended["waits"].message.startswith("killed after 4 s, the limit of a mission (--timeout-s)")
+    assert ended["waits"].message.startswith("killed after 20 s, the limit of a mission (--timeout-s)")
     assert ended["high"].status == "ok", ended["high"].message
