@@ -8,7 +8,7 @@ the slope between the two largest sizes. CPU seconds, one thread; the smallest o
 can be repeated.
 
 - captures: planning, flight, photograph and update of every adaptive capture of a paper mission, against the
-  photographs in the model. Taken from the output of ``paper_way.py``, or of ``mission_speed.py --parts captures``
+  photographs in the model. Taken from the output of ``mission_speed.py --parts captures``
   (``--speed``). With ``--missions`` the wall seconds that finished missions logged.
 - image size: features of one photograph, matching of one pair, depth map of one view with 3 neighbours, against
   the number of pixels; campaign preset, the same four views rendered at each size.
@@ -260,7 +260,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--rocks", nargs="*", default=["boulder", "slab", "waist", "vesicular"])
-    parser.add_argument("--speed", type=Path, help="output of paper_way.py or mission_speed.py")
+    parser.add_argument("--speed", type=Path, help="output of mission_speed.py")
     parser.add_argument(
         "--missions", type=Path, help="folder of finished missions: their captures, as logged"
     )
