@@ -82,7 +82,7 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
     again = tuner.tune(campaign.directory, workers=1)
     assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
-        tuner.tune(campaign.directory, rocks=["cavern"], space="gate_and_weights", budget=3)
+        tuner.tune(campaign.directory, rocks=["boulder"], space="gate_and_weights", budget=3)
 
 
 @pytest.mark.parametrize(

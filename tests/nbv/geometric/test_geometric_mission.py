@@ -96,8 +96,8 @@ def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_feature
 
 def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
     config = preset("campaign").with_values({"stop.adaptive_budget": 3})
-    without = run_geometric_mission(config, "slab", 0, None)
-    waiting = run_geometric_mission(config.with_values({"flight.planning_s": 4.0}), "slab", 0, None)
+    without = run_geometric_mission(config, ROCK, 0, None)
+    waiting = run_geometric_mission(config.with_values({"flight.planning_s": 4.0}), ROCK, 0, None)
     assert waiting.costs["flight_time_s"] == pytest.approx(without.costs["flight_time_s"] + 3 * 4.0)
     assert waiting.costs["energy_wh"] > without.costs["energy_wh"] > 1.0
     assert waiting.metrics == without.metrics

@@ -46,7 +46,7 @@ def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
 
 
 def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None:
-    settings = CampaignSettings(space=FULL, rocks=("waist",), budget=12, learn_from=(SHIPPED,))
+    settings = CampaignSettings(space=FULL, rocks=("boulder",), budget=12, learn_from=(SHIPPED,))
     learned = begin_campaign(tmp_path / "run", settings).learned
     assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
     assert settings.initial_size() == 5  # a third of the budget, and the default once more
@@ -83,7 +83,7 @@ def test_a_campaign_in_their_space_learns_from_them_unless_told(
 ) -> None:
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     code, _, err = gatetune(
-        "campaign", "run", "--space", "full", "--rock", "waist", "--name", "x", *arguments
+        "campaign", "run", "--space", "full", "--rock", "boulder", "--name", "x", *arguments
     )
     assert code == 0, err
     assert yaml.safe_load(Path("runs/x/campaign.yaml").read_text())["settings"]["learn_from"] == expected

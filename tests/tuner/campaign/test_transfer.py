@@ -104,7 +104,7 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
 
 @pytest.mark.slow
 def test_evaluation_refuses_rocks_that_were_learned_from(tmp_path: Path) -> None:
-    first = run(tmp_path / "first", rocks=("waist",), sampler="sobol")
+    first = run(tmp_path / "first", rocks=("boulder",), sampler="sobol")
     second = run(tmp_path / "second", rocks=("slab",), budget=6, learn_from=(str(first.directory),))
-    with pytest.raises(UserError, match=r"rock 'waist' was tuned on in .* learned from"):
-        app(["evaluate", str(second.directory), "--rock", "waist"], standalone_mode=False)
+    with pytest.raises(UserError, match=r"rock 'boulder' was tuned on in .* learned from"):
+        app(["evaluate", str(second.directory), "--rock", "boulder"], standalone_mode=False)

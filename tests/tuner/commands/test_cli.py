@@ -86,12 +86,12 @@ def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monke
         "second: costs.flight_time_s\nlimit: 300\n"
     )
     code, out, err = gatetune(
-        "campaign", "run", "mine.yaml", "--budget", "30", "--rock", "waist", "--set", "stop.adaptive_budget=4"
+        "campaign", "run", "mine.yaml", "--budget", "30", "--rock", "boulder", "--set", "stop.adaptive_budget=4"
     )
     assert code == 0, err
     assert out.splitlines()[0] == "campaign mine in runs/mine"
     found = yaml.safe_load((tmp_path / "runs/mine/campaign.yaml").read_text())["settings"]
-    assert (found["budget"], found["rocks"], found["in_step"], found["replicates"]) == (30, ["waist"], 2, 2)
+    assert (found["budget"], found["rocks"], found["in_step"], found["replicates"]) == (30, ["boulder"], 2, 2)
     assert found["overrides"] == {"gate.kind": "hyb-o", "stop.adaptive_budget": 4}
     assert found["second"] == {"metric": "costs.flight_time_s", "direction": "minimise"}
     # Another campaign's file will do, and changes what is asked to.

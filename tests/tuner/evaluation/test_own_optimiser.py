@@ -17,9 +17,9 @@ SMALL = {"overrides": {"stop.adaptive_budget": 2}}
 
 
 def test_it_is_the_mean_of_the_missions():
-    f = tuner.objective("gate_and_weights", ["slab", "waist"], replicates=2, **SMALL)
+    f = tuner.objective("gate_and_weights", ["slab", "boulder"], replicates=2, **SMALL)
     config = f.settings.config(f.default)
-    missions = [run_geometric_mission(config, rock, k) for rock in ("slab", "waist") for k in (0, 1)]
+    missions = [run_geometric_mission(config, rock, k) for rock in ("slab", "boulder") for k in (0, 1)]
     mean = sum(m.metric(f.settings.objective.metric) for m in missions) / 4
     assert f({}) == f(f.default) == pytest.approx(mean, abs=1e-9)
     assert f([f.default[name] for name in f.names]) == pytest.approx(mean, abs=1e-9)

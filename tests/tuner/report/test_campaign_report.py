@@ -65,7 +65,7 @@ class _Made(Exception):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
+        {"rocks": ("boulder",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {
             "sampler": "gp",
@@ -81,7 +81,7 @@ def test_the_command_runs_the_same_campaign(
     fields: dict[str, object] = {
         "name": "tiny",
         "space": load_search_space("gate"),
-        "rocks": ("waist", "slab"),
+        "rocks": ("boulder", "slab"),
         "budget": 6,
         "seed": 1,
         "sampler": "sobol",
