@@ -85,9 +85,8 @@ def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monke
         "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
         "second: costs.flight_time_s\nlimit: 300\n"
     )
-    code, out, err = gatetune(
-        "campaign", "run", "mine.yaml", "--budget", "30", "--rock", "boulder", "--set", "stop.adaptive_budget=4"
-    )
+    options = "--budget 30 --rock boulder --set stop.adaptive_budget=4"
+    code, out, err = gatetune("campaign", "run", "mine.yaml", *options.split())
     assert code == 0, err
     assert out.splitlines()[0] == "campaign mine in runs/mine"
     found = yaml.safe_load((tmp_path / "runs/mine/campaign.yaml").read_text())["settings"]
