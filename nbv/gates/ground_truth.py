@@ -67,10 +67,10 @@ class GroundTruthOracle:
         """(S,) samples seen by the camera at ``position_m`` aimed at the target."""
         key = tuple(float(v) for v in np.round(position_m, 6))
         if key not in self._seen:
-            self._seen[key] = self._look(np.asarray(position_m, dtype=float))
+            self._seen[key] = self._visible_from(np.asarray(position_m, dtype=float))
         return self._seen[key]
 
-    def _look(self, position: Floats) -> Bools:
+    def _visible_from(self, position: Floats) -> Bools:
         target_m = np.array(self.config.target_m)
         inside: Bools = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
         if self.config.gate.oracle_coverage == "paper-code":

@@ -84,15 +84,15 @@ class GeometricReconstructor(Reconstructor):
         self._captures = list(seed.registered)
         return seed.report
 
-    def _look(self, capture: Capture) -> tuple[Ints, Floats32]:
+    def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
         return self._landmarks.detected_from(capture.viewpoint, self._aim_m, capture.camera_center_m)
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
-        looks = [self._look(capture) for capture in captures]
+        detections = [self._detect(capture) for capture in captures]
         tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-        for look in looks:
-            tracks.add(*look)
+        for detection in detections:
+            tracks.add(*detection)
         # A seed takes part if it shares landmarks with the others, whichever came first.
         _, _, views = tracks.points(2)
         shared = np.bincount(views, minlength=len(captures))
@@ -114,7 +114,7 @@ class GeometricReconstructor(Reconstructor):
         if len(good) < len(captures):
             tracks = Tracks(self._landmarks.cosine_limit, len(captures))
             for i in good:
-                tracks.add(*looks[i])
+                tracks.add(*detections[i])
         self._tracks = tracks
         self._captures = [captures[i] for i in good]
         report = UpdateReport(self._model(), True, f"{len(good)} of {len(captures)} seeds registered")
@@ -123,7 +123,7 @@ class GeometricReconstructor(Reconstructor):
     def add(self, capture: Capture) -> UpdateReport:
         """One more view; unregistered if it shares too few landmarks with the earlier ones."""
         assert self._tracks is not None, "bootstrap comes first"
-        matches = self._tracks.add(*self._look(capture))
+        matches = self._tracks.add(*self._detect(capture))
         if matches < self._config.sparse.min_inliers:
             self._tracks.drop_last()
             return UpdateReport(self._model(), False, f"shares only {matches} landmarks")

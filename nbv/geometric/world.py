@@ -50,7 +50,7 @@ SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
 
 
-MAX_LOOKS = 1_000  # views of one world that are kept in memory, 7 kB each
+MAX_VIEWS = 1_000  # views of one world that are kept in memory, 7 kB each
 Point = tuple[float, float, float]
 
 
@@ -88,24 +88,24 @@ class GeometricWorld:
     @cached_property
     def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
         """(L,) landmarks that a camera at a nominal position, aimed at a point, has in its image, front side, not hidden."""
-        return self._remembered(
+        return self._visibility(
             self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG, self.shell_landmarks
         )
 
     @cached_property
     def samples_seen(self) -> Callable[[Point, Point], Bools]:
         """(S,) samples, as `landmarks_seen` has it."""
-        return self._remembered(
+        return self._visibility(
             self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG, self.shell_samples
         )
 
-    def _remembered(
+    def _visibility(
         self, points_m: Floats, normals: Floats, max_incidence_deg: float, of_shell: Bools
     ) -> Callable[[Point, Point], Bools]:
         starts = lifted(points_m, normals, LIFT_M)
         rows = {tuple(position): row for row, position in enumerate(self.shell_m.tolist())}
 
-        def look(position_m: Point, aim_m: Point) -> Bools:
+        def visible(position_m: Point, aim_m: Point) -> Bools:
             row = rows.get(position_m) if aim_m == self.aim_m else None
             if row is not None:
                 known: Bools = of_shell[row]
@@ -118,7 +118,7 @@ class GeometricWorld:
             seen[ask] = seen_from(center, starts[ask], normals[ask], self.caster(), max_incidence_deg)
             return seen
 
-        return lru_cache(MAX_LOOKS)(look)
+        return lru_cache(MAX_VIEWS)(visible)
 
     def reach_counts(self, t_m: float) -> NDArray[np.intp]:
         """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
@@ -182,10 +182,10 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         positions = camera_shell(config)[: 0 if generated_name(rock.name) else None]
         nothing = {name: np.zeros((0, 0)) for name in ("shell_m", "shell_landmarks", "shell_samples")}
         world = made({**arrays, **nothing})
-        looks = {"shell_landmarks": world.landmarks_seen, "shell_samples": world.samples_seen}
+        visibility = {"shell_landmarks": world.landmarks_seen, "shell_samples": world.samples_seen}
         seen = {
-            name: np.array([look(tuple(p), config.target_m) for p in positions.tolist()])
-            for name, look in looks.items()
+            name: np.array([visible(tuple(p), config.target_m) for p in positions.tolist()])
+            for name, visible in visibility.items()
         }
         return {**arrays, "shell_m": positions, **seen}
 

@@ -12,7 +12,7 @@ from nbv.flight import Flight
 from nbv.gates import Gate, next_between
 from nbv.geometry.target import find_target
 from nbv.mission.recorder import Recorder
-from nbv.mission.target_prior import must_look, with_target_found
+from nbv.mission.target_prior import target_must_be_found, with_target_found
 from nbv.planner import Planner
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, UpdateReport, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
@@ -57,7 +57,7 @@ class AdaptiveMission:
         self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
-            if k > 0 and k == self.config.seed.retarget_after and self._must_look():
+            if k > 0 and k == self.config.seed.retarget_after and self._target_must_be_found():
                 self.retarget()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
@@ -111,8 +111,8 @@ class AdaptiveMission:
         self.config = config
         self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
 
-    def _must_look(self) -> bool:
-        return must_look(self.config) and self.planner.viewpoints.follows_target
+    def _target_must_be_found(self) -> bool:
+        return target_must_be_found(self.config) and self.planner.viewpoints.follows_target
 
     def retarget(self) -> None:
         """Place the remaining seeds around the target that the photographs so far show, if they show one."""
@@ -127,7 +127,7 @@ class AdaptiveMission:
         self.recorder.retargeted(target_m)
 
     def _to_be_found(self) -> bool:
-        return self._must_look() and not self._found
+        return self._target_must_be_found() and not self._found
 
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""

@@ -125,6 +125,6 @@ def above_ground(config: MissionConfig, ground_m: float) -> MissionConfig:
     )
 
 
-def must_look(config: MissionConfig) -> bool:
+def target_must_be_found(config: MissionConfig) -> bool:
     """Whether the target has to be looked for: it, or the vehicle's own place, is known only roughly."""
     return not (config.target.is_known and config.telemetry.is_exact)

@@ -44,13 +44,13 @@ class RaycastRenderer:
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """See ``Renderer.rgb``."""
-        rays, position, boxes = self._look(camera_from_world)
+        rays, position, boxes = self._rays_and_boxes(camera_from_world)
         return self._picture(rays, position, boxes, self._ground_height(rays, position))
 
     def close(self) -> None:
         """There is nothing to free."""
 
-    def _look(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, list[_Box]]:
+    def _rays_and_boxes(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, list[_Box]]:
         """The pixels' rays, the camera's position, and the pixels that may show the rock and each neighbour."""
         matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
         boxes = [box for corners in self._corners if (box := self._rock_box(matrix, corners)) is not None]

@@ -82,11 +82,11 @@ def _match_share(part: SparseModel, positions_m: Floats, fit: Calibration) -> Fl
         offsets = part.track_offsets[start : start + _BLOCK + 1]
         points_m = part.points_m[start : start + _BLOCK].repeat(np.diff(offsets), axis=0)
         seen = part.camera_centers_m[part.track_cameras[offsets[0] : offsets[-1]]] - points_m
-        looks = positions_m - points_m[:, None]
-        seen_m, looks_m = np.linalg.norm(seen, axis=1)[:, None], np.linalg.norm(looks, axis=2)
-        cosine = np.einsum("tk,tck->tc", seen, looks) / np.maximum(seen_m * looks_m, 1e-12)
+        views = positions_m - points_m[:, None]
+        seen_m, view_m = np.linalg.norm(seen, axis=1)[:, None], np.linalg.norm(views, axis=2)
+        cosine = np.einsum("tk,tck->tc", seen, views) / np.maximum(seen_m * view_m, 1e-12)
         angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        octaves = np.log2(np.maximum(looks_m, 1e-6) / np.maximum(seen_m, 1e-6))
+        octaves = np.log2(np.maximum(view_m, 1e-6) / np.maximum(seen_m, 1e-6))
         misfit = (angle_deg / fit.angle_deg) ** 2 + (octaves / fit.octaves) ** 2
         share[start : start + _BLOCK] = np.exp(
             -np.minimum.reduceat(misfit, offsets[:-1] - offsets[0], axis=0)

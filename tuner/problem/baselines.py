@@ -11,7 +11,7 @@ from typing import Any
 
 from nbv.config import GATES, Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
 from nbv.errors import UserError
-from nbv.mission.target_prior import must_look
+from nbv.mission.target_prior import target_must_be_found
 from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration, builtin
@@ -228,7 +228,7 @@ def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> d
 
 def any_must_look(config: MissionConfig, conditions: Iterable[Condition]) -> bool:
     """Whether under one of these a mission has to look for its target; elsewhere an orbit re-aimed is the same orbit."""
-    return any(must_look(under(config, condition)) for condition in conditions)
+    return any(target_must_be_found(under(config, condition)) for condition in conditions)
 
 
 def is_orbit(strategy: str) -> bool:
