@@ -105,7 +105,7 @@ class ReferenceMaker:
             )
             clouds.append(PointCloud(**entry))
         return object_cloud(
-            clouds[0] if parts == 1 else _together(clouds), self.frame, masked=bool(self.source.masks)
+            clouds[0] if parts == 1 else _joined(clouds), self.frame, masked=bool(self.source.masks)
         )
 
     def _fused(
@@ -145,7 +145,7 @@ class ReferenceMaker:
         return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
 
 
-def _together(clouds: Sequence[PointCloud]) -> PointCloud:
+def _joined(clouds: Sequence[PointCloud]) -> PointCloud:
     """The points of several clouds, one a voxel: the first of each."""
     points = np.concatenate([c.points_m for c in clouds])
     _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
@@ -202,7 +202,7 @@ def halves_agreement(
     return HalvesAgreement(completeness, precision, scores), np.maximum(*missing)
 
 
-def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:
+def weak_sectors(reference: Reference, height_m: float) -> tuple[str, ...]:
     """Sentences on the sides of the object where the halves disagree or hardly a point is."""
     x, y, _ = reference.points_m.T
     sector = (np.rad2deg(np.arctan2(y, x)) % 360 // (360 / SECTORS)).astype(int)

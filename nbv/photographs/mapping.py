@@ -28,7 +28,7 @@ from nbv.sparse.matching import match_pair
 FEWEST_REGISTERED = 6
 WORST_MEDIAN_PX = 4.0
 # Correlation of the grey of one point in two photographs; of other photographs it is about 0.
-LEAST_LIKENESS = 0.5
+LEAST_PHOTO_CONSISTENCY = 0.5
 FILM_DIAGONAL_MM = 43.267
 GUESSED_FOCAL = 1.2  # of the long side, where EXIF has none; COLMAP's guess
 SMALLEST_MODEL = 6
@@ -59,13 +59,14 @@ def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, I
         if not len(answers[0][0].xyz):
             answers = [(_triangulated(seen, model), seen) for model, seen in answers]
             notes.append("points triangulated with its poses")
-        alike = [_likeness(model, seen) for model, seen in answers]
+        alike = [_photo_consistency(model, seen) for model, seen in answers]
         # Points of a model fit it either way, but look alike one way only; triangulated ones look alike and fit one way only.
         fit = [
-            likeness / (0.1 + _median_px(model)) for likeness, (model, _) in zip(alike, answers, strict=True)
+            consistency / (0.1 + _median_px(model))
+            for consistency, (model, _) in zip(alike, answers, strict=True)
         ]
         model, source = answers[int(np.argmax(fit))]
-        if not max(alike) >= LEAST_LIKENESS:
+        if not max(alike) >= LEAST_PHOTO_CONSISTENCY:
             raise UserError(
                 f"{model_path} is a model of other photographs: what it takes for one point is not alike in them "
                 f"(correlation {max(alike):.2f})"
@@ -91,7 +92,7 @@ def _median_px(model: SolvedModel) -> float:
     return float(np.median(model.reprojection_errors_px())) if len(model.views) else np.inf
 
 
-def _likeness(model: SolvedModel, source: ImportSource) -> float:
+def _photo_consistency(model: SolvedModel, source: ImportSource) -> float:
     """Correlation of the greys that the photographs show where the model says that they show the same point."""
     if not len(model.views):
         return 0.0

@@ -68,7 +68,7 @@ class PhotographFidelity(PhotogrammetricFidelity):
             context.replicate,
         )
         require_expressible(config, self.photographs.name)
-        self.vehicle_config = over_photographs(config, self.photographs)
+        self.vehicle_config = config_for_set(config, self.photographs)
         self.camera = PhotographCamera(context, self.photographs, self.viewpoints)
         margin_m = MARGIN * self.photographs.height_m
         x_m, y_m, z_m = (extent_m / 2 + margin_m for extent_m in self.photographs.extents_m)
@@ -131,7 +131,7 @@ def require_expressible(config: MissionConfig, name: str) -> None:
         )
 
 
-def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
+def config_for_set(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
     """``config`` with the set's camera and object, a crop that holds the object, and arrivals without error.
 
     Where it has its preset's value, `PHOTOGRAPH_SET_DEFAULTS` hold.

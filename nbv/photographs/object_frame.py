@@ -27,7 +27,7 @@ MASK_CONTRAST = 0.05
 BESIDE = 1.6  # the ground is seen to so many half widths of the object from its middle
 GROUND_SHARE = 0.3  # of the points beside the object that lie in one band where there is ground
 BOX_MARGIN = 0.05  # about the object's box, as a share of its largest side
-_COMPANION_M = 0.1
+_ISOLATED_M = 0.1
 _ROUNDS = 30
 
 
@@ -62,10 +62,10 @@ class ObjectFrame:
 def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
-    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks, as `settled` has them, mark the
+    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks, as `with_mask_orientation` has them, mark the
     object. `UserError` where the cameras look at no common place.
     """
-    center = _looked_at(model)
+    center = _gaze_point(model)
     gaze = center - model.centers
     distances = np.linalg.norm(gaze, axis=1)
     off_axis_deg = np.rad2deg(np.arccos(np.clip((gaze * model.axes).sum(1) / distances, -1, 1)))
@@ -94,7 +94,7 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
     return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes), grounded)
 
 
-def settled(model: SolvedModel, source: ImportSource) -> ImportSource:
+def with_mask_orientation(model: SolvedModel, source: ImportSource) -> ImportSource:
     """``source`` with its masks as they were drawn: on photographs that were turned as EXIF says, or on stored pixels.
 
     The right way has more of the masked points where the cameras look than farther away. `UserError` where the masks are white
@@ -102,7 +102,7 @@ def settled(model: SolvedModel, source: ImportSource) -> ImportSource:
     """
     if not source.masks:
         return source
-    away = np.linalg.norm(model.xyz - _looked_at(model), axis=1)[model.points]
+    away = np.linalg.norm(model.xyz - _gaze_point(model), axis=1)[model.points]
     masked = np.isin(model.views, [view for view, name in enumerate(model.names) if name in source.masks])
     near, far = (masked & (sign * (away - np.median(away[masked])) <= 0) for sign in (1, -1))
     same = all(photograph.orientation == 1 for photograph in source.photographs)
@@ -138,7 +138,7 @@ def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
     return Similarity(scale, np.eye(3), -scale * np.array([center[0], center[1], low[2]]))
 
 
-def _looked_at(model: SolvedModel) -> Floats:
+def _gaze_point(model: SolvedModel) -> Floats:
     """(3,) the point nearest to the optical axes, in the sum of distances (iteratively reweighted least squares)."""
     across = np.eye(3) - model.axes[:, :, None] * model.axes[:, None, :]  # (M, 3, 3) off the axis
     weights = np.ones(len(model.axes))
@@ -180,7 +180,7 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
     if in_mask is not None:
         seen = np.maximum(np.bincount(model.points, minlength=len(points)), 1)
         share = np.bincount(model.points, weights=in_mask, minlength=len(points)) / seen
-        members = _companions(points[share >= IN_MASK])
+        members = _without_isolated(points[share >= IN_MASK])
         if len(members) < MIN_POINTS:
             raise UserError(
                 f"only {len(members)} points of the model lie inside the masks; are they of these photographs, and white "
@@ -196,13 +196,15 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
     if (found := find_target(points, np.zeros(3), model.centers)) is not None:
         near = (np.abs(points[:, :2] - found.center_m[:2]) <= 1.1 * found.half_extent_m).all(axis=1)
         height = points[:, 2] - found.ground_m
-        members = _companions(points[near & (height > GROUND_BAND_M) & (height < 2.2 * found.half_extent_m)])
+        members = _without_isolated(
+            points[near & (height > GROUND_BAND_M) & (height < 2.2 * found.half_extent_m)]
+        )
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
             low[2] = found.ground_m
             word = f"{len(members)} sparse points that rise from the ground where the cameras look"
             return low, high, True, word
-    members = _companions(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
+    members = _without_isolated(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
     if len(members) < MIN_POINTS:
         raise UserError(
             "hardly a point of the model lies where the cameras look; give masks of the object (--masks)"
@@ -236,8 +238,8 @@ def _in_masks(model: SolvedModel, source: ImportSource) -> tuple[Bools, float]:
     return inside, float(np.mean(white)) if white else 0.0
 
 
-def _companions(points: NDArray[np.float64]) -> Floats:
+def _without_isolated(points: NDArray[np.float64]) -> Floats:
     """Those with two others within 0.1: the rest are taken for wrong matches."""
     if len(points) < 3:
         return points
-    return np.asarray(points[cKDTree(points).query(points, k=3)[0][:, -1] <= _COMPANION_M])
+    return np.asarray(points[cKDTree(points).query(points, k=3)[0][:, -1] <= _ISOLATED_M])

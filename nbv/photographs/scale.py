@@ -125,7 +125,7 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
         raise UserError(
             f"{path}: {several} control points are marked in two of these photographs or more; {FEWEST_POINTS} are needed"
         )
-    if not _readings(crs, lines[0], list(marks)):
+    if not _interpretations(crs, lines[0], list(marks)):
         raise UserError(f"{path}: there are no such places in {lines[0]}; check its first line")
     return ControlPoints(path, lines[0], crs, marks)
 
@@ -200,7 +200,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             "give marks in pixels of these photographs"
         )
     try:
-        fit = _best_fit(np.array(found), _readings(points.crs, points.system, expected), model.centers)
+        fit = _best_fit(np.array(found), _interpretations(points.crs, points.system, expected), model.centers)
     except ValueError as error:
         raise UserError(f"{path}: the control points {error}") from error
     if fit.error > WORST_ERROR:
@@ -237,7 +237,7 @@ def _percent(error: float) -> str:
     return f"{np.clip(100 * error, 0.01, 99):.2g} %"
 
 
-def _readings(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict[str, Floats]:
+def _interpretations(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict[str, Floats]:
     """What N places of a file may mean, what it says first: (N, 3) metres east, north, up; NaN where there is no height.
 
     People give latitude before longitude, and heights in another unit than what is horizontal.
@@ -260,7 +260,7 @@ def _readings(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict
     heights["without heights"] = np.full(len(z), np.nan)
     flat, first = crs.to_2d(), "latitude" if crs.is_geographic else "north"
     orders = {"": (x, y), f", {first} first": (y, x)}
-    orders = {order: at for order, at in orders.items() if _made_for(flat, *at)} or orders
+    orders = {order: at for order, at in orders.items() if _within_area_of_use(flat, *at)} or orders
     local_m = {order: _local_m(flat, *at) for order, at in orders.items()}
     return {
         f"{name}{order}, {reading}": np.column_stack([flat_m, up_m])
@@ -270,7 +270,7 @@ def _readings(crs: CRS | None, system: str, places: Sequence[PositionM]) -> dict
     }
 
 
-def _made_for(crs: CRS, x: Floats, y: Floats) -> bool:
+def _within_area_of_use(crs: CRS, x: Floats, y: Floats) -> bool:
     """Whether ``crs`` is made for where these places begin: its area of use, or where a PROJ string is true to scale."""
     try:
         longitude, latitude = Transformer.from_crs(crs, WGS84, always_xy=True).transform(

@@ -17,7 +17,7 @@ from nbv.config.presets import REDUCED_SFM
 from nbv.dense import PosedViews, dense_cloud
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import MARGIN, measure_cloud
-from nbv.photographs.mission import over_photographs
+from nbv.photographs.mission import config_for_set
 
 
 def main() -> None:
@@ -29,7 +29,7 @@ def main() -> None:
     asked = parser.parse_args()
     photographs = PhotographSet.read(asked.set)
     reference = photographs.reference()
-    config = over_photographs(preset("campaign").with_values(REDUCED_SFM), photographs)
+    config = config_for_set(preset("campaign").with_values(REDUCED_SFM), photographs)
     taken = sorted(photographs.registered, key=lambda p: p.name)[:: asked.every]
     images = {p.name: photographs.image(p.name) for p in taken}
     poses = {p.name: p.camera_from_world for p in taken if p.camera_from_world is not None}

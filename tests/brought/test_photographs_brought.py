@@ -25,7 +25,7 @@ from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.mapping import _cameras, _Images, solve
 from nbv.photographs.model_files import read_model
-from nbv.photographs.object_frame import find_object, settled
+from nbv.photographs.object_frame import find_object, with_mask_orientation
 
 SET_RADIUS = ball.RADIUS_M * 3.5 / ball.DISTANCE_M
 
@@ -100,9 +100,9 @@ def test_lens_orientation_and_masks(
     assert fit.scale == pytest.approx(1.0, rel=1e-6)
     assert np.allclose(fit.apply(model.centers), ball.positions_m(), atol=1e-6)
     if words is not None:
-        assert words in refusal(settled, model, source)
+        assert words in refusal(with_mask_orientation, model, source)
         return
-    source = settled(model, source)
+    source = with_mask_orientation(model, source)
     for (_, mask), photograph in zip(ball.drawn(lens), source.photographs, strict=True):
         true = mask
         if not source.upright:

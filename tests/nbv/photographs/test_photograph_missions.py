@@ -16,7 +16,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
-from nbv.photographs.mission import over_photographs, require_expressible, run_photographs_mission
+from nbv.photographs.mission import config_for_set, require_expressible, run_photographs_mission
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
@@ -95,14 +95,14 @@ def grey_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
 
 
 def test_what_nobody_chose_is_as_photographs_need_it(grey_set: PhotographSet) -> None:
-    believed = over_photographs(PAPER, grey_set)
+    believed = config_for_set(PAPER, grey_set)
     assert (believed.dense.agreeing_views, believed.dense.search, believed.dense.max_size_px) == (
         3,
         "sparse",
         480,
     )
     chosen = {"dense.agreeing_views": 4, "dense.max_size_px": 640, "sparse.max_pairs": 12}
-    believed = over_photographs(PAPER.with_values(chosen), grey_set)
+    believed = config_for_set(PAPER.with_values(chosen), grey_set)
     assert believed.with_values(chosen) == believed
     assert believed.dense.search == "sparse"
 
