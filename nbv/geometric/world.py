@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.cache import Arrays, Store, cached
+from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import camera_shell, observable_mask
-from nbv.geometric.recent import Recent
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface

@@ -12,13 +12,13 @@ import io
 import logging
 import os
 import re
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from nbv.cache import Store, home
+from nbv.cache import Recent, Store, home
 from nbv.errors import UserError
 from nbv.rocks.families import ANY, FAMILIES, generated_name
 from nbv.rocks.importer import import_mesh
@@ -42,8 +42,7 @@ _CONTENT = {
     "sha256": "U",
 }
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
-_MAX_LOADED = 16  # about 25 MB each
-_loaded: dict[Hashable, Rock] = {}  # least recently asked for first
+_LOADED: Recent[Rock] = Recent(16)  # about 25 MB each
 
 
 def list_rocks() -> list[RockInfo]:
@@ -72,13 +71,13 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     defaults of `import_mesh`. `UserError` where there is no such rock, or the mesh cannot be used.
     """
     if name in RECIPES or generated_name(name) is not None:
-        return _once(name, lambda: generate_rock(name, store))
+        return _LOADED.get(name, lambda: generate_rock(name, store))
     path = expanded(name)
     named = () if os.sep in name else (imported_path(name), surface_path(name))
     for file in (*named, path):
         if is_file(file):
             load = _read_kept if file.suffix == KEPT else import_mesh
-            return _once((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
+            return _LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
     if os.sep in name or path.suffix:
         raise UserError(f"there is no mesh file {name!r}; check the path")
     known = [rock.name for rock in list_rocks()]
@@ -96,22 +95,12 @@ def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
     """
     if generated_name(name) is None:
         return load_rock(name, store)
-    return _once((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
+    return _LOADED.get((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
 
 
 def forget_loaded() -> None:
     """Remove all rocks from this process's memory."""
-    _loaded.clear()
-
-
-def _once(key: Hashable, load: Callable[[], Rock]) -> Rock:
-    rock = _loaded.pop(key, None)
-    if rock is None:
-        rock = load()
-        while len(_loaded) >= _MAX_LOADED:
-            _loaded.pop(next(iter(_loaded)))
-    _loaded[key] = rock
-    return rock
+    _LOADED.clear()
 
 
 def _read_kept(path: Path) -> Rock:

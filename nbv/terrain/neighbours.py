@@ -97,7 +97,7 @@ def _bodies(
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What stands around the target; ``key`` is what it was made from, for addresses in a store."""
+    """What stands around the target; ``key`` is what it was made from, for keys of a store."""
 
     relief: Relief | None
     neighbours: tuple[Body, ...]

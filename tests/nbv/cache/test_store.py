@@ -132,7 +132,7 @@ def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):
     assert cache_key("nbv.geometry.sampling", 1) == first
     others = [cache_key("nbv.geometry.sampling", 2), cache_key("nbv.geometry.neighbours", 1)]
     code_digest.cache_clear()
-    monkeypatch.setattr("nbv.cache.addressing.versions", lambda: {"numpy": "0"})
+    monkeypatch.setattr("nbv.cache.keys.versions", lambda: {"numpy": "0"})
     others.append(cache_key("nbv.geometry.sampling", 1))
     code_digest.cache_clear()
     assert len({first, *others}) == 4

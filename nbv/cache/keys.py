@@ -1,4 +1,4 @@
-"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `cached`."""
+"""The key of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `cached`."""
 
 from __future__ import annotations
 
