@@ -36,7 +36,7 @@ from tuner.problem.baselines import (
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import COUNTS, Objective, require_share
-from tuner.problem.problem import Making, Problem, Strategies
+from tuner.problem.problem import Evaluated, Making, Problem, Strategies
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import rocks_that_show
 
@@ -144,44 +144,28 @@ class RockProblem(Problem):
             rocks, replicates = held_out_rocks_of(asked, replicates), 1
         return tuple(rock_arguments(rocks or self.held_out(), making)), replicates
 
-    def strategies(
-        self,
-        values: Mapping[str, Any],
-        names: Sequence[str] | None,
-        photographs: int | None,
-        conditions: Sequence[Condition],
-        rocks: Sequence[str],
-    ) -> Strategies:
+    def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
         """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
-        tuned, counted = self.config(values), self._counted(values, photographs)
+        counted = self._counted(tuned)
         if names is None:
-            looking = any_must_look(self._base, _looking(conditions, rocks))
+            looking = any_must_look(self._base, _looking(tuned))
             names = (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ()))
         baselines = baseline_configs(list(names), self._base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
-        controls, notes = where_photographed(equal, rocks)
-        arms = tuned_configs(tuned, self._base, counted)
+        controls, notes = where_photographed(equal, tuned.rocks)
+        arms = tuned_configs(self.config(tuned.values), self._base, counted)
         if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
             arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
         return Strategies({TUNED: arms.pop(TUNED), **controls, **arms}, notes)
 
-    def controls(
-        self,
-        values: Mapping[str, Any],
-        photographs: int | None,
-        conditions: Sequence[Condition],
-        rocks: Sequence[str],
-    ) -> Strategies:
+    def controls(self, tuned: Evaluated) -> Strategies:
         """Return plain orbits at the recommendation's number of photographs."""
-        counted = self._counted(values, photographs)
-        return where_photographed(orbits_at_number(counted, _looking(conditions, rocks)), rocks)
+        return where_photographed(orbits_at_number(self._counted(tuned), _looking(tuned)), tuned.rocks)
 
-    def _counted(self, values: Mapping[str, Any], photographs: int | None) -> MissionConfig:
+    def _counted(self, tuned: Evaluated) -> MissionConfig:
         """Return the configuration with the number of photographs that it takes: as measured, where something may end it."""
-        config = self.config(values)
-        return (
-            config if photographs is None or not config.stop.may_end_early else ending_at(config, photographs)
-        )
+        config, number = self.config(tuned.values), tuned.photographs
+        return config if number is None or not config.stop.may_end_early else ending_at(config, number)
 
     def provenance(self) -> tuple[str, str]:
         """Return the preset."""
@@ -196,9 +180,9 @@ class RockProblem(Problem):
         return True
 
 
-def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
+def _looking(tuned: Evaluated) -> Sequence[Condition]:
     """Return the conditions under which a mission may have to look for its target: what was photographed stays where it was."""
-    return () if are_photographed(rocks) else conditions
+    return () if are_photographed(tuned.rocks) else tuned.conditions
 
 
 def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[str]) -> Strategies:

@@ -30,7 +30,7 @@ from tuner.problem.baselines import (
     reference_of,
 )
 from tuner.problem.objective import COUNTS, Objective
-from tuner.problem.problem import Making
+from tuner.problem.problem import Evaluated, Making
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
@@ -103,8 +103,7 @@ def held_out(
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
     chosen, replicates = source.unseen(rocks, replicates, making)
-    taken = source.photographs_taken(found.values)
-    configs, notes = s.problem.strategies(found.values, strategies, taken, under, chosen)
+    configs, notes = s.problem.strategies(_evaluated(source, found, under, chosen), strategies)
     plan = EvaluationPlan(
         configs, chosen, replicates, fidelity=s.problem.fidelity(fidelity), conditions=under
     )
@@ -137,8 +136,7 @@ def confirmation(
     found = source.recommended()
     if found.keep_default:
         return None
-    taken = source.photographs_taken(found.values)
-    controls, notes = s.problem.controls(found.values, taken, s.conditions, chosen)
+    controls, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
     first = _first_fresh(source)
     if s.draws_rocks:
         chosen = tuple(s.rock_evaluated(rock, first + k) for k in range(replicates) for rock in chosen)
@@ -190,8 +188,8 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
     replicates, and the controls are compared on the held-out rocks, where a gain counts.
     """
     s, found = source.settings, source.recommended()
-    taken = source.photographs_taken(found.values)
-    strategies, notes = s.problem.strategies(found.values, COMPARISON, taken, s.conditions, s.rocks)
+    tuned = _evaluated(source, found, s.conditions, s.rocks)
+    strategies, notes = s.problem.strategies(tuned, COMPARISON)
     kept = {
         name: c for name, c in strategies.items() if kind_of(name) != CONTROLS or name == TUNED_POOL_HYB_H
     }
@@ -208,6 +206,12 @@ def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str,
         source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity, making=making
     )
     return {HELD_OUT: unseen, TRAINING: training_comparison(source)}
+
+
+def _evaluated(
+    source: Campaign, found: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
+) -> Evaluated:
+    return Evaluated(found.values, source.photographs_taken(found.values), conditions, rocks)
 
 
 def _first_fresh(source: Campaign) -> int:

@@ -26,6 +26,15 @@ class Strategies(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+class Evaluated(NamedTuple):
+    """A recommendation, and what it is evaluated on."""
+
+    values: Mapping[str, Any]
+    photographs: int | None  # that it took, mean over its missions rounded up; None where it has none
+    conditions: Sequence[Condition]
+    rocks: Sequence[str]
+
+
 class Problem(abc.ABC):
     """Instances, default, baselines, how a trial runs, and how it is shown."""
 
@@ -98,28 +107,11 @@ class Problem(abc.ABC):
         """Return the instances of an evaluation, looked up, and its replicates; ``rocks``: those that the user named."""
 
     @abc.abstractmethod
-    def strategies(
-        self,
-        values: Mapping[str, Any],
-        names: Sequence[str] | None,
-        photographs: int | None,
-        conditions: Sequence[Condition],
-        rocks: Sequence[str],
-    ) -> Strategies:
-        """Return the recommendation, ``tuned``, and what it is compared with on ``rocks`` under ``conditions``.
+    def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
+        """Return the recommendation and the baselines ``names`` beside it; None: those that are run by default."""
 
-        ``names``: the baselines; None: those that are run by default. ``photographs``: that the recommendation took,
-        mean over its missions rounded up; None where it has none.
-        """
-
-    def controls(
-        self,
-        values: Mapping[str, Any],
-        photographs: int | None,
-        conditions: Sequence[Condition],
-        rocks: Sequence[str],
-    ) -> Strategies:
-        """Return what tells a gain from chance where the recommendation is confirmed; parameters as of `strategies`."""
+    def controls(self, tuned: Evaluated) -> Strategies:
+        """Return what tells a gain from chance where the recommendation is confirmed."""
         return Strategies({})
 
     # -- how it is shown -------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nbv.config import IDEAL, Condition
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.missions.external.mission_file import ExternalConfig, MissionFile, external_config
 from tuner.missions.external.program import require_trusted, trust
@@ -15,7 +15,7 @@ from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
 from tuner.problem.baselines import TUNED
 from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
 from tuner.problem.objective import Objective, dotted
-from tuner.problem.problem import Making, Problem, Strategies
+from tuner.problem.problem import Evaluated, Making, Problem, Strategies
 from tuner.problem.search_space import Values
 
 
@@ -104,21 +104,14 @@ class MissionFileProblem(Problem):
                 raise UserError(f"{rock!r} is not held out; {path} holds out {', '.join(names)}")
         return tuple(rocks or names), replicates
 
-    def strategies(
-        self,
-        values: Mapping[str, Any],
-        names: Sequence[str] | None,
-        photographs: int | None,
-        conditions: Sequence[Condition],
-        rocks: Sequence[str],
-    ) -> Strategies:
+    def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
         """Return the defaults and the file's baselines beside the recommendation."""
         known = {"default": {}, **self.mission.baselines}
         for name in names or ():
             if name not in known:
                 raise UserError(f"{self.mission.path} has no baseline {name!r}; there are {', '.join(known)}")
         return Strategies(
-            {TUNED: self.config(values), **{name: self.config(known[name]) for name in names or known}}
+            {TUNED: self.config(tuned.values), **{name: self.config(known[name]) for name in names or known}}
         )
 
     def provenance(self) -> tuple[str, str]:
