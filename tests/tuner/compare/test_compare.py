@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     strategies = ("random", "random-stopped", "greedy-oracle", "orbit-two", "orbit-by-height")
     asked = [part for name in strategies for part in ("--strategy", name)]
     asked += [
-        *"--targets 2 --numbers 12,16,20 --share 0.5 --score 90 --workers 1 --out".split(),
+        *shlex.split("--targets 2 --numbers 12,16,20 --share 0.5 --score 90 --workers 1 --out"),
         tmp_path / "run",
     ]
     out = compare(*asked)
@@ -120,7 +121,7 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     monkeypatch.setattr(plugins, "_registered", {})
     monkeypatch.setattr(plugins, "_used", {})
     (tmp_path / "picky_planner.py").write_text(PICKY)
-    asked = "--strategy picky --strategy orbit --numbers 14,18 --targets 4 --score 90".split()
+    asked = shlex.split("--strategy picky --strategy orbit --numbers 14,18 --targets 4 --score 90")
     asked += ["--workers", 1, "--out", tmp_path / "run"]
     planner = str(tmp_path / "picky_planner.py")
     run = CliRunner().invoke(app, ["--plugin", planner, "compare", *map(str, asked)])
@@ -217,7 +218,7 @@ def test_a_suite_is_named_by_all_its_settings():
 def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_the_set(tmp_path, monkeypatch):
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     write_set("ball", spread(40), rendered=True)
-    asked = "--strategy random --strategy orbit-by-height --rock ball --numbers 12,14 --score 50".split()
+    asked = shlex.split("--strategy random --strategy orbit-by-height --rock ball --numbers 12,14 --score 50")
     out = compare(*asked, "--workers", 1, "--out", tmp_path / "run")
     names = sorted(place.name for place in (tmp_path / "run/missions").iterdir())
     assert names == ["orbit-two-12", "orbit-two-14", "random-12", "random-14"]
