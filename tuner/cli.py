@@ -108,7 +108,7 @@ app.add_typer(config.app, name="config", help="Presets, parameter paths and sear
 def main() -> None:
     """Entry point: a mistake is one line, never a traceback; a user's has exit code 2, one of the program 70.
 
-    The traceback of what nobody foresaw is kept in ``last_error.log`` of the user's folder (``GATETUNE_HOME``).
+    The traceback of an unexpected error is kept in ``last_error.log`` of the user's folder (``GATETUNE_HOME``).
     """
     ends_at_once = signal.getsignal(signal.SIGINT) is signal.SIG_DFL  # see `tuner`
     if ends_at_once:

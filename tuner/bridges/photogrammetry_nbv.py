@@ -182,7 +182,7 @@ CRITERION_OF_OURS = {"budget": "image_budget", "knn": "knn_distance", "both": "b
 def read_file(path: Path, kind: str) -> dict[str, Any]:
     """Return the values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
 
-    Raises `UserError`: not a readable file of that kind, or a key that nobody knows.
+    Raises `UserError`: not a readable file of that kind, or an unknown key.
     """
     if not path.is_file():
         raise UserError(f"{path} is not a file; name a {kind} of photogrammetry_nbv")

@@ -37,7 +37,7 @@ class Home:
     def __post_init__(self) -> None:
         if not (abs(self.latitude_deg) <= 89 and abs(self.longitude_deg) <= 180):
             raise UserError(
-                f"home {self.latitude_deg:g}, {self.longitude_deg:g} is no place; give latitude (-89 to 89) and "
+                f"home {self.latitude_deg:g}, {self.longitude_deg:g} is not on the map; give latitude (-89 to 89) and "
                 "longitude (-180 to 180) in degrees"
             )
 

@@ -107,9 +107,7 @@ def run(
     fields = asked_fields(settings, given, quick=quick)
     named = str(fields["name"])
     if out is None and (named in (".", "..") or Path(named).name != named):
-        raise UserError(
-            f"--name {named!r} is no folder's name; leave / out, or say with --out where the campaign lives"
-        )
+        raise UserError(f"--name {named!r} must be a folder name without '/'; --out names a folder elsewhere")
     directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
@@ -150,7 +148,7 @@ def resume(
     ] = None,
     mission: MissionAllowed = None,
     accept_changes: Annotated[
-        bool, typer.Option("--accept-changes", help="Rocks or code changed since: go on all the same.")
+        bool, typer.Option("--accept-changes", help="Resume although rocks or code changed since.")
     ] = False,
     json: EventsAsJson = False,
 ) -> None:
@@ -187,7 +185,7 @@ def status(
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, campaign.settings.problem.instance_word)
     if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
-        output.print(f"recommended after {known} of them; a resume makes it anew")
+        output.print(f"recommended after {known} of them; a resume updates it")
     show_recommendation(best, campaign)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
 

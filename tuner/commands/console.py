@@ -227,7 +227,7 @@ def mission_config(
 
 
 def note_dense_stage(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> None:
-    """Say where a better dense stage was chosen than nobody asked for."""
+    """Say where a better dense stage was chosen without being asked for."""
     if "dense.backend" in chosen and "dense.backend" not in given:
         output.print(
             "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"

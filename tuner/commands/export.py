@@ -95,7 +95,7 @@ def _say(line: str) -> None:
 
 def _write(path: Path, text: str) -> Path:
     if not path.parent.is_dir():
-        raise UserError(f"{path.parent} is no folder; make it first")
+        raise UserError(f"{path.parent} is not a folder; make it first")
     write_atomic(path, printable(text))
     return path
 

@@ -234,4 +234,4 @@ def _number(text: str, where: str) -> float:
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(text)):
             return value
-    raise UserError(f"{where}: {text!r} is no number")
+    raise UserError(f"{where}: {text!r} is not a number")

@@ -1,7 +1,7 @@
 """What a campaign tunes, behind one interface: missions over rocks, or a mission of the user's own.
 
 The first is `tuner.campaign.rock_problem.RockProblem`, the second `tuner.missions.external.problem.MissionFileProblem`. What
-differs between the two is a method here, so that nobody else asks which one it is.
+differs between the two is a method here, so that no other code asks which one it is.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Problem(abc.ABC):
         """Raise `UserError` where a campaign cannot be tuned on ``rocks``."""
 
     def check_limit(self, limited: Objective, limit: float) -> None:  # noqa: B027  most limits are possible
-        """Raise `UserError` where nothing can keep the limit, or nobody can know whether it is kept."""
+        """Raise `UserError` where nothing can keep the limit, or where it cannot be shown that it is kept."""
 
     # -- how a trial runs ------------------------------------------------------------------------------------
 

@@ -148,7 +148,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
             line += f"far from all others: it counts as {number_text(o.counts_as)}."
         said.append(line)
     if len(best.outliers) > FEW:
-        said.append(f"So it is with {len(best.outliers) - FEW} missions more.")
+        said.append(f"{len(best.outliers) - FEW} more missions are outliers, too.")
     return said
 
 

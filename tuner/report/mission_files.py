@@ -58,7 +58,7 @@ def read_flight(run: Path) -> Flight:
     file = run / "flight.json"
     if not file.is_file():
         raise UserError(
-            f"{run} is no mission with its flight; name one that was kept whole (gatetune mission run, or --keep all)"
+            f"{run} holds no flight; name a mission that was run with all files kept (gatetune mission run, or --keep all)"
         )
     tree = read_json(file, RESULT_BYTES, RESULT_NODES)
     try:

@@ -198,7 +198,7 @@ def test_a_changed_program_is_asked_about(gatetune, toy):
         (["--mission", "toy.yaml", "--condition", "field"], "--condition is of missions over rocks"),
         (["--mission", "toy.yaml", "--set", "gate.kind=covis"], "--set is of missions over rocks"),
         (["--mission", "toy.yaml", "--rock", "ccc"], "'ccc' is held out"),
-        (["--mission", "toy.yaml", "--rock", "slab"], "'slab' is no instance"),
+        (["--mission", "toy.yaml", "--rock", "slab"], "'slab' is not an instance"),
         (["--mission", "toy.yaml", "--learn-from", "shipped"], "no missions come with this program"),
         (["--fidelity", "external"], "name one with --mission"),
         (["settings.yaml"], "if you trust it, name it: --mission toy.yaml"),

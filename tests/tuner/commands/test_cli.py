@@ -111,7 +111,7 @@ def test_the_first_line_waits_for_nothing_slow_to_load():
     "arguments, says",
     [
         (["campaign", "status", "[/]"], "[/] holds no campaign"),
-        ([*RUN, "--name", "../../x"], "'../../x' is no folder's name"),
+        ([*RUN, "--name", "../../x"], "'../../x' must be a folder name without '/'"),
         ([*RUN, "--seed", str(2**70)], "below 2**63"),
         ([*RUN, "--replicates", "1000000000"], "the limit is 10000 (GATETUNE_LIMITS=10 raises"),
         ([*RUN, "--budget", "1000000000"], "the limit is 100000 (GATETUNE_LIMITS=10 raises"),

@@ -118,7 +118,7 @@ def test_other_keys_of_their_file_are_kept(gatetune, campaign, tmp_path):
         (("--to", "plan", "--home", "north"), "LATITUDE,LONGITUDE"),
         (("--to", "plan", "--home", "1,2"), "its missions are of a mission file"),
         (("--to", "scoring.yaml", "--onto", "none.yaml"), "is not a file"),
-        (("--to", "scoring.yaml", "--out", "no/where.yaml"), "is no folder"),
+        (("--to", "scoring.yaml", "--out", "no/where.yaml"), "is not a folder"),
     ],
 )
 def test_a_mistake_is_one_line(gatetune, campaign, arguments, says):

@@ -38,7 +38,7 @@ def test_the_forms_of_an_objective() -> None:
         ("f_score@photographs>=21", "costs.images is minimised; write <="),
         ("photographs@f_score<=97", "is maximised; write >="),
         ("f_score@f_score>=9", "the same metric twice"),
-        ("f_score@photographs<=1e", "'1e' is no number"),
+        ("f_score@photographs<=1e", "'1e' is not a number"),
         ("f_score at 21", "is not understood; write f_score, f_score@photographs<=21"),
         ("f_score@photographs", "is not understood; write f_score, f_score@photographs<=21"),
         ("f_score@costs.beauty<=1", "no cost 'costs.beauty'; there are costs.images"),

@@ -75,7 +75,7 @@ def _check_address(address: str, unencrypted: bool) -> None:
         good = False
     if not good:
         raise UserError(
-            f"--scheduler {address!r} is no address; give tls://HOST:PORT or tcp://127.0.0.1:PORT"
+            f"--scheduler {address!r} is not an address; give tls://HOST:PORT or tcp://127.0.0.1:PORT"
         )
     if parts.scheme == "tcp" and not unencrypted and parts.hostname not in _THIS_MACHINE:
         raise UserError(

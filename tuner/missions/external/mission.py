@@ -195,7 +195,11 @@ def _read_points(path: Path) -> Floats:
         points = np.asarray(trimesh.load(content, file_type="ply", process=False).vertices, dtype=float)
         points = points[np.isfinite(points).all(axis=1)]
     except Exception as error:  # a parser's own families of errors
-        why = str(error) if isinstance(error, UserError) else f"{path} is no PLY ({type(error).__name__})"
+        why = (
+            str(error)
+            if isinstance(error, UserError)
+            else f"{path} is not a PLY file ({type(error).__name__})"
+        )
         raise MissionFailure("machine_error: cloud_unreadable", why) from error
     if len(points) == 0:
         raise MissionFailure("cloud_empty", f"{path} has no points")

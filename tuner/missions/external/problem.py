@@ -46,11 +46,11 @@ class MissionFileProblem(Problem):
         return parameter_metric(self.mission.space, objective)
 
     def check_instances(self, rocks: Sequence[str]) -> None:
-        """Raise `UserError` for what is no instance, or is held out."""
+        """Raise `UserError` for what is not an instance, or is held out."""
         m = self.mission
         for rock in rocks:
             if rock not in m.instances:
-                why = "is held out: it may not be tuned on" if rock in m.held_out else "is no instance"
+                why = "is held out: it may not be tuned on" if rock in m.held_out else "is not an instance"
                 raise UserError(f"{rock!r} {why}; {m.path} has {', '.join(m.instances)} to tune on")
 
     def fidelity(self, asked: str) -> str:
@@ -66,7 +66,7 @@ class MissionFileProblem(Problem):
         return hashlib.sha256(f"{code_of(EXTERNAL)} {self.mission.program}".encode()).hexdigest()[:32]
 
     def photographs(self, values: Mapping[str, Any]) -> int:
-        """Return 0: nobody knows."""
+        """Return 0: a mission file does not say."""
         return 0
 
     def trust(self, identity: str) -> None:

@@ -216,5 +216,5 @@ def require_trusted(identity: str, mission: MissionFile, *, program: bool) -> No
 
 def _note(identity: str) -> Path:
     if not re.fullmatch(r"[0-9a-f]{1,64}", identity):
-        raise UserError(f"{identity!r} is no campaign's identity; restore campaign.yaml")
+        raise UserError(f"{identity!r} is not a campaign's identity; restore campaign.yaml")
     return home() / "trusted" / f"{identity}.json"
