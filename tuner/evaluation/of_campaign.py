@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from nbv.mission.function import Keep
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY
@@ -31,6 +32,7 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.problem import Evaluated, Making
+from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 DEFAULT_MARGIN = 1.0  # percent points of F-score
@@ -206,6 +208,17 @@ def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str,
         source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity, making=making
     )
     return {HELD_OUT: unseen, TRAINING: training_comparison(source)}
+
+
+def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
+    """Return the directories ``name``, ``name-2`` and so on in which ``tuned`` was evaluated, with their plans."""
+    found = []
+    for path in sorted(source.directory.glob(f"{name}*/{PLAN_FILE}")):
+        with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
+            plan = EvaluationPlan.load(path.parent)
+            if plan.strategies.get(TUNED) == tuned:
+                found.append((path.parent, plan))
+    return found
 
 
 def _evaluated(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,9 @@ from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.evaluation.comparison import MIN_ROCKS
-from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.of_campaign import HELD_OUT, evaluations
 from tuner.missions.job import Trial
 from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
-from tuner.problem.baselines import TUNED
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
@@ -153,7 +151,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for what in ("evaluation*", "confirmation*")
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
-    why, command = next_answer(facts, evaluated=_rocks_measured(facts, measured))
+    why, command = next_answer(facts, evaluated=_rocks_measured(facts))
     result = gate_result.gate_result(campaign)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
@@ -347,18 +345,13 @@ def gate_figure(facts: CampaignFacts) -> str:
     return draw_gate(panels)
 
 
-def _rocks_measured(facts: CampaignFacts, measured: Sequence[str]) -> int:
-    """On how many rocks the evaluations among the folders ``measured`` have run this very recommendation."""
-    best, rocks = facts.recommendation, set[str]()
+def _rocks_measured(facts: CampaignFacts) -> int:
+    """On how many rocks evaluations with a report have run this very recommendation."""
+    best = facts.recommendation
     if best is None:
         return 0
-    tuned = facts.settings.config(best.values)
-    for name in (name for name in measured if name.startswith("evaluation")):
-        with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
-            plan = EvaluationPlan.load(facts.campaign.directory / name)
-            if plan.strategies.get(TUNED) == tuned:
-                rocks.update(plan.rocks)
-    return len(rocks)
+    found = evaluations(facts.campaign, HELD_OUT, facts.settings.config(best.values))
+    return len({rock for folder, plan in found if (folder / REPORT_FILE).is_file() for rock in plan.rocks})
 
 
 def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:

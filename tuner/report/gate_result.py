@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.comparison import (
     MetricRow,
@@ -17,8 +17,8 @@ from tuner.evaluation.comparison import (
     strategy_interval,
 )
 from tuner.evaluation.earned import measured_steps
-from tuner.evaluation.of_campaign import HELD_OUT, TRAINING
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+from tuner.evaluation.of_campaign import HELD_OUT, TRAINING, evaluations
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.baselines import (
     CONTROLS,
@@ -101,38 +101,21 @@ def gate_result(campaign: Campaign) -> GateResult | None:
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None:
         return None
-    tuned, blocks, sources = (
-        s.config(best.values),
-        list[ResultBlock](),
-        list[tuple[ResultBlock, list[Trial]]](),
-    )
+    tuned, sources = s.config(best.values), list[tuple[ResultBlock, list[Trial]]]()
     for held_out, name in ((True, HELD_OUT), (False, TRAINING)):
-        found = [_block(path.parent, held_out) for path in _plans(campaign, name, tuned)]
+        found = [
+            _block(directory, plan, held_out)
+            for directory, plan in evaluations(campaign, name, tuned)
+            if "hyb-h" in plan.strategies
+        ]
         if found:  # the complete one with the most rocks stands for all
             sources.append(
                 max(found, key=lambda pair: (pair[0].complete, len(pair[0].rocks), pair[0].replicates))
             )
-            blocks.append(sources[-1][0])
-    if not blocks:
-        return None
-    return GateResult(blocks, _sentences(sources, best))
+    return GateResult([block for block, _ in sources], _sentences(sources, best)) if sources else None
 
 
-def _plans(campaign: Campaign, name: str, tuned: Any) -> list[Any]:
-    """Return the plan files of evaluations of the configuration ``tuned``."""
-    found = []
-    for path in sorted(campaign.directory.glob(f"{name}*/{PLAN_FILE}")):
-        try:
-            plan = EvaluationPlan.load(path.parent)
-        except UserError:  # another program's folder, or a plan that was damaged since
-            continue
-        if plan.strategies.get(TUNED) == tuned and "hyb-h" in plan.strategies:
-            found.append(path)
-    return found
-
-
-def _block(directory: Any, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
-    plan = EvaluationPlan.load(directory)
+def _block(directory: Path, plan: EvaluationPlan, held_out: bool) -> tuple[ResultBlock, list[Trial]]:
     records, names = plan.records(directory), in_table_order(plan.strategies)
     same, metric = same_photographs(records, names), _ROWS["F 48"]
     rows = []
