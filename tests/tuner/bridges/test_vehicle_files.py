@@ -245,6 +245,6 @@ def test_a_route_across_180_degrees_stays_within_them(longitude_deg, east_m):
 
 
 @pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 200.0), (math.nan, 0.0)])
-def test_a_home_that_is_no_place_is_refused(place):
-    with pytest.raises(UserError, match="no place"):
+def test_a_home_that_is_not_on_the_map_is_refused(place):
+    with pytest.raises(UserError, match="not on the map"):
         Home(*place)
