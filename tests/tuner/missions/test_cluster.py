@@ -178,8 +178,8 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     ("address", "said"),
     [
         ("tcp://10.0.0.1:8786", "--unencrypted"),
-        ("boulder", "no address"),
-        ("tcp://[::1", "no address"),
+        ("boulder", "not an address"),
+        ("tcp://[::1", "not an address"),
         ("tcp://127.0.0.1:1", "answers"),
     ],
 )
