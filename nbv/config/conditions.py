@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import re
 import sys
@@ -19,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from nbv.config.declaration import nearest
 from nbv.config.mission_config import IDEAL, MissionConfig, config_from_dict
 from nbv.config.sections_world import telemetry_level
 from nbv.errors import UserError
@@ -141,6 +141,4 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
 def _not_of_the_world(section: str) -> str:
     if section in _NAMES:
         return f"{section} is not of the world; a condition sets {', '.join(WORLD_SECTIONS)}"
-    near = difflib.get_close_matches(section, WORLD_SECTIONS, 1)
-    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(WORLD_SECTIONS)}"
-    return f"a condition has no section {section!r}; {hint}"
+    return f"a condition has no section {section!r}; {nearest(section, WORLD_SECTIONS)}"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.geometry.frames import intrinsic_matrix
+from nbv.geometry.frames import camera_center_m, intrinsic_matrix
 from nbv.geometry.matchability import usable_angles
 from nbv.types import Floats
 
@@ -98,11 +98,6 @@ def pixel_matrix(camera: CameraConfig) -> Floats:
     matrix = intrinsic_matrix(camera)
     matrix[:2, 2] -= 0.5
     return matrix
-
-
-def camera_center_m(camera_from_world: Floats) -> Floats:
-    """(3,) camera centre in the world frame."""
-    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
 
 
 def shrunk_camera(camera: CameraConfig, max_size_px: int) -> CameraConfig:

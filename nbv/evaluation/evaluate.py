@@ -83,11 +83,10 @@ def _registered(
         truth_from_cloud = step.after(truth_from_cloud)
     measured = measure(moved(placed, step))
     centre_m = np.asarray(config.target_m)
-    turn = truth_from_cloud.rotation
     return {
         "whole": measured["whole"],
         "observable": measured["observable"],
         "scale": truth_from_cloud.scale,
-        "turn_deg": float(np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))),
+        "turn_deg": truth_from_cloud.turn_deg,
         "shift_of_target_m": float(np.linalg.norm(truth_from_cloud.apply(centre_m) - centre_m)),
     }

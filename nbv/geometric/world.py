@@ -135,7 +135,7 @@ class GeometricWorld:
         return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
 
 
-_WORLDS: Recent[GeometricWorld] = Recent(16)  # of this process: a campaign comes back to its rocks
+WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campaign comes back to its rocks
 
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
@@ -148,12 +148,7 @@ def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> Geometri
         config.target_m,
         config.shared.box_half_extent_m,
     )
-    return _WORLDS.get(key, lambda: load_world(rock, config, store))
-
-
-def forget_worlds() -> None:
-    """Remove all worlds, with their seed models, from this process's memory."""
-    _WORLDS.clear()
+    return WORLDS.get(key, lambda: load_world(rock, config, store))
 
 
 def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:

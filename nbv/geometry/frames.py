@@ -47,6 +47,11 @@ def look_at(position_m: Floats, target_m: Floats) -> Floats:
     return transform
 
 
+def camera_center_m(camera_from_world: Floats) -> Floats:
+    """(3,) camera centre in the world frame."""
+    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+
+
 def invert_rigid(b_from_a: Floats) -> Floats:
     """(4, 4) ``a_from_b``."""
     out = np.eye(4)
@@ -73,6 +78,11 @@ class Similarity:
     scale: float
     rotation: Floats  # (3, 3)
     translation: Floats  # (3,)
+
+    @property
+    def turn_deg(self) -> float:
+        """Angle of the rotation."""
+        return float(np.rad2deg(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1.0, 1.0))))
 
     def apply(self, points: Floats) -> Floats:
         """(..., 3) points of the source frame in the target frame."""

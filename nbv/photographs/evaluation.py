@@ -60,9 +60,8 @@ def measure_cloud(
     truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
     scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
-    turn = float(np.rad2deg(np.arccos(np.clip((np.trace(found.rotation) - 1) / 2, -1.0, 1.0))))
     metrics["reference"] = {
-        "registration": {"scale": found.scale, "turn_deg": turn},
+        "registration": {"scale": found.scale, "turn_deg": found.turn_deg},
         "ceiling": ceiling(photographs),
     }
     return metrics, report, cleaned

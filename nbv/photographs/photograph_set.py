@@ -26,6 +26,7 @@ from nbv.cache import home
 from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.errors import UserError
+from nbv.geometry.frames import camera_center_m
 from nbv.rocks.catalogue import check_name
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text, write_atomic
 from nbv.types import Bools, Floats
@@ -74,8 +75,7 @@ class Photograph:
         """(3,) where it was taken; only of a registered one."""
         if self.camera_from_world is None:
             raise ValueError(f"{self.name} is not registered")
-        center: Floats = -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
-        return center
+        return camera_center_m(self.camera_from_world)
 
 
 @dataclass(frozen=True)

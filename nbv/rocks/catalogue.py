@@ -42,7 +42,7 @@ _CONTENT = {
     "sha256": "U",
 }
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
-_LOADED: Recent[Rock] = Recent(16)  # about 25 MB each
+LOADED: Recent[Rock] = Recent(16)  # in this process's memory; about 25 MB each
 
 
 def list_rocks() -> list[RockInfo]:
@@ -71,13 +71,13 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     defaults of `import_mesh`. `UserError` where there is no such rock, or the mesh cannot be used.
     """
     if name in RECIPES or generated_name(name) is not None:
-        return _LOADED.get(name, lambda: generate_rock(name, store))
+        return LOADED.get(name, lambda: generate_rock(name, store))
     path = expanded(name)
     named = () if os.sep in name else (imported_path(name), surface_path(name))
     for file in (*named, path):
         if is_file(file):
             load = _read_kept if file.suffix == KEPT else import_mesh
-            return _LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
+            return LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
     if os.sep in name or path.suffix:
         raise UserError(f"there is no mesh file {name!r}; check the path")
     known = [rock.name for rock in list_rocks()]
@@ -95,12 +95,7 @@ def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
     """
     if generated_name(name) is None:
         return load_rock(name, store)
-    return _LOADED.get((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
-
-
-def forget_loaded() -> None:
-    """Remove all rocks from this process's memory."""
-    _LOADED.clear()
+    return LOADED.get((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
 
 
 def _read_kept(path: Path) -> Rock:

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.geometry.frames import camera_center_m
 from nbv.types import Floats, Floats32
 
 
@@ -52,7 +53,7 @@ def camera_position(camera_from_world: Floats) -> Floats:
     matrix = np.asarray(camera_from_world, dtype=float)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(f"camera_from_world must be a finite (4, 4) matrix, got shape {matrix.shape}")
-    position = -matrix[:3, :3].T @ matrix[:3, 3]
+    position = camera_center_m(matrix)
     if position[2] <= 0.0:
         raise ValueError(f"the camera must be above the ground; its z is {position[2]:.3f} m")
     return position

@@ -11,8 +11,8 @@ from nbv.dense.stereo import (
     estimate_depth,
     sgbm_depth_maps,
 )
-from nbv.dense.views import PosedViews, camera_center_m
-from nbv.geometry.frames import look_at
+from nbv.dense.views import PosedViews
+from nbv.geometry.frames import camera_center_m, look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)

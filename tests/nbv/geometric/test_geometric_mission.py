@@ -9,9 +9,9 @@ from nbv.cache import code_digest
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from nbv.geometric.world import forget_worlds
+from nbv.geometric.world import WORLDS
 from nbv.mission.result import MissionResult
-from nbv.rocks.catalogue import forget_loaded
+from nbv.rocks.catalogue import LOADED
 from nbv.viewpoints import raw_candidates
 
 ROCK = "boulder"
@@ -60,12 +60,12 @@ def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)
     assert same(run_geometric_mission(config, ROCK), flown)  # from the memories in this process
-    forget_worlds()
+    WORLDS.clear()
     assert same(run_geometric_mission(config, ROCK), flown)  # from the store
-    forget_worlds()
+    WORLDS.clear()
     assert not same(run_geometric_mission(config, ROCK, 1), flown)
-    forget_worlds()
-    forget_loaded()
+    WORLDS.clear()
+    LOADED.clear()
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing
     assert not (tmp_path / "home").exists()  # and nothing was kept

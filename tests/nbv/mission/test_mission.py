@@ -9,7 +9,7 @@ from nbv.config import config_from_dict, preset
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.photogrammetric import run_photogrammetric_mission
-from nbv.rocks.catalogue import forget_loaded
+from nbv.rocks.catalogue import LOADED
 from nbv.sparse.reconstructor import SparseReconstructor
 
 ROCK = "boulder"
@@ -81,7 +81,7 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path,
         patch.delattr(SparseReconstructor, "bootstrap")
         again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-    forget_loaded()
+    LOADED.clear()
     without = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
     assert not (tmp_path / "home").exists()  # nothing was read or written
     for other in ("cached", "uncached"):

@@ -12,7 +12,7 @@ from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.photograph_set import set_folder
 from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
-from nbv.rocks.catalogue import forget_loaded, surface_path
+from nbv.rocks.catalogue import LOADED, surface_path
 from nbv.rocks.recipes import RECIPES
 
 
@@ -22,9 +22,9 @@ def home(tmp_path, monkeypatch):
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     made = procedural._made
     monkeypatch.setattr(procedural, "_made", lambda recipe, grid_m: made(recipe, 0.04))
-    forget_loaded()
+    LOADED.clear()
     yield tmp_path / "home"
-    forget_loaded()
+    LOADED.clear()
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def mesh_file(tmp_path, monkeypatch):
 def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     first = load_rock("waist", Store())
     assert load_rock("waist", Store()) is first  # in memory
-    forget_loaded()
+    LOADED.clear()
     monkeypatch.setattr(procedural, "_made", lambda *_: pytest.fail("generated twice"))
     again = load_rock("waist", Store())
     assert again.sha256 == first.sha256
