@@ -27,8 +27,8 @@ HALF_CONTRAST = 0.0018  # at this local contrast half of the matches fail
 ANGLE_DECAY_PER_DEG = 0.0035  # of a pair's chance, with the angle between the two
 SLANT_DECAY_PER_DEG = 0.0066  # with the difference of the two incidences
 AGREEMENT = 0.893  # chance that a source view with a depth confirms
-WITNESS_INCIDENCE_DEG = 91.1  # at which this is half of that
-WITNESS_INCIDENCE_WIDTH_DEG = 25.6
+CONFIRMING_INCIDENCE_DEG = 91.1  # at which this is half of that
+CONFIRMING_INCIDENCE_WIDTH_DEG = 25.6
 AGREEMENT_SD = 1.81  # of the number of confirming views about its expectation
 
 
@@ -101,8 +101,8 @@ def reconstruction_probability(
         no_depth *= np.subtract(np.float32(1.0), match, out=match)
     depth = np.subtract(np.float32(1.0), no_depth, out=no_depth)
 
-    width = np.float32(WITNESS_INCIDENCE_WIDTH_DEG)
-    confirms = logistic((np.float32(WITNESS_INCIDENCE_DEG) - incidence) / width)
+    width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)
+    confirms = logistic((np.float32(CONFIRMING_INCIDENCE_DEG) - incidence) / width)
     confirms *= depth
     sources = source_view_mask(angle_deg, dense.consistency_views).astype(np.float32)
     sources *= np.float32(AGREEMENT)

@@ -62,9 +62,7 @@ class ReferenceMaker:
     folder: Path  # with the undistorted photographs and masks
     camera: CameraConfig  # their pinhole
     frame: ObjectFrame
-    sparse_points_m: (
-        Floats  # (N, 3) surface is sought near these: close photographs would be searched from the lens on
-    )
+    sparse_points_m: Floats  # (N, 3) surface is sought near these; else close photographs take very long
 
     def cloud(self, views: Sequence[Photograph], what: str) -> PointCloud:
         """The object's part of the dense cloud of some photographs; ``what`` names them in messages of progress.

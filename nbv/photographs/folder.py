@@ -14,6 +14,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -29,11 +30,7 @@ from nbv.types import Bools
 PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif", ".hif")
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
-FORMATS = (
-    "JPEG",
-    "PNG",
-    "TIFF",
-)  # whatever the suffix; of several pictures in one JPEG file the first counts
+FORMATS = ("JPEG", "PNG", "TIFF")  # whatever the suffix; of several pictures in a JPEG file the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_MASK_BYTES = 64 * 2**20
@@ -344,13 +341,9 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | Non
 def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:
     """With unique names: two files may differ in their suffix alone, or in "/" that was "_"."""
     parts = [p.path.relative_to(folder) for p in photographs]
-    for names in (
-        ["_".join(part.with_suffix("").parts) for part in parts],
-        ["_".join(part.parts).replace(".", "_") for part in parts],
-        [f"{index}_{'_'.join(part.with_suffix('').parts)}" for index, part in enumerate(parts)],
-    ):
-        if len({name.lower() for name in names}) == len(names):
-            break
+    names = ["_".join(part.with_suffix("").parts) for part in parts]
+    if len({name.lower() for name in names}) < len(names):
+        names = [f"{index}_{name}" for index, name in enumerate(names)]
     return [replace(p, name=_readable(name)) for p, name in zip(photographs, names, strict=True)]
 
 
@@ -375,9 +368,7 @@ def files_of_photographs(
     of_file = {file: _parts(file) for file in files}
     of_mine = {p.name: _parts(str(p.path.absolute())) for p in photographs}
     common = {
-        (a, b): next(
-            (n for n, (x, y) in enumerate(zip(a[::-1], b[::-1], strict=False)) if x != y), min(len(a), len(b))
-        )
+        (a, b): len(list(takewhile(lambda pair: pair[0] == pair[1], zip(a[::-1], b[::-1]))))
         for a in {path[:-1] for path in of_file.values()}
         for b in {path[:-1] for path in of_mine.values()}
     }

@@ -32,15 +32,8 @@ _FOCAL = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"}
 _SAME_FOCAL = 0.02  # relative, of fl_x and what camera_angle_x says
 FOCAL_SIDES = (0.05, 200.0)  # focal lengths that lenses have, in long sides of the picture
 FOCAL_RATIO = 2.5  # of fl_x and fl_y, at most: pixels of anamorphic lenses
-_HARMLESS = (
-    "perspective",
-    "false",
-    "no",
-    "off",
-    "none",
-    "null",
-    "pinhole",
-)  # values that say nothing of a plain camera
+# Values that say nothing of a plain camera; the first four also not where there is distortion.
+_HARMLESS = ("perspective", "false", "no", "off", "none", "null", "pinhole")
 # Keys that may change where a point is seen: they are used, or they are refused.
 _LENS_KEY = re.compile(
     r"(k|p|b|s|sx|sy|c|d)_?\d*|skew|alpha|beta|xi|omega|.*(fov|radial|tangential|distort|dist_|lens|fish|theta|omni|spher|equirect|latlong|"

@@ -82,7 +82,7 @@ class Prediction:
         return 200.0 * self.completeness / (1.0 + self.completeness)
 
     def expected_gain(self, candidates_m: Floats) -> Floats:
-        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to mend, in [0, 1].
+        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to reconstruct, in [0, 1].
 
         A view helps where the surface will be missing, it sees it well, and a view so far sees it at an angle to be
         matched with. Where there is none yet it helps half as much: the next one finds it there.
@@ -98,13 +98,13 @@ class Prediction:
         )  # (V, S) of each view, were it a partner
         partners = _matchable(candidates_m, self.cameras_m, self.config).astype(np.float32) @ unmatched
         helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
-        mended: Floats = ((new * helps) @ missing).astype(float) / total
-        return mended
+        gained: Floats = ((new * helps) @ missing).astype(float) / total
+        return gained
 
 
 def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Prediction:
     """What registered cameras (V, 3) will reconstruct of the surface around sparse points (N, 3)."""
-    points, hull = _believed_hull(points_m, config)
+    points, hull = _estimated_hull(points_m, config)
     samples, normals = sample_hull(points, hull, SAMPLES)
     above = samples[:, 2] > 0.0
     samples, normals = samples[above], normals[above]
@@ -131,7 +131,7 @@ def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Predi
     )
 
 
-def _believed_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, ConvexHull]:
+def _estimated_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, ConvexHull]:
     on_rock = points_on_rock(points_m, config)
     target, sphere = np.array(config.target_m), ball(config)
     if len(on_rock) >= FEWEST_POINTS:
@@ -169,11 +169,11 @@ def _log_odds(share: float) -> float:
     return float(np.log(inside / (1.0 - inside)))
 
 
-def mended_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """(C,) share of what will be missing that each candidate helps to mend."""
+def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """(C,) share of what will be missing that each candidate helps to reconstruct."""
     made = terms.prediction or predict(terms.model.points_m, terms.model.camera_centers_m, config)
     return made.expected_gain(pool.positions_m)
 
 
 # Its other weights are those of `nbv.scorers.matchable`.
-PREDICTED = Scorer("predicted", mended_share, weights=lambda config: config.matchable.weights)
+PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.matchable.weights)
