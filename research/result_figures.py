@@ -10,6 +10,7 @@ import argparse
 import csv
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -19,6 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from nbv.rocks.families import HELD_OUT_FROM
+from tuner.report.style import CYCLE
 
 Row = dict[str, str]
 NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
@@ -182,12 +184,37 @@ def where_planning_pays(data: Path) -> plt.Figure:
     return figure
 
 
+def planners_against_orbits(data: Path) -> plt.Figure:
+    """Share of the targets at 98 % and mean F-score over the number of photographs, by strategy."""
+    figure, axes = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained")
+    strategies: dict[str, list[Row]] = {}
+    for row in read(data, "planners_against_orbits"):
+        strategies.setdefault(row["strategy"], []).append(row)
+    for index, (name, rows) in enumerate(strategies.items()):
+        photographs = [float(row["photographs"]) for row in rows]
+        f_scores = [float(row["f_score_percent"]) for row in rows]
+        style = ":" if name.startswith("orbit") else "--" if name == "greedy-oracle" else "-"
+        own: dict[str, Any] = {"color": CYCLE[index % len(CYCLE)], "linewidth": 1.6}
+        axes[0].plot(photographs, [100 * float(row["share"]) for row in rows], style, **own, label=name)
+        axes[1].plot(photographs, f_scores, style, **own)
+    axes[0].set_ylabel("targets with an F-score of 98 % (%)")
+    axes[1].set_ylabel("mean F-score at 48 mm (%)")
+    axes[1].set_ylim(90, 100)
+    for each in axes:
+        each.set_xlabel("photographs (mean)")
+        each.set_xlim(12, 48)
+        each.grid(alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+    return figure
+
+
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
     for figure in (
         optimisers,
         conditions,
         where_planning_pays,
+        planners_against_orbits,
         speed,
     )
 }

@@ -145,7 +145,8 @@ def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
         for axis, (title, of) in zip(axes[1:], panels):
             _panel(axis, f"F-score, {title}", series, [one.scores for one in series], of)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        figure.supxlabel("photographs (mean)", fontsize=9)
+        for axis in axes[max(0, len(panels) + 1 - columns) : len(panels) + 1]:
+            axis.set_xlabel("photographs (mean)")
     return figure
 
 
@@ -160,4 +161,5 @@ def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Fl
         if len(of) >= curves.LEAST_TARGETS:
             axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
     axis.set_title(title, fontsize=9)
-    axis.set_ylim(bottom=max(0.0, float(min(v[len(v) // 4 :, of].mean(axis=1).min() for v in values)) - 1.0))
+    lowest = min(float(v[len(v) // 4 :, of].mean(axis=1).min()) for v in values)
+    axis.set_ylim(max(0.0, lowest - 1.0), 100.0)
