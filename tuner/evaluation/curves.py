@@ -247,15 +247,8 @@ class Finding:
 
     name: str
     needed: float | None  # mean photographs; None: the share is not reached
-    ratio: float | None
-    low: float | None  # of the 95 % interval of the ratio, paired over targets
-    high: float | None
+    ratio: Interval  # with its 95 % interval, paired over targets
     reached: float  # the largest share
-
-    @property
-    def interval(self) -> str:
-        """``0.93 [0.89, 0.97]``."""
-        return interval_text((self.ratio, self.low, self.high))
 
 
 def interval_text(values: Interval, form: str = ".2f") -> str:
@@ -285,13 +278,12 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
     for one in series:
         needed = one.needed(share, score, everyone)
         reached = float((one.scores >= score).mean(axis=1).max())
-        ratio = low = high = None
+        ratio: Interval = (None, None, None)
         if needed is not None and base is not None:
-            ratio = needed / base
-            if count >= LEAST_TARGETS:
-                own = np.array([photographs(one, draw) for draw in draws])
-                low, high = np.percentile(own / theirs, [2.5, 97.5]).tolist()
-        findings.append(Finding(one.name, needed, ratio, low, high, reached))
+            own = np.array([photographs(one, draw) for draw in draws])
+            bounds = np.percentile(own / theirs, [2.5, 97.5]) if count >= LEAST_TARGETS else (None, None)
+            ratio = (needed / base, *bounds)
+        findings.append(Finding(one.name, needed, ratio, reached))
     return findings
 
 
@@ -318,13 +310,15 @@ def verdict(findings: Sequence[Finding], reference: str, asked: float, share: fl
         f"{reference} needs {base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an F-score of {score:g} %."
     )
     for f in findings:
-        if f.ratio is None:
+        ratio, low, high = f.ratio
+        if ratio is None:
             said.append(f"{f.name} never does so: it brings at most {100 * f.reached:.0f} % of them there.")
         elif f.name != reference:
             shown = "too few targets for an interval"
-            if f.low is not None and f.high is not None:
-                shown = "fewer" if f.high < 1.0 else "more" if f.low > 1.0 else "no difference is shown"
-            said.append(f"{f.name} needs {f.interval} times as many photographs as {reference}: {shown}.")
+            if low is not None and high is not None:
+                shown = "fewer" if high < 1.0 else "more" if low > 1.0 else "no difference is shown"
+            needs = f"{f.name} needs {interval_text(f.ratio)} times as many photographs as {reference}"
+            said.append(f"{needs}: {shown}.")
     return " ".join(said)
 
 

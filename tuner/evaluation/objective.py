@@ -149,12 +149,6 @@ def _value(p: Parameter, x: float) -> Any:
 def _ax_parameter(p: Parameter) -> dict[str, Any]:
     if p.kind == "categorical":
         return {"name": p.path, "type": "choice", "values": list(p.choices), "is_ordered": False}
-    kind = "int" if p.kind == "int" else "float"
-    cast = int if p.kind == "int" else float
-    return {
-        "name": p.path,
-        "type": "range",
-        "bounds": [cast(p.low), cast(p.high)],
-        "value_type": kind,
-        "log_scale": p.scale == "log",
-    }
+    low, high = (p.low, p.high) if p.kind == "int" else (float(p.low), float(p.high))
+    found = {"name": p.path, "type": "range", "bounds": [low, high], "value_type": p.kind}
+    return {**found, "log_scale": p.scale == "log"}

@@ -105,7 +105,7 @@ def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequen
         (
             _marked(document, f["name"]),
             "never" if f["needed"] is None else f"{f['needed']:.1f}",
-            curves.interval_text((f["ratio"], f["low"], f["high"])),
+            curves.interval_text(f["ratio"]),
             f"{100 * f['reached']:.0f} %",
         )
         for f in document["at_share"]
