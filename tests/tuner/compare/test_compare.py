@@ -133,11 +133,11 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
         if "plugin_failed" in (m / "mission.json").read_text()
     ]
     told = json.loads((tmp_path / "run/comparison.json").read_text())
-    assert 0 < len(failed) < 4
+    assert [mission.name for mission in failed] == ["01_slab-20000_r0"]
     assert {r["failed"] for r in told["at_number"] if r["strategy"] == "picky"} == {len(failed)}
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
     last = {r["target"]: float(r["f_score_percent"]) for r in rows if r["strategy"] == "picky"}
-    assert sorted(last.values())[: len(failed) + 1] == [0.0] * len(failed) + [pytest.approx(90, abs=10)]
+    assert [target for target, score in last.items() if score == 0.0] == ["slab-20000"], "no other scores 0"
 
 
 @pytest.mark.parametrize(
