@@ -53,6 +53,13 @@ def test_files_are_read_at_one_boundary() -> None:
     assert found == [], "nbv.safe_files has limits on size, depth, types and time"
 
 
+def test_settings_alone_ask_whether_there_is_a_mission_file() -> None:
+    """What differs between missions over rocks and those of a mission file is a method of `Problem`."""
+    asks = re.compile(r"\b(s|self|settings)\.mission is (not )?None")
+    found = {path.name for path in (ROOT / "tuner").rglob("*.py") if asks.search(path.read_text())}
+    assert found == {"settings.py"}, "tuner.problem.problem has the methods"
+
+
 DOCKERFILE = (ROOT / ".ci" / "Dockerfile").read_text()
 
 
