@@ -106,18 +106,10 @@ _used: dict[tuple[str, str], Plugin] = {}
 def register(group: str, name: str, part: Any, asked: str | None = None) -> None:
     """Add a part in this process. Workers import the module that calls this.
 
-    `UserError` where there is no such group, the part is none of it, or another module has registered the name.
-
-    Parameters
-    ----------
-    group
-        A name of `GROUPS`.
-    name
-        As configurations, search spaces and commands name it.
-    part
-        What an entry point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`.
-    asked
-        What `use` is told in a worker; by default the module that calls.
+    ``group`` is one of `GROUPS`; ``name`` is how configurations, search spaces and commands name the part; ``part`` is what an entry
+    point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`; ``asked`` is what `use` is told in a worker, by
+    default the module that calls. `UserError` where there is no such group, the part is none of it, or another module has
+    registered the name.
     """
     if group not in GROUPS:
         raise UserError(f"there is no group {group!r} of plug-ins; there are {', '.join(GROUPS)}")

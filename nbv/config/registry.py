@@ -15,16 +15,10 @@ from nbv.errors import UserError
 
 
 class Registry(MutableMapping[str, str]):
-    """Names, and the ``module:attribute`` that each stands for: those built in, then those of plug-ins.
+    """Names, and the ``module:attribute`` that each stands for: those built in, ``own``, then those of plug-ins.
 
-    Parameters
-    ----------
-    what
-        What is named, for messages: "gate".
-    group
-        The plug-ins' (`nbv.plugins.GROUPS`).
-    own
-        ``module:attribute`` by name. ``registry[name] = reference`` adds one at run time.
+    ``what`` is named in messages: "gate"; ``group`` is the plug-ins' (`nbv.plugins.GROUPS`). ``registry[name] = reference`` adds one at
+    run time.
     """
 
     def __init__(self, what: str, group: str, own: dict[str, str]) -> None:

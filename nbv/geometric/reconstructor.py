@@ -35,7 +35,7 @@ class _SeedState:
 
 
 class GeometricReconstructor(Reconstructor):
-    """Simulated, on a `GeometricWorld`.
+    """Simulated, on a `GeometricWorld`; photographs are aimed at ``aim_m`` (3,).
 
     Detections are drawn per (rock, replicate, viewpoint, landmark) and matching limits and noise per
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
@@ -43,11 +43,6 @@ class GeometricReconstructor(Reconstructor):
 
     Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
     ``ground_features`` mean anything.
-
-    Parameters
-    ----------
-    aim_m
-        (3,) what photographs are aimed at.
     """
 
     def __init__(

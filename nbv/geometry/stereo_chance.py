@@ -69,14 +69,9 @@ def reconstruction_probability(
 ) -> Floats32:
     """(S,) chance that each sample is reconstructed; 0 where no view sees it.
 
-    Parameters
-    ----------
-    seen, incidence_deg
-        (V, S): who sees what, and the angle between surface normal and line of sight.
-    contrast
-        (S,) local contrast (standard deviation of the shaded albedo, 0 to 1).
-    directions
-        (V, 3) unit vectors from the target to the cameras.
+    ``seen`` (V, S) is who sees what, ``incidence_deg`` (V, S) the angle between surface normal and line of sight, ``contrast`` (S,) the
+    local contrast (standard deviation of the shaded albedo, 0 to 1), ``directions`` (V, 3) unit vectors from the target to the
+    cameras.
     """
     if len(seen) < 2:
         return np.zeros(seen.shape[1], dtype=np.float32)

@@ -38,19 +38,14 @@ FEWEST_SEEDS = 3  # that a model can be aligned by
 class PhotogrammetricReconstructor(Reconstructor):
     """Sparse model after every capture, dense cloud at the end.
 
-    Only photographs and the vehicle's telemetry go in. As long as the models of
-    the photographs so far are known nothing is reconstructed; what was left out is made up for, photograph by photograph
-    as it would have been, as soon as something is asked that the store does not hold.
+    Only photographs and the vehicle's telemetry go in. As long as the models of the photographs so far are known nothing is
+    reconstructed; what was left out is made up for, photograph by photograph as it would have been, as soon as something is asked
+    that the store does not hold.
 
-    Parameters
-    ----------
-    store
-        Where features, pairs and models are kept, and which clouds there are.
-    keep_sparse
-        Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
-        known, with all features and matches, since fusion decides how much memory a mission takes.
-    half_extents_m
-        Of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by default the crop.
+    ``store`` keeps features, pairs and models, and which clouds there are. ``keep_sparse``: the sparse model can be exported after the
+    dense stage; if not, it is let go once its poses are known, with all features and matches, since fusion decides how much memory
+    a mission takes. ``half_extents_m`` are of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by
+    default the crop.
     """
 
     def __init__(

@@ -41,12 +41,8 @@ class SparseReconstructor:
     A model that disagrees with telemetry by no more than twice the distance that its specification promises is not called
     wrong. Where telemetry errs it also is the adjustment's prior (`nbv.sparse.priors`).
 
-    Parameters
-    ----------
-    config
-        Its camera, known, its ``sparse`` and ``telemetry``; its target, approximate, for the angle between views.
-    correspondences
-        Source of features and verified pairs; computed by default.
+    Of ``config`` it uses the camera, ``sparse``, ``telemetry``, and the approximate target for the angle between views;
+    ``correspondences`` is the source of features and verified pairs.
     """
 
     def __init__(self, config: MissionConfig, correspondences: Correspondences | None = None) -> None:
