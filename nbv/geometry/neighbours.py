@@ -53,11 +53,7 @@ def neighbour_distances(points_m: Floats, k: int) -> Floats:
 @lru_cache(maxsize=4)
 def _distances(data: bytes, n: int, k: int) -> Floats:
     points = np.frombuffer(data).reshape(n, -1)
-    tree = cKDTree(points, balanced_tree=False)
-    found = np.empty((n, k + 1))
-    order = tree.indices
-    found[order] = tree.query(points[order], k=k + 1)[0]
-    distances: Floats = found[:, 1:]  # the nearest is the point itself, at 0
+    distances = nearest_neighbours(points, points, k + 1)[0][:, 1:]  # the nearest is the point itself, at 0
     distances.setflags(write=False)
     return distances
 
