@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
-from sparse_world import CAMERA, CONFIG, LabelledPoints, mission, ring_captures, write_photographs
+from sparse_world import CAMERA, CONFIG, LabelledPoints, mission, ring_captures
 
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.colmap import to_sparse_model
@@ -206,25 +205,3 @@ def test_photographs_of_the_wrong_size_are_a_users_mistake():
 
 
 # ------------------------------------------------------------------------------------------------ pairs, files
-
-
-def test_export_opens_in_the_world_frame(flown, tmp_path):
-    sparse, reports = flown
-    write_photographs(tmp_path, SEEDS + LATER)
-    sparse.export(tmp_path / "sparse", tmp_path)
-    names = {"cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin", "points.ply"}
-    assert {p.name for p in (tmp_path / "sparse").iterdir()} == names
-    opened = pycolmap.Reconstruction(tmp_path / "sparse")
-    poses = sparse.world_camera_poses()
-    for image in opened.images.values():
-        np.testing.assert_allclose(image.cam_from_world().matrix(), poses[image.name][:3], atol=1e-9)
-    points = [opened.points3D[i] for i in sorted(opened.points3D)]
-    np.testing.assert_allclose(
-        np.array([p.xyz for p in points]), reports[-1].model.points_m, atol=1e-9, rtol=0
-    )
-    brightest = max(int(c.image.max()) for c in SEEDS + LATER)
-    colors = np.array([p.color for p in points])
-    assert (colors[:, 0] == colors[:, 1]).all() and 0 < colors.max() <= brightest
-    track = [opened.image(e.image_id).name for e in points[0].track.elements]
-    mean = np.mean([int(name[5:7]) for name in track])
-    assert abs(int(points[0].color[0]) - mean) <= 0.5

@@ -52,20 +52,6 @@ def test_an_event_is_one_json_object() -> None:
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
 
 
-@pytest.mark.parametrize(
-    ("path", "option", "says"),
-    [
-        (("confirm",), "--rock", "Rock that the campaign was tuned on, repeatable (default: all of them)."),
-        (("reproduce",), "--condition", "repeatable (default: ideal)."),
-    ],
-)
-def test_help_names_the_default_that_the_command_has(path: tuple[str, ...], option: str, says: str) -> None:
-    command: Any = typer.main.get_command(app)
-    for word in path:
-        command = command.commands[word]
-    assert next(p.help for p in command.params if option in p.opts).endswith(says)
-
-
 def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(tmp_path: Path) -> None:
     unknown = begin_campaign(tmp_path / "own", fake_campaigns.settings())
     assert expected_text(9, expected_s(unknown, 2)).startswith(

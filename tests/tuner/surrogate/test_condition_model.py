@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 import synthetic
 
-from tuner.acquisition.propose import propose
 from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
 from tuner.surrogate.model import InstanceMeanGP
@@ -36,16 +34,6 @@ def missions(count: int, seed: int, instances: Sequence[Instance] = WORLDS) -> l
         values = synthetic.SPACE.from_unit(unit)
         found.append(Observation(i, values, instance.rock, 0, y, y, condition=instance.condition))
     return found
-
-
-def test_one_condition_is_the_model_without_any() -> None:
-    history = missions(16, 0, [Instance(rock) for rock in synthetic.ROCKS])
-    named = [dataclasses.replace(o, condition="field") for o in history]
-    plain = InstanceMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    other = InstanceMeanGP(synthetic.SPACE, named, [Instance(rock, "field") for rock in synthetic.ROCKS])
-    where = [o.values for o in history[:4]]
-    assert plain.posterior(where).mean.tolist() == other.posterior(where).mean.tolist()
-    assert propose(plain, [], 3) == propose(other, [], 3)
 
 
 def test_the_mean_over_instances_is_that_of_its_worlds() -> None:
