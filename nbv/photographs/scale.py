@@ -205,8 +205,9 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
         raise UserError(f"{path}: the control points {error}") from error
     if fit.error > WORST_ERROR:
         raise UserError(
-            f"{path} does not fit the model: {fit.rms_m:.2f} m rms, read as {fit.reading}; "
-            "is that so, and are the marks in pixels of these photographs?"
+            f"{path} does not fit the model: {fit.rms_m:.2f} m rms, read as {fit.reading}, scale to about "
+            f"{_percent(fit.error)}; check that reading and that the marks are in pixels of these photographs, or give --height-m "
+            "in place of the control points"
         )
     told = f"{len(found)} control points, {fit.rms_m:.3f} m rms, scale to about {_percent(fit.error)}; read as {fit.reading}"
     return Scale(
