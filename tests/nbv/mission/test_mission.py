@@ -13,13 +13,18 @@ from nbv.rocks.catalogue import LOADED
 from nbv.sparse.reconstructor import SparseReconstructor
 
 ROCK = "boulder"
-BUDGET = 2
+SEEDS, BUDGET = 16, 2
 
 
 @pytest.fixture(scope="module")
 def config():
     return preset("campaign").with_values(
-        {"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 10_000, "dense.agreeing_views": 3}
+        {
+            "seed.count": SEEDS,
+            "stop.adaptive_budget": BUDGET,
+            "evaluation.gt_samples": 10_000,
+            "dense.agreeing_views": 3,
+        }
     )
 
 
@@ -37,13 +42,13 @@ def flown(config, tmp_path_factory):
 def test_the_mission_reconstructs_the_rock(flown):
     result, _, events = flown
     assert (result.status, result.reason) == ("ok", "")
-    assert result.costs["images"] == result.costs["registered_images"] == 24 + BUDGET
+    assert result.costs["images"] == result.costs["registered_images"] == SEEDS + BUDGET
     assert result.metric("observable.completeness_48mm") > 80
     assert result.metric("whole.c2c_median_mm") < 20
     assert result.metric("observable.accuracy_48mm") > 90
     assert events[0] == "start"
     assert events[-1] == "finished"
-    assert events.count("seed") == 24
+    assert events.count("seed") == SEEDS
     assert events.count("capture") == BUDGET
 
 
@@ -55,7 +60,7 @@ def test_the_run_directory_holds_what_it_promises(flown, config):
     result, directory, _ = flown
     assert MissionResult.load(directory) == MissionResult.from_json(result.to_json())
     assert config_from_dict(yaml.safe_load((directory / "config.yaml").read_text())) == config
-    assert len(list((directory / "images").glob("*.png"))) == 24 + BUDGET
+    assert len(list((directory / "images").glob("*.png"))) == SEEDS + BUDGET
     trace = [json.loads(line) for line in (directory / "trace.jsonl").read_text().splitlines()]
     assert [record["chosen"] for record in trace] == [record.chosen for record in result.trace]
     assert result.provenance["rock_sha256"]
@@ -63,7 +68,7 @@ def test_the_run_directory_holds_what_it_promises(flown, config):
 
     # The exported model opens in COLMAP and is in the world frame: cameras stand on the 4 m and 3.5 m spheres.
     model = pycolmap.Reconstruction(directory / "sparse" / "0")
-    assert model.num_reg_images() == 24 + BUDGET
+    assert model.num_reg_images() == SEEDS + BUDGET
     for image in model.images.values():
         radius = np.linalg.norm(image.projection_center() - np.array([0, 0, 0.8]))
         expected = 4.0 if image.name.startswith("seed") else 3.5
