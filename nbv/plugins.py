@@ -129,7 +129,7 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
 def use(text: str) -> None:
     """Import what registers parts: a module, a file ``FOLDER/module.py``, or ``NAME=COMMAND``, a planner in another process.
 
-    `UserError` where it cannot be imported.
+    `UserError` where it cannot be imported, or registers nothing.
     """
     name, equals, command = text.partition("=")
     if equals:
@@ -141,6 +141,7 @@ def use(text: str) -> None:
         if folder not in sys.path:
             sys.path.append(folder)  # last: what lies beside it hides nothing
         text = file.stem
+    already, before = text in sys.modules, len(_registered)
     try:
         module = importlib.import_module(text)
     except Exception as error:  # whatever another's module raises
@@ -149,6 +150,9 @@ def use(text: str) -> None:
         raise UserError(
             f"plug-in {file}: another module is called {text} ({module.__file__}); rename the file"
         )
+    own = (plugin.reference.split(":")[0] for group in GROUPS for plugin in installed(group))
+    if not already and len(_registered) == before and text not in own:
+        raise UserError(f"plug-in {text} registers nothing; call nbv.plugins.register in it")
 
 
 def asked() -> list[str]:

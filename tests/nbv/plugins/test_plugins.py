@@ -177,6 +177,9 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         plugins.asked()
     with pytest.raises(UserError, match="cannot be imported"):
         plugins.use("no_such_module")
+    (tmp_path / "registers_nothing.py").write_text("")
+    with pytest.raises(UserError, match="registers_nothing registers nothing"):
+        plugins.use(str(tmp_path / "registers_nothing.py"))
     (tmp_path / "json.py").write_text("")
     with pytest.raises(UserError, match=r"another module is called json .* rename the file"):
         plugins.use(str(tmp_path / "json.py"))
