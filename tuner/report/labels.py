@@ -108,12 +108,13 @@ def difference_text(difference: Difference | None, digits: int = 1) -> str:
 
 
 def duration(seconds: float) -> str:
-    """``75.2`` as ``75 s``, 4980 as ``1 h 23 min``."""
+    """``75.2`` as ``75 s``, 179.8 as ``3 min 0 s``, 5400 as ``1 h 30 min``."""
     if seconds < 90:
         return f"{seconds:.0f} s"
+    seconds = round(seconds)
     if seconds < 5400:
-        return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
-    return f"{seconds // 3600:.0f} h {seconds % 3600 // 60:.0f} min"
+        return f"{seconds // 60} min {seconds % 60} s"
+    return f"{seconds // 3600} h {seconds % 3600 // 60} min"
 
 
 def counted(count: int, what: str) -> str:

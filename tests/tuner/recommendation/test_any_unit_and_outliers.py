@@ -20,7 +20,7 @@ from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import outlier_sentences
-from tuner.report.labels import decimals_for, format_number, number_text
+from tuner.report.labels import decimals_for, duration, format_number, number_text
 from tuner.samplers.base import make_sampler
 
 LINE = SearchSpace("line", (Parameter("x", "float", default=0.1),))
@@ -128,3 +128,10 @@ def test_a_rock_that_gains_more_than_the_others_is_no_outlier() -> None:
     best = recommend(CampaignData(LINE, history, tuple(rocks), {"x": 0.1}), Goal(Objective("q")))
     assert best is not None and best.outliers == ()
     assert best.improvement == pytest.approx((5 * 1.0 + 2.4) / 6, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(75.2, "75 s"), (179.8, "3 min 0 s"), (5399.7, "1 h 30 min"), (4980, "83 min 0 s")]
+)
+def test_durations_are_rounded_once(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
