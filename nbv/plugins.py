@@ -250,11 +250,13 @@ def _require_face(plugin: Plugin, part: Any) -> None:
 
 
 def read_only(value: Any) -> Any:
-    """A dataclass whose arrays cannot be written to; the arrays share their memory."""
+    """An array, or a dataclass or dictionary of some, that cannot be written to; arrays share their memory."""
     if isinstance(value, np.ndarray):
         view = value.view()
         view.flags.writeable = False
         return view
+    if type(value) is dict:
+        return {name: read_only(own) for name, own in value.items()}
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return value
     fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
@@ -300,7 +302,6 @@ def _guarded_scorer(plugin: Plugin, scorer: Any) -> Any:
 
 def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
     def decide(self: Any, state: Any, pool: Any, rankings: Any) -> Any:
-        rankings = {name: read_only(ranking) for name, ranking in rankings.items()}
         decision = _call(plugin, gate.decide, self, read_only(state), read_only(pool), rankings)
         ranking: Any = getattr(decision, "ranking", None)
         _require_numbers(plugin, getattr(ranking, "scores", None), len(pool))

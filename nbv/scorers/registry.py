@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nbv.config import SCORERS, MissionConfig
+from nbv.plugins import read_only
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
 from nbv.scorers.scorer import HasExpectedGain, SharedTerms, shared_terms
@@ -25,7 +26,7 @@ class Rankings(dict[str, Ranking]):
             self[name]
 
     def __missing__(self, name: str) -> Ranking:
-        ranking = self[name] = SCORERS.load(name).rank(self._terms, self._pool, self._config)
+        ranking = self[name] = read_only(SCORERS.load(name).rank(self._terms, self._pool, self._config))
         return ranking
 
 

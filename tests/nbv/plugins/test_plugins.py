@@ -144,6 +144,27 @@ def test_a_gate_that_changes_the_rankings_is_a_failed_mission(package):
     assert "must not change what it is given" in mission.message
 
 
+class Asking(Gate):
+    def decide(self, state, pool, rankings):
+        return GateDecision(rankings["predicted"], "asked for by name")
+
+
+class ChangingTerms(Gate):
+    def decide(self, state, pool, rankings):
+        rankings["predicted"].terms["main"][:] = 0.0
+        return GateDecision(rankings["predicted"], "mine")
+
+
+def test_a_gate_may_ask_for_the_ranking_of_any_scorer(package):
+    """Made when it is asked for, and as little to be written to as the others."""
+    plugins.register("gates", "asking", Asking)
+    mission = run_geometric_mission(short(**{"gate.kind": "asking"}), "slab")
+    assert {capture.scorer for capture in mission.trace} == {"predicted"}, mission.message
+    plugins.register("gates", "changing-terms", ChangingTerms)
+    mission = run_geometric_mission(short(**{"gate.kind": "changing-terms"}), "slab")
+    assert "must not change what it is given" in mission.message
+
+
 @pytest.mark.parametrize(
     ("term", "said"),
     [
@@ -221,6 +242,9 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": [float("nan") for z in heights]}', "no answer (JSON is malformed"),
         ('{"scores": ["high" for z in heights]}', "could not convert string to float"),
         ('{"scores": [[z, z] for z in heights]}', "one number for each candidate"),
+        ('{"scores": None}', "returned the shape"),
+        ('{"scores": 3}', "returned the shape"),
+        ("[1, 2]", "names no view of the pool"),
         ("time.sleep(60)", "no answer (killed after 2 s)"),
         ("sys.exit(3)", "no answer (exit status 3)"),
     ],
