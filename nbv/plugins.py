@@ -60,13 +60,18 @@ class Plugin:
         )
         return f"{_singular(self.group)} {self.name!r} of {whose}"
 
+    @property
+    def top_module(self) -> str:
+        """The package, or the module, that it is in."""
+        return self.reference.partition(":")[0].partition(".")[0]
+
     @functools.cached_property
     def source(self) -> str:
         """Digest of the Python files of its package, or of its module, and of the command of a program.
 
         Of what was typed into a notebook, which has none, another in every process.
         """
-        top = self.reference.partition(":")[0].partition(".")[0]
+        top = self.top_module
         module = sys.modules[top] if top == "__main__" else importlib.util.find_spec(top)
         roots = getattr(module, "submodule_search_locations", None) or ()
         files = [file for root in roots for file in sorted(Path(root).rglob("*.py"))]
@@ -150,8 +155,8 @@ def use(text: str) -> None:
         raise UserError(
             f"plug-in {file}: another module is called {text} ({module.__file__}); rename the file"
         )
-    own = (plugin.reference.split(":")[0] for group in GROUPS for plugin in installed(group))
-    if not already and len(_registered) == before and text not in own:
+    of_installed = (plugin.top_module for group in GROUPS for plugin in installed(group))
+    if not already and len(_registered) == before and text.partition(".")[0] not in of_installed:
         raise UserError(f"plug-in {text} registers nothing; call nbv.plugins.register in it")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from nbv.evaluation import Evaluation
 from nbv.gates import Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
-from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
@@ -48,16 +48,16 @@ NOMINAL = "nominal: straight legs between places where a hand held the camera"
 TAKEN = "photographs.txt"
 
 
-class PhotographFidelity(PhotogrammetricFidelity):
+class PhotographFidelity(CloudFidelity):
     """Photographs of a set, each from where it was taken."""
 
     name = "photographs"
     viewpoints: PhotographViewpoints
     camera: PhotographCamera
-    evaluation_code: ClassVar[str] = "nbv.photographs"
+    evaluation_code = "nbv.photographs"
 
     def __init__(self, context: MissionContext) -> None:
-        super().__init__(context)  # its camera and reconstructor are replaced
+        super().__init__(context)
         config, key = context.config, context.rock.sha256
         self.photographs = PhotographSet.read(context.rock.name)
         self.viewpoints = PhotographViewpoints(
@@ -98,7 +98,7 @@ class PhotographFidelity(PhotogrammetricFidelity):
         return Evaluation({**metrics, "cleaning": cleaning}, cleaning, cleaned)
 
     def evaluation_inputs(self) -> list[Any]:
-        """See `PhotogrammetricFidelity`."""
+        """See `CloudFidelity`."""
         return [self.context.rock.sha256, self.vehicle_config.evaluation]
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
