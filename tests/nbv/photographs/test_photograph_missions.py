@@ -11,8 +11,10 @@ import pytest
 from photographed_ball import CAMERA, CENTRE_M, places, spread, write_set
 from PIL import Image
 
+from nbv import plugins
 from nbv.config import preset
 from nbv.errors import MissionFailure, UserError
+from nbv.evaluation.metric import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
@@ -24,6 +26,9 @@ from tuner.missions.registry import fidelity_on
 
 PAPER = preset("campaign")
 RING = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0})
+NEAREST = Metric(
+    "nearest_mm", "Nearest", "mm", False, lambda distances, t: float(distances.to_cloud_mm.min())
+)
 
 
 def viewpoints(positions_m: np.ndarray, config=RING, replicate: int = 0) -> PhotographViewpoints:
@@ -184,3 +189,9 @@ def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["metrics"]["taken"] == taken
     again = run_photographs_mission(config, "ball", 0, None, keep="summary")
     assert again.metrics == result.metrics
+    # Of a metric that a plug-in brings later nothing is known: the same cloud is measured again.
+    monkeypatch.setattr(plugins, "_registered", {})
+    plugins.register("metrics", "nearest", NEAREST)
+    measured = run_photographs_mission(config, "ball", 0, None, keep="summary")
+    assert measured.metric("whole.nearest_mm") >= 0.0
+    assert measured.metric("whole.f_score_48mm") == result.metric("whole.f_score_48mm")
