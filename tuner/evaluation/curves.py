@@ -6,12 +6,14 @@ photographs are rendered or given, every number is a mission of its own for all 
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from nbv.cache import Store, digest
 from nbv.config import MissionConfig, preset
@@ -35,6 +37,7 @@ THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which 
 BOOTSTRAP, LEAST_TARGETS = 1000, 5  # fewer have no interval
 CURVE = "curve"
 Interval = tuple[float | None, float | None, float | None]  # a mean and its bounds
+NO_INTERVAL: Interval = (None, None, None)
 # Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
@@ -84,14 +87,12 @@ class Suite:
     @property
     def name(self) -> str:
         """A published name, or one made of the content."""
-        content = self.to_dict()
-        named = (name for name, suite in SUITES.items() if suite.to_dict() == content)
-        return next(named, f"custom-{digest(content)[:8]}")
+        named = (name for name, suite in SUITES.items() if suite == self)
+        return next(named, f"custom-{digest(self.to_dict())[:8]}")
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        lists = {name: list(value) for name, value in vars(self).items() if isinstance(value, tuple)}
-        return {**vars(self), **lists, "values": dict(self.values), "interface": INTERFACE}
+        return {**dataclasses.asdict(self), "interface": INTERFACE}
 
 
 def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tuple[str, ...]:
@@ -128,23 +129,30 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
 
     Raises `UserError`: there is no such strategy, or nothing can stop it.
     """
-    most, base, configs = suite.numbers[-1], suite.base, dict[str, MissionConfig]()
+    base, configs = suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():
-        source = TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
-        given = None if given is None else with_sections_of(given, PLAN, base)
-        planned = given if given is not None else baseline(source).config(ending_at(base, most))
-        told = bool(planned.adaptive_budget) and suite.measures_every_photograph
-        if name.endswith(STOPPED) and not told:
+        source, most = _flown_as(name), ending_at(base, suite.numbers[-1])
+        planned = baseline(source).config(most) if given is None else with_sections_of(given, PLAN, base)
+        measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
+        if name.endswith(STOPPED) and not measured_throughout:
             raise UserError(f"{name}: only a planner, in missions without photographs, predicts as it goes")
-        if told:
-            configs[source] = ending_at(planned, most)
-        elif planned.adaptive_budget:
-            configs |= {f"{source}-{n}": ending_at(planned, n) for n in suite.numbers}
-        elif given is not None:
-            configs |= {f"{source}-{n}": given.with_values({"seed.count": n}) for n in suite.numbers}
-        else:
-            configs |= {f"{source}-{n}": baseline(source).orbit(base, n) for n in suite.numbers}
+        if measured_throughout:
+            configs[source] = ending_at(planned, suite.numbers[-1])
+            continue
+        for n in suite.numbers:
+            if planned.adaptive_budget:
+                config = ending_at(planned, n)
+            elif given is None:
+                config = baseline(source).orbit(base, n)
+            else:
+                config = planned.with_values({"seed.count": n})
+            configs[f"{source}-{n}"] = config
     return EvaluationPlan(configs, suite.targets, suite.replicates, fidelity=suite.fidelity)
+
+
+def _flown_as(name: str) -> str:
+    """The strategy whose missions tell of the one called ``name``."""
+    return TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
 
 
 @dataclass(frozen=True)
@@ -177,13 +185,7 @@ class Series:
     def at(self, number: float, values: Floats) -> Floats:
         """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion."""
         mean = self.mean_photographs(np.arange(values.shape[1]))
-        above = int(np.clip(np.searchsorted(mean, number), 1, len(mean) - 1)) if len(mean) > 1 else 0
-        if above == 0:
-            return values[0]
-        below = above - 1
-        part = np.clip((number - mean[below]) / max(mean[above] - mean[below], 1e-12), 0.0, 1.0)
-        found: Floats = (1.0 - part) * values[below] + part * values[above]
-        return found
+        return np.array([np.interp(number, mean, own) for own in values.T])
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
@@ -195,43 +197,36 @@ def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial])
 
 
 def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]) -> Series:
-    numbers, targets, columns = np.array(suite.numbers), suite.targets, np.arange(len(suite.targets))
-    source = TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
-    flown = [of[source]] if source in of else [of[f"{source}-{n}"] for n in suite.numbers]
-    if source in of:
-        curves = np.array([np.mean([_curve(t, numbers) for t in of[source][r]], axis=0) for r in targets])
-        scores, told = curves.transpose(1, 2, 0)
-        taken = np.repeat(numbers[:, None].astype(float), len(targets), 1)
-    else:
-        ends = [[[_end(t, n) for t in own[r]] for r in targets] for n, own in zip(suite.numbers, flown)]
-        taken, scores = (
-            np.array([[np.mean([e[i] for e in r]) for r in row] for row in ends]) for i in (0, 1)
-        )
-    failed = sum(trial.status == "failed" for own in flown for trials in own.values() for trial in trials)
+    source, numbers, targets = _flown_as(name), np.array(suite.numbers), suite.targets
+    flown = [of[source] if source in of else of[f"{source}-{n}"] for n in suite.numbers]
+    read = [
+        [np.mean([_read(t, n) for t in missions[r]], axis=0) for r in targets]
+        for n, missions in zip(suite.numbers, flown)
+    ]
+    taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
+    ended = flown[:1] if source in of else flown
+    failed = sum(t.status == "failed" for missions in ended for own in missions.values() for t in own)
     if name == BY_HEIGHT:
         heights_m = [_believed_height_m(target, suite.base) for target in targets]
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(heights_m)
         at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     elif name.endswith(STOPPED):
-        reached = told[None] >= THRESHOLDS_PERCENT[:, None, None]  # (K, N, R)
+        reached = predicted[None] >= THRESHOLDS_PERCENT[:, None, None]  # (K, N, R)
         at = np.where(reached.any(axis=1), reached.argmax(axis=1), len(numbers) - 1)
     else:
-        return Series(name, taken, scores, failed)
+        at = np.repeat(np.arange(len(numbers))[:, None], len(targets), axis=1)
+    columns = np.arange(len(targets))
     return Series(name, taken[at, columns], scores[at, columns], failed)
 
 
-def _curve(trial: Trial, numbers: Ints) -> Floats:
-    """(2, N) F-scores and their predictions; 0 before there is a model, and where the mission failed."""
-    steps = np.array(trial.metrics.get("curve") or [[np.inf, 0.0, 0.0]], dtype=float).reshape(-1, 3)
-    last = np.searchsorted(steps[:, 0], numbers, side="right") - 1
-    return np.where(last >= 0, steps[np.maximum(last, 0), 1:].T, 0.0)
-
-
-def _end(trial: Trial, number: int) -> tuple[float, float]:
-    """Photographs taken, as many as were asked for where the mission failed, and the F-score."""
+def _read(trial: Trial, number: int) -> tuple[float, float, float]:
+    """Photographs, F-score and its prediction in percent with at most ``number``; 0 without a model, and where the mission failed."""
+    if curve := trial.metrics.get("curve"):
+        _, score, predicted = max((step for step in curve if step[0] <= number), default=(0, 0.0, 0.0))
+        return number, score, predicted
     found = trial.value("registered.observable.f_score_48mm")
     score = found if found is not None else trial.value("observable.f_score_48mm")
-    return trial.value("costs.images") or float(number), score or 0.0
+    return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
 def _believed_height_m(target: str, config: MissionConfig) -> float:
@@ -259,32 +254,42 @@ def interval_text(values: Interval, form: str = ".2f") -> str:
     return f"{mean:{form}} [{low:{form}}, {high:{form}}]"
 
 
+def bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> tuple[Any, Any]:
+    """95 % bootstrap interval of a statistic over targets, the last axis of ``values`` (..., R); None, None for too few."""
+    if values.shape[-1] < LEAST_TARGETS:
+        return None, None
+    same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
+    found = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
+    return found.confidence_interval.low, found.confidence_interval.high
+
+
+def mean_interval(values: Floats) -> Interval:
+    """Return the mean of (R,) values and its interval."""
+    return (float(values.mean()), *bounds(np.mean, values))
+
+
 def at_share(series: Sequence[Series], reference: Series, share: float, score: float) -> list[Finding]:
     """Return how many photographs each strategy needs until ``share`` of the targets have ``score``.
 
     In a draw of the bootstrap in which a strategy does not reach the share, its most photographs count.
     """
-    count = reference.scores.shape[1]
-    everyone = np.arange(count)
-    draws = np.random.default_rng(0).integers(0, count, (BOOTSTRAP, count))
+    everyone = np.arange(reference.scores.shape[1])
+    base = reference.needed(share, score, everyone)
 
     def photographs(one: Series, of: Ints) -> float:
         found = one.needed(share, score, of)
         return float(one.mean_photographs(of).max()) if found is None else found
 
-    theirs = np.array([photographs(reference, draw) for draw in draws])
-    base = reference.needed(share, score, everyone)
-    findings = []
-    for one in series:
-        needed = one.needed(share, score, everyone)
-        reached = float((one.scores >= score).mean(axis=1).max())
-        ratio: Interval = (None, None, None)
+    def finding(one: Series) -> Finding:
+        needed, ratio = one.needed(share, score, everyone), NO_INTERVAL
         if needed is not None and base is not None:
-            own = np.array([photographs(one, draw) for draw in draws])
-            bounds = np.percentile(own / theirs, [2.5, 97.5]) if count >= LEAST_TARGETS else (None, None)
-            ratio = (needed / base, *bounds)
-        findings.append(Finding(one.name, needed, ratio, reached))
-    return findings
+            drawn = bounds(
+                lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
+            )
+            ratio = (needed / base, *drawn)
+        return Finding(one.name, needed, ratio, float((one.scores >= score).mean(axis=1).max()))
+
+    return [finding(one) for one in series]
 
 
 def share_compared(reference: Series, share: float, score: float) -> float:
@@ -320,15 +325,6 @@ def verdict(findings: Sequence[Finding], reference: str, asked: float, share: fl
             needs = f"{f.name} needs {interval_text(f.ratio)} times as many photographs as {reference}"
             said.append(f"{needs}: {shown}.")
     return " ".join(said)
-
-
-def mean_interval(values: Floats) -> Interval:
-    """Return the mean of (R,) values and its 95 % bootstrap interval over targets."""
-    if len(values) < LEAST_TARGETS:
-        return float(values.mean()), None, None
-    draws = np.random.default_rng(0).integers(0, len(values), (BOOTSTRAP, len(values)))
-    low, high = np.percentile(values[draws].mean(axis=1), [2.5, 97.5])
-    return float(values.mean()), float(low), float(high)
 
 
 def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[dict[str, Any]]:

@@ -82,9 +82,7 @@ class MissionObjective:
                 raise UserError(
                     f"there are {len(parameters)} parameters ({', '.join(parameters)}), not {len(values)}"
                 )
-            values = {
-                path: _value(p, float(x)) for (path, p), x in zip(parameters.items(), values, strict=True)
-            }
+            values = {p.path: _value(p, float(x)) for p, x in zip(parameters.values(), values)}
         for path, value in values.items():
             if path not in parameters:
                 raise UserError(f"{path!r} is not in the search space; it has {', '.join(parameters)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -39,19 +38,20 @@ def write_comparison(
     share = curves.share_compared(base, suite.share, suite.score)
     findings = curves.at_share(series, base, share, suite.score)
     numbers = [n for n in AT_NUMBERS if suite.numbers[0] <= n <= suite.numbers[-1]] or [suite.numbers[-1]]
-    at_number = [row for n in numbers for row in curves.at_number(series, base, n, suite.score)]
-    document: dict[str, Any] = {
-        "suite": suite.name,
-        "settings": suite.to_dict(),
-        "strategies": list(strategies),
-        "ground_truth": [one.name for one in series if one.sees_ground_truth],
-        "reference": reference,
-        "share": share,
-        "verdict": curves.verdict(findings, reference, suite.share, share, suite.score),
-        "at_share": [dataclasses.asdict(finding) for finding in findings],
-        "at_number": at_number,
-    }
-    write_atomic(directory / "comparison.json", json.dumps(json_ready(document), indent=1))
+    document: dict[str, Any] = json_ready(
+        {
+            "suite": suite.name,
+            "settings": suite.to_dict(),
+            "strategies": list(strategies),
+            "ground_truth": [one.name for one in series if one.sees_ground_truth],
+            "reference": reference,
+            "share": share,
+            "verdict": curves.verdict(findings, reference, suite.share, share, suite.score),
+            "at_share": findings,
+            "at_number": [row for n in numbers for row in curves.at_number(series, base, n, suite.score)],
+        }
+    )
+    write_atomic(directory / "comparison.json", json.dumps(document, indent=1))
     _write_csv(
         directory / "curves.csv",
         ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share"),
@@ -65,26 +65,14 @@ def write_comparison(
         directory / "targets.csv",
         ("strategy", "target", "photographs", "f_score_percent"),
         (
-            (one.name, target, one.photographs[k, r], one.scores[k, r])
+            (one.name, target, *cell)
             for one in series
             for r, target in enumerate(suite.targets)
-            for k in range(len(one.scores))
+            for cell in zip(one.photographs[:, r], one.scores[:, r])
         ),
     )
     figure = _figure(suite, series)
     style.save_figure(figure, directory, "curves")
-    number_rows = [
-        (
-            f"{_marked(document, row['strategy'])}, {row['photographs']}",
-            curves.interval_text(row["f_score"]),
-            curves.interval_text(row["gain"], "+.2f"),
-            f"{100 * row['share']:.0f} %",
-            row["failed"],
-        )
-        for row in at_number
-    ]
-    at = f"share at {suite.score:g} %"
-    head = ("strategy, photographs", "F-score, %", f"less {reference}", at, "failed")
     write_page(
         directory / "report.html",
         "curves.html.j2",
@@ -92,7 +80,7 @@ def write_comparison(
         sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs; † sees the true surface",
         verdict=document["verdict"],
         figure=style.embed(figure),
-        tables=[share_table(document), ("At equal number of photographs", head, number_rows)],
+        tables=[share_table(document), _number_table(document)],
     )
     return document
 
@@ -113,6 +101,22 @@ def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequen
     return title, ("strategy", "photographs", "ratio", "largest share"), rows
 
 
+def _number_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequence[Sequence[str]]]:
+    rows = [
+        (
+            f"{_marked(document, row['strategy'])}, {row['photographs']}",
+            curves.interval_text(row["f_score"]),
+            curves.interval_text(row["gain"], "+.2f"),
+            f"{100 * row['share']:.0f} %",
+            row["failed"],
+        )
+        for row in document["at_number"]
+    ]
+    at = f"share at {document['settings']['score']:g} %"
+    head = ("strategy, photographs", "F-score, %", f"less {document['reference']}", at, "failed")
+    return "At equal number of photographs", head, rows
+
+
 def _marked(document: Mapping[str, Any], name: str) -> str:
     return f"{name} †" if name in document["ground_truth"] else name
 
@@ -126,39 +130,38 @@ def _write_csv(path: Path, head: Sequence[str], rows: Any) -> None:
 
 
 def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
-    named = [generated_name(target) for target in suite.targets]
-    of_family: dict[str, list[int]] = {}
-    for r, name in enumerate(named):
-        of_family.setdefault(name[0] if name else "others", []).append(r)
-    panels: list[tuple[str, Ints]] = [("all targets", np.arange(len(suite.targets)))]
+    everyone, of_family = np.arange(len(suite.targets)), dict[str, list[int]]()
+    for r, target in enumerate(suite.targets):
+        named = generated_name(target)
+        of_family.setdefault(named[0] if named else "others", []).append(r)
+    scores = [one.scores for one in series]
+    reached = [np.where(own >= suite.score, 100.0, 0.0) for own in scores]
+    panels = [
+        (f"share of targets at {suite.score:g} %", reached, everyone),
+        ("F-score, all targets", scores, everyone),
+    ]
     if len(of_family) > 1:
-        panels += [(family, np.array(rows)) for family, rows in of_family.items()]
-    columns = min(4, len(panels) + 1)
-    rows = -(-(len(panels) + 1) // columns)
+        panels += [(f"F-score, {family}", scores, np.array(of)) for family, of in of_family.items()]
+    columns = min(4, len(panels))
+    rows = -(-len(panels) // columns)
     with style.look():
         figure = style.new_figure(3.1 * columns, 2.6 * rows + 0.6)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis in axes[len(panels) + 1 :]:
+        for axis, (title, values, of) in zip(axes, panels):
+            _panel(axis, title, series, values, of)
+        for axis in axes[len(panels) :]:
             axis.set_visible(False)
-        reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
-        _panel(axes[0], f"share of targets at {suite.score:g} %", series, reached, panels[0][1])
-        for axis, (title, of) in zip(axes[1:], panels):
-            _panel(axis, f"F-score, {title}", series, [one.scores for one in series], of)
+        figure.supxlabel("photographs (mean)", fontsize=9.5)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        for axis in axes[max(0, len(panels) + 1 - columns) : len(panels) + 1]:
-            axis.set_xlabel("photographs (mean)")
     return figure
 
 
 def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Floats], of: Ints) -> None:
-    rng = np.random.default_rng(0)
     for index, (one, own) in enumerate(zip(series, values)):
-        x, y = one.mean_photographs(of), own[:, of].mean(axis=1)
-        draws = of[rng.integers(0, len(of), (300, len(of)))]
-        low, high = np.percentile(own[:, draws].mean(axis=2), [2.5, 97.5], axis=1)
-        colour = style.colour(index)
+        x, y, colour = one.mean_photographs(of), own[:, of].mean(axis=1), style.colour(index)
         axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=colour, label=one.name, lw=1.4)
-        if len(of) >= curves.LEAST_TARGETS:
+        low, high = curves.bounds(np.mean, own[:, of])
+        if low is not None:
             axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
     axis.set_title(title, fontsize=9)
     lowest = min(float(v[len(v) // 4 :, of].mean(axis=1).min()) for v in values)
