@@ -11,9 +11,11 @@ import functools
 import hashlib
 import importlib
 import importlib.util
+import pkgutil
 import sys
+import traceback
 import uuid
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -22,17 +24,18 @@ from typing import Any
 import numpy as np
 
 from nbv.errors import MissionFailure, UserError
+from nbv.types import GateDecision
 
-# What a part of each group must have, in the words of Python.
-GROUPS: dict[str, tuple[str, ...]] = {
-    "scorers": ("main_term", "weights", "rank"),
-    "gates": ("decide", "retargeted"),
-    "renderers": ("rgb",),
-    "dense": ("__call__",),
-    "metrics": ("key", "measure"),
-    "samplers": ("__call__",),
-    "fidelities": ("__call__",),
-    "families": ("__call__",),
+# What one part of each group is called, and what it must have, in the words of Python.
+GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "scorers": ("scorer", ("main_term", "weights", "rank")),
+    "gates": ("gate", ("decide", "retargeted")),
+    "renderers": ("renderer", ("rgb",)),
+    "dense": ("dense backend", ("__call__",)),
+    "metrics": ("metric", ("key", "measure")),
+    "samplers": ("sampler", ("__call__",)),
+    "fidelities": ("fidelity", ("__call__",)),
+    "families": ("family", ("__call__",)),
 }
 INTERFACE = 1  # raised where what a part is given, or must return, changes
 CONFIGURED = ("scorers", "gates", "renderers", "dense")  # groups whose parts may have settings of their own
@@ -53,12 +56,16 @@ class Plugin:
     )
 
     @property
-    def label(self) -> str:
-        """``scorer 'mine' of mine 0.1.0``."""
-        whose = (
+    def origin(self) -> str:
+        """``mine 0.1.0``, or the module that registered it."""
+        return (
             f"{self.distribution} {self.version}" if self.distribution else self.reference.partition(":")[0]
         )
-        return f"{_singular(self.group)} {self.name!r} of {whose}"
+
+    @property
+    def label(self) -> str:
+        """``scorer 'mine' of mine 0.1.0``."""
+        return f"{GROUPS[self.group][0]} {self.name!r} of {self.origin}"
 
     @property
     def top_module(self) -> str:
@@ -89,19 +96,19 @@ class Plugin:
 
     @functools.cached_property
     def loaded(self) -> Any:
-        """The part, with its calls guarded; ``UserError`` where it cannot be imported or is none of its group."""
+        """The part; what a scorer or gate returns is checked. ``UserError`` where it cannot be imported or is none of its group."""
         part = self.part
         if part is None:
-            module, _, attribute = self.reference.partition(":")
             try:
-                part = functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
+                part = pkgutil.resolve_name(self.reference)
             except Exception as error:  # whatever another package raises
                 raise UserError(
                     f"{self.label} cannot be imported ({type(error).__name__}: {error})"
                 ) from error
         _require_face(self, part)
         _used[self.group, self.name] = self
-        return _GUARDS.get(self.group, lambda plugin, part: part)(self, part)
+        guard = {"scorers": _guarded_scorer, "gates": _guarded_gate}.get(self.group)
+        return guard(self, part) if guard else part
 
 
 _registered: dict[tuple[str, str], Plugin] = {}
@@ -168,7 +175,7 @@ def asked() -> list[str]:
     for plugin in _registered.values():
         if not plugin.asked:
             raise UserError(
-                f"{_singular(plugin.group)} {plugin.name!r} was registered in a script or notebook itself, which workers "
+                f"{GROUPS[plugin.group][0]} {plugin.name!r} was registered in a script or notebook itself, which workers "
                 "cannot import; write it to a module of its own and import that"
             )
     return list(dict.fromkeys(plugin.asked for plugin in _registered.values()))
@@ -227,25 +234,18 @@ def installed(group: str) -> tuple[Plugin, ...]:
 
 def settings_class(section: str) -> type | None:
     """The class of the settings that a part called ``section`` declares, dashes as underscores; None where there is none."""
-    for group in CONFIGURED:
-        for name, plugin in plugins(group).items():
-            if name.replace("-", "_") == section:
-                found: type | None = getattr(plugin.loaded, "settings", None)
-                return found
-    return None
-
-
-def _singular(group: str) -> str:
-    return {"dense": "dense backend", "families": "family", "fidelities": "fidelity"}.get(group, group[:-1])
+    parts = (part for group in CONFIGURED for part in plugins(group).values())
+    named = next((part for part in parts if part.name.replace("-", "_") == section), None)
+    return None if named is None else getattr(named.loaded, "settings", None)
 
 
 def _require_face(plugin: Plugin, part: Any) -> None:
-    lacks = [name for name in GROUPS[plugin.group] if not hasattr(part, name)]
+    what, members = GROUPS[plugin.group]
+    found = {name: getattr(part, name, None) for name in members}
+    lacks = [name for name, own in found.items() if own is None or hasattr(own, "__isabstractmethod__")]
     if lacks:
-        what = "an object" if not isinstance(part, type) else "a class"
-        raise UserError(
-            f"{plugin.label} is no {_singular(plugin.group)}: {what} without {', '.join(lacks)} (docs/extend.md)"
-        )
+        kind = "a class" if isinstance(part, type) else "an object"
+        raise UserError(f"{plugin.label} is no {what}: {kind} without {', '.join(lacks)} (docs/extend.md)")
     settings = getattr(part, "settings", None)
     if plugin.group in CONFIGURED and settings is not None and not dataclasses.is_dataclass(settings):
         raise UserError(f"{plugin.label}: its settings must be a frozen dataclass (docs/extend.md)")
@@ -268,16 +268,22 @@ def read_only(value: Any) -> Any:
     return dataclasses.replace(value, **{name: read_only(own) for name, own in fields.items()})
 
 
-def _call(plugin: Plugin, function: Callable[..., Any], *arguments: Any) -> Any:
-    try:
-        return function(*arguments)
-    except MissionFailure:
-        raise
-    except Exception as error:  # whatever another's planner raises ends this mission alone
-        hint = "; a plug-in must not change what it is given" if "read-only" in str(error) else ""
-        raise MissionFailure(
-            "plugin_failed", f"{plugin.label}: {type(error).__name__}: {error}{hint}"
-        ) from error
+def failure_of(error: Exception) -> MissionFailure | None:
+    """How a mission ends in which a plug-in's code raised ``error``; None where none of it was running."""
+    lines = {
+        str(frame.f_globals.get("__name__")).partition(".")[
+            0
+        ]: f"{Path(frame.f_code.co_filename).name}, line {line}"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+    }
+    lines.pop("nbv", None)
+    plugin = next((p for p in _used.values() if p.top_module in lines), None)
+    if plugin is None:
+        return None
+    hint = "; a plug-in must not change what it is given" if "read-only" in str(error) else ""
+    said = " ".join(f"{type(error).__name__}: {error}".split())
+    where = lines[plugin.top_module]
+    return MissionFailure("plugin_failed", f"plug-in {plugin.origin} raised {said} ({where}){hint}")
 
 
 def _require_numbers(plugin: Plugin, values: Any, count: int) -> Any:
@@ -299,7 +305,7 @@ def _require_numbers(plugin: Plugin, values: Any, count: int) -> Any:
 
 def _guarded_scorer(plugin: Plugin, scorer: Any) -> Any:
     def main_term(terms: Any, pool: Any, config: Any) -> Any:
-        values = _call(plugin, scorer.main_term, read_only(terms), read_only(pool), config)
+        values = scorer.main_term(read_only(terms), read_only(pool), config)
         return _require_numbers(plugin, values, len(pool))
 
     return dataclasses.replace(scorer, name=plugin.name, main_term=main_term)
@@ -307,28 +313,13 @@ def _guarded_scorer(plugin: Plugin, scorer: Any) -> Any:
 
 def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
     def decide(self: Any, state: Any, pool: Any, rankings: Any) -> Any:
-        decision = _call(plugin, gate.decide, self, read_only(state), read_only(pool), rankings)
-        ranking: Any = getattr(decision, "ranking", None)
-        _require_numbers(plugin, getattr(ranking, "scores", None), len(pool))
-        if not np.array_equal(np.sort(np.asarray(ranking.order)), np.arange(len(pool))):
+        decision = gate.decide(self, read_only(state), read_only(pool), rankings)
+        if not isinstance(decision, GateDecision):
+            said = f"{plugin.label} returned {type(decision).__name__}, no nbv.types.GateDecision"
+            raise MissionFailure("plugin_failed", said)
+        _require_numbers(plugin, decision.ranking.scores, len(pool))
+        if not np.array_equal(np.sort(decision.ranking.order), np.arange(len(pool))):
             raise MissionFailure("plugin_failed", f"{plugin.label} returned an order that is no permutation")
         return decision
 
     return type(gate.__name__, (gate,), {"decide": decide, "__module__": gate.__module__})
-
-
-def _guarded_metric(plugin: Plugin, metric: Any) -> Any:
-    return dataclasses.replace(metric, measure=functools.partial(_call, plugin, metric.measure))
-
-
-def _guarded_function(plugin: Plugin, function: Any) -> Any:
-    return functools.wraps(function)(functools.partial(_call, plugin, function))
-
-
-_GUARDS: dict[str, Callable[[Plugin, Any], Any]] = {
-    "scorers": _guarded_scorer,
-    "gates": _guarded_gate,
-    "dense": _guarded_function,
-    "metrics": _guarded_metric,
-    "families": _guarded_function,
-}

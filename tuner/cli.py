@@ -136,7 +136,9 @@ def main() -> None:
             sys.exit(2)
         log = _keep_traceback()
         where = f"; the details are in {log}" if log else ""
-        _say(f"unexpected {type(error).__name__}: {error}{where}")
+        failure = plugins.failure_of(error)
+        said = failure.message if failure else f"unexpected {type(error).__name__}: {error}"
+        _say(f"{said}{where}")
         sys.exit(EXIT_UNEXPECTED)
     finally:
         if ends_at_once:  # the interpreter takes itself down

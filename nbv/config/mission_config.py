@@ -135,9 +135,9 @@ class MissionConfig:
     @property
     def plugins_used(self) -> list[Plugin]:
         """The plug-ins that this mission plans, renders and reconstructs with."""
-        kind = self.gate.kind
         named = (
-            (GATES if kind in GATES.own else SCORERS if kind in SCORERS else GATES, kind),
+            (SCORERS, self.gate.kind),
+            (GATES, self.gate.kind),
             (SCORERS, self.gate.geometry_scorer),
             (RENDERERS, self.scene.backend),
             (DENSE_BACKENDS, self.dense.backend),

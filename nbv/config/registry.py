@@ -6,49 +6,36 @@ read, long before a mission runs, and what needs OpenGL or CUDA loads only where
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Collection, Iterator, MutableMapping
+import pkgutil
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from nbv import plugins
 from nbv.errors import UserError
 
 
-class Registry(MutableMapping[str, str]):
-    """Names, and the ``module:attribute`` that each stands for: those built in, ``own``, then those of plug-ins.
+class Registry(Mapping[str, str]):
+    """Names, and the ``module:attribute`` that each stands for: those built in, ``own``, then the plug-ins of a group."""
 
-    ``what`` is named in messages: "gate"; ``group`` is the plug-ins' (`nbv.plugins.GROUPS`). ``registry[name] = reference`` adds one at
-    run time.
-    """
+    def __init__(self, group: str, own: dict[str, str]) -> None:
+        self.group, self.own = group, own
 
-    def __init__(self, what: str, group: str, own: dict[str, str]) -> None:
-        self.what, self.group, self.own = what, group, own
+    def brought(self) -> dict[str, plugins.Plugin]:
+        """The plug-ins by name; `UserError` where two have one name, or one has a built-in name."""
+        both_are_kinds = self.group in ("scorers", "gates")
+        taken = SCORERS.own | GATES.own if both_are_kinds else self.own
+        return plugins.beside(taken.keys(), self.group)
 
     def plugin(self, name: str) -> plugins.Plugin | None:
-        """The plug-in of that name; None where it is built in or nothing has it.
-
-        `UserError` where two plug-ins have one name, or one has a built-in name.
-        """
-        if name in self.own:
-            return None
-        return plugins.beside(self.own.keys(), self.group).get(name)
+        """The plug-in of that name; None where it is built in or nothing has it."""
+        return self.brought().get(name)
 
     def __getitem__(self, name: str) -> str:
-        if name in self.own:
-            return self.own[name]
         found = self.plugin(name)
-        if found is None:
-            raise KeyError(name)
-        return found.reference
-
-    def __setitem__(self, name: str, reference: str) -> None:
-        self.own[name] = reference
-
-    def __delitem__(self, name: str) -> None:
-        del self.own[name]
+        return found.reference if found else self.own[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter({**self.own, **plugins.plugins(self.group)})
+        return iter({**self.own, **self.brought()})
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -59,14 +46,12 @@ class Registry(MutableMapping[str, str]):
         if found is not None:
             return found.loaded
         if name not in self.own:
-            raise UserError(f"unknown {self.what} {name!r}; there are {', '.join(self)}")
-        module, _, attribute = self.own[name].partition(":")
-        return getattr(importlib.import_module(module), attribute)
+            raise UserError(f"unknown {plugins.GROUPS[self.group][0]} {name!r}; there are {', '.join(self)}")
+        return pkgutil.resolve_name(self.own[name])
 
 
 # A `nbv.scorers.scorer.Scorer` each. Flown alone by the gate of the same name.
 SCORERS = Registry(
-    "scorer",
     "scorers",
     {
         "covis": "nbv.scorers.covis:COVIS",
@@ -78,7 +63,6 @@ SCORERS = Registry(
 
 # A subclass of `nbv.gates.base.Gate` each.
 GATES = Registry(
-    "gate",
     "gates",
     {
         "hyb-h": "nbv.gates.controls:HeuristicGate",
@@ -92,7 +76,6 @@ GATES = Registry(
 
 # A class each that takes a `nbv.scene.Scene` and has the face of `nbv.scene.Renderer`.
 RENDERERS = Registry(
-    "renderer",
     "renderers",
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
@@ -102,7 +85,6 @@ RENDERERS = Registry(
 
 # A `nbv.dense.DenseBackend` each.
 DENSE_BACKENDS = Registry(
-    "dense backend",
     "dense",
     {
         "sgbm": "nbv.dense.stereo:sgbm_depth_maps",
@@ -111,19 +93,6 @@ DENSE_BACKENDS = Registry(
 )
 
 
-class _Kinds(Collection[str]):
-    """Built-in kinds are found without a look at what is installed."""
-
-    def __contains__(self, name: object) -> bool:
-        return any(name in names for names in (SCORERS.own, GATES.own, SCORERS, GATES))
-
-    def __iter__(self) -> Iterator[str]:
-        return iter((*SCORERS, *GATES))
-
-    def __len__(self) -> int:
-        return len(SCORERS) + len(GATES)
-
-
-def gate_kinds() -> Collection[str]:
+def gate_kinds() -> tuple[str, ...]:
     """The values of ``gate.kind``: every scorer alone, then the gates."""
-    return _Kinds()
+    return (*SCORERS, *GATES)

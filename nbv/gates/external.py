@@ -34,6 +34,13 @@ from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 ANSWER_S = 120.0  # time for one answer
 
 
+class Answer(msgspec.Struct):
+    """The view to fly by its id, or a score for each candidate."""
+
+    view: str = ""
+    scores: list[float] | None = None
+
+
 class ExternalGate(Gate):
     """Asks a program; `register_program` makes the subclass of one."""
 
@@ -44,18 +51,17 @@ class ExternalGate(Gate):
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The program's answer."""
         kind = self.config.gate.kind
-        answer = self._ask(
-            _state_line(state, pool, self.config.target_m, int(self.rng(state).integers(2**31)))
-        )
-        known = answer if isinstance(answer, dict) else {}
-        if "scores" not in known and known.get("view") not in pool.ids:
+        seed = int(self.rng(state).integers(2**31))
+        answer = self._ask(_state_line(state, pool, self.config.target_m, seed))
+        if answer.scores is None and answer.view not in pool.ids:
             raise MissionFailure(
-                "plugin_failed", f"{kind} answered {str(answer)[:80]!r}, which names no view of the pool"
+                "plugin_failed", f"{kind} answered {answer}, which names no view of the pool"
             )
-        scores = np.array(known.get("scores", [view == known.get("view") for view in pool.ids]), dtype=float)
+        chosen = [view == answer.view for view in pool.ids]
+        scores = np.array(chosen if answer.scores is None else answer.scores, dtype=float)
         return GateDecision(ranking_of(kind, scores, rankings), f"answer of {self.command[0]}")
 
-    def _ask(self, line: bytes) -> object:
+    def _ask(self, line: bytes) -> Answer:
         if self._process is None:
             self._process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         process = self._process
@@ -65,14 +71,15 @@ class ExternalGate(Gate):
         try:
             process.stdin.write(line + b"\n")
             process.stdin.flush()
-            return msgspec.json.decode(process.stdout.readline())
+            return msgspec.json.decode(process.stdout.readline(), type=Answer)
         except (OSError, msgspec.DecodeError) as error:
             why = str(error)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 why = f"exit status {process.wait(1.0)}"
             if overdue.finished.is_set():
                 why = f"killed after {ANSWER_S:g} s"
-            raise MissionFailure("plugin_failed", f"{' '.join(self.command)}: no answer ({why})") from error
+            said = f"gate {self.config.gate.kind!r} of {' '.join(self.command)} gave no usable answer ({why})"
+            raise MissionFailure("plugin_failed", said) from error
         finally:
             overdue.cancel()
 

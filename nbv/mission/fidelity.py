@@ -21,6 +21,7 @@ from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import PROGRESS, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
+from nbv.plugins import failure_of
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.stopwatch import Stopwatch
@@ -186,6 +187,10 @@ class Fidelity(ABC):
             metrics = self.measure(cloud)
         except MissionFailure as failure:
             return Outcome("failed", failure.reason, failure.message)
+        except Exception as error:  # another's planner raises what it likes
+            if (ended := failure_of(error)) is None:
+                raise
+            return Outcome("failed", ended.reason, ended.message)
         notes = mission.recorder.notes
         if not notes:
             return Outcome("ok", metrics=metrics)

@@ -9,8 +9,10 @@ from typing import Annotated
 import typer
 
 from nbv import plugins
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.commands.console import AsJson, answer_json, output, show_table
+from tuner.problem.baselines import BASELINES
 
 app = typer.Typer(no_args_is_help=True)
 TEMPLATES = Path(__file__).with_name("plugin_package")
@@ -43,13 +45,15 @@ def init(
 
     Example: gatetune plugin init mine
     """
-    folder = out or Path(name)
+    folder, section = out or Path(name), name.replace("-", "_")
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
         raise UserError(f"{name!r} cannot name a plug-in; use small letters, digits and single dashes")
+    if name in BASELINES or hasattr(MissionConfig(), section):
+        raise UserError(f"{name!r} is the name of a strategy or section that is there; choose another")
     if folder.exists():
         raise UserError(f"{folder} exists; choose another folder with --out")
     kind = "gate" if gate else "scorer"
-    words = {"NAME": name, "MODULE": f"gatetune_{name.replace('-', '_')}", "SECTION": name.replace("-", "_")}
+    words = {"NAME": name, "MODULE": f"gatetune_{section}", "SECTION": section}
     words |= {"KIND": kind, "PART": "Planner" if gate else "PLANNER", "VERSION": str(plugins.INTERFACE)}
 
     def write(source: str, place: Path) -> None:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib
 import importlib.util
+import pkgutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from nbv.cache import code_digest
 from nbv.config.registry import Registry
@@ -22,7 +21,6 @@ from nbv.rocks.catalogue import is_photographed
 
 # Named by module, so that a command imports only what it runs.
 FIDELITIES = Registry(
-    "fidelity",
     "fidelities",
     {
         "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
@@ -117,14 +115,11 @@ def mission_function(fidelity: str) -> Callable[..., MissionResult]:
     Raises `UserError`: there is no such fidelity.
     """
     require_fidelity(fidelity)
-    if (plugin := FIDELITIES.plugin(fidelity)) is not None:
-        loaded: Callable[..., MissionResult] = plugin.loaded
-        return loaded
-    module_name, _, name = FIDELITIES.get(fidelity, fidelity).partition(":")
+    if fidelity in FIDELITIES:
+        known: Callable[..., MissionResult] = FIDELITIES.load(fidelity)
+        return known
     try:
-        target: Any = importlib.import_module(module_name)
-        for part in name.split("."):
-            target = getattr(target, part)
+        target = pkgutil.resolve_name(fidelity)
     except (ImportError, AttributeError, ValueError) as error:
         raise UserError(
             f"fidelity {fidelity!r} cannot be imported ({error}); name it module:function"

@@ -8,6 +8,7 @@ import traceback
 from typing import Any
 
 from nbv.errors import MissionFailure, UserError
+from nbv.plugins import failure_of
 from nbv.safe_files import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.registry import fidelity_on, mission_function
@@ -59,6 +60,8 @@ def run_job(tree: dict[str, Any]) -> int:
 
 
 def _reason(error: BaseException) -> tuple[str, str]:
+    if isinstance(error, Exception) and (ended := failure_of(error)) is not None:
+        return ended.reason, ended.message
     if isinstance(error, UserError):
         return "user_error", str(error)
     if isinstance(error, MissionFailure):

@@ -153,7 +153,10 @@ def baseline(name: str) -> Baseline:
     if name not in BASELINES:
         close = difflib.get_close_matches(name, BASELINES, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
-        raise UserError(f"unknown strategy {name!r}; {hint}there are {', '.join(BASELINES)}")
+        raise UserError(
+            f"unknown strategy {name!r}; {hint}there are {', '.join(BASELINES)}; "
+            "a plug-in must be installed, or named with gatetune --plugin"
+        )
     return BASELINES[name]
 
 

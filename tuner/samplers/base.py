@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 VERIFICATION_BEGINS = 2 / 3  # of the budget
 # A class each, made of its settings and its name.
 SAMPLERS = Registry(
-    "sampler",
     "samplers",
     {
         "gp": "tuner.samplers.gp:GPSampler",

@@ -68,7 +68,7 @@ def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pyte
             self.truth  # noqa: B018
 
     monkeypatch.setattr(controls, "Peeking", Peeking, raising=False)
-    monkeypatch.setitem(GATES, "peeking", "nbv.gates.controls:Peeking")  # one line makes a new kind
+    monkeypatch.setitem(GATES.own, "peeking", "nbv.gates.controls:Peeking")  # one line makes a new kind
     with pytest.raises(ValueError, match="sees_ground_truth = True"):
         make_gate(config("peeking"), oracle=object())  # type: ignore[arg-type]
     monkeypatch.setattr(Peeking, "sees_ground_truth", True)

@@ -15,7 +15,10 @@ from nbv.config.declaration import Section
 from nbv.errors import UserError
 from nbv.gates import Gate, external
 from nbv.geometric import run_geometric_mission
+from nbv.mission import MissionResult
 from nbv.types import GateDecision
+from tuner.missions.job import MissionJob
+from tuner.missions.run_job import run_job
 
 MINE = """
 from dataclasses import dataclass
@@ -181,7 +184,11 @@ def test_a_planner_that_fails_is_a_failed_mission(package, term, said):
     plugins.register("scorers", "bad", Scorer("bad", term, weights=lambda config: Weights()))
     mission = run_geometric_mission(short(**{"gate.kind": "bad"}), "slab")
     assert (mission.status, mission.reason) == ("failed", "plugin_failed")
-    assert any(part in mission.message for part in said.split("|")) and "scorer 'bad'" in mission.message
+    assert any(part in mission.message for part in said.split("|"))
+    raised = (
+        f"plug-in {__name__} raised" in mission.message and f"({Path(__file__).name}, line" in mission.message
+    )
+    assert raised or "scorer 'bad'" in mission.message
 
 
 def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(package, tmp_path):
@@ -239,14 +246,14 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"view": state["pool"]["ids"][3]}', ""),
         ('{"view": "nowhere"}', "names no view of the pool"),
         ('{"scores": [1.0]}', "returned the shape (1,), not ("),
-        ('{"scores": [float("nan") for z in heights]}', "no answer (JSON is malformed"),
-        ('{"scores": ["high" for z in heights]}', "could not convert string to float"),
-        ('{"scores": [[z, z] for z in heights]}', "one number for each candidate"),
-        ('{"scores": None}', "returned the shape"),
-        ('{"scores": 3}', "returned the shape"),
-        ("[1, 2]", "names no view of the pool"),
-        ("time.sleep(60)", "no answer (killed after 2 s)"),
-        ("sys.exit(3)", "no answer (exit status 3)"),
+        ('{"scores": [float("nan") for z in heights]}', "no usable answer (JSON is malformed"),
+        ('{"scores": ["high" for z in heights]}', "no usable answer (Expected `float`, got `str`"),
+        ('{"scores": [[z, z] for z in heights]}', "no usable answer (Expected `float`, got `array`"),
+        ('{"scores": None}', "names no view of the pool"),
+        ('{"scores": 3}', "no usable answer (Expected `array | null`, got `int`"),
+        ("[1, 2]", "no usable answer (Expected `object`, got `array`"),
+        ("time.sleep(60)", "no usable answer (killed after 2 s)"),
+        ("sys.exit(3)", "no usable answer (exit status 3)"),
     ],
 )
 def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, said):
@@ -273,3 +280,31 @@ def test_the_planners_of_the_examples_plan(package, monkeypatch, name):
     mission = run_geometric_mission(short(**{"gate.kind": name}), "slab")
     assert {capture.scorer for capture in mission.trace} == {name}, mission.message
     assert all(0.0 < capture.top[name]["main"] <= 1.0 for capture in mission.trace)
+
+
+class Wrong(Gate):
+    def decide(self, state, pool, rankings):
+        return None
+
+
+class Unbuilt(Wrong):
+    def __init__(self, *given):
+        raise OSError("no such map")
+
+
+class Undecided(Gate):
+    pass
+
+
+def test_what_a_gate_returns_or_raises_where_it_is_made_is_said(package, tmp_path):
+    plugins.register("gates", "wrong", Wrong)
+    mission = run_geometric_mission(short(**{"gate.kind": "wrong"}), "slab")
+    assert mission.reason == "plugin_failed"
+    assert mission.message.startswith("gate 'wrong' of ") and "returned NoneType, no" in mission.message
+    with pytest.raises(UserError, match=r"gate 'undecided' of .* is no gate: a class without decide"):
+        plugins.register("gates", "undecided", Undecided)
+    plugins.register("gates", "unbuilt", Unbuilt)
+    config = short(**{"gate.kind": "unbuilt"})
+    run_job(MissionJob("a", config, "slab", 0, tmp_path / "a", fidelity="geometric").to_dict())
+    failed = MissionResult.load(tmp_path / "a")
+    assert failed.reason == "plugin_failed" and "raised OSError: no such map (" in failed.message
