@@ -3,8 +3,8 @@
     python docs/make_pages.py            # write them
     python docs/make_pages.py --check    # exit 1 and name those that are not current
 
-``reference/commands.md`` comes from the command line's own declarations, ``reference/campaign_settings.md`` from the
-settings', ``reference/parameters.md`` from the configuration's, ``internals/rooms_*.svg`` from the imports.
+``reference/commands.md`` comes from the declarations of the command line and of a campaign's settings,
+``reference/parameters.md`` from the configuration's, ``internals/rooms_*.svg`` from the imports.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def commands_page() -> str:
         "# Commands",
         "",
         "Made by `python docs/make_pages.py` from the program's help, which has an example of each. An option stands at the first "
-        "command that has it. With `--json` a command prints one JSON document, a campaign an object per event.",
+        "command that has it. `--out` is where a result is written, `--json` prints it as JSON (a campaign: an object per event).",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
@@ -59,7 +59,7 @@ def commands_page() -> str:
     for path, command in sorted(leaves, key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option"]
-        options = [p for p in options if p.name != "help" and "--json" not in p.opts]
+        options = [p for p in options if p.name not in ("help", "out") and "--json" not in p.opts]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
         purpose = " ".join(command.help.split()).partition(" Example: ")[0]
         lines += [f"## `{usage}`", "", purpose, ""]
@@ -70,6 +70,8 @@ def commands_page() -> str:
             lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
         told |= {(p.name, p.help) for p in options}
+        if path == ("campaign", "run"):
+            lines += _settings_file()
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -80,7 +82,7 @@ def parameters_page() -> str:
     lines = [
         "# Parameters",
         "",
-        "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
+        "A parameter's path is its section and name, which ends in its unit: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "printed paper, with the section; **code**, the authors' public code or simulator; none: gatetune's own. "
         "`gatetune config show` prints any preset with the reasons; `--set PATH=VALUE` changes a parameter.",
         "",
@@ -93,7 +95,7 @@ def parameters_page() -> str:
             section = p.section
             lines.append(f"|**{section}**|")
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
-        value = f"{_as_written(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
+        value = _as_written(p.default) or "empty"
         name = p.path.removeprefix(f"{section}.")
         # `gatetune config show` says where, or why.
         source = {"text": f"|{p.origin}", "gatetune": ""}.get(p.source, f"|{p.source}")
@@ -110,7 +112,11 @@ def _presets_table() -> list[str]:
 
     lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
     for name, preset in PRESETS.items():
-        changes = ", ".join(f"`{path}` {_as_written(value)}" for path, value in preset.values.items())
+        sections: dict[str, list[str]] = {}
+        for path, value in preset.values.items():
+            section, _, field = path.partition(".")
+            sections.setdefault(section, []).append(f"`{field}` {_as_written(value)}")
+        changes = "; ".join(f"**{section}** {', '.join(values)}" for section, values in sections.items())
         lines.append(f"|`{name}`|{preset.purpose}|{changes or 'nothing'}|")
     return lines
 
@@ -124,39 +130,34 @@ def _as_written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
 
 
-def settings_page() -> str:
-    """Every field of a campaign's settings file, as Markdown."""
+def _settings_file() -> list[str]:
+    """What a campaign's settings file may hold besides its options."""
     from tuner.campaign.settings_file import SETTINGS
 
-    lines = [
-        "# A campaign's settings file",
-        "",
-        "`gatetune campaign run settings.yaml` reads a campaign's settings from a file; options of the command override it. "
-        "Every field is optional. Relative paths start at the file's folder. The `campaign.yaml` of another campaign works, too: "
-        "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
-        "",
-        "    name: shale",
-        "    space: beyond_paper",
-        "    rocks: [slab, scans/shale.obj]",
-        "    budget: 96",
-        "    overrides: {stop.adaptive_budget: 12}",
-        "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
-        "    in_step: 2",
-        "",
-    ]
     options = {name: s.option.split()[0] for name, s in SETTINGS.items() if s.option}
     fields = (
         f"`{name}`" + (f" (`{option}`)" if option != f"--{name.replace('_', '-')}" else "")
         for name, option in options.items()
     )
-    lines += [f"Fields that are [options](commands.md), too: {', '.join(fields)}.", ""]
-    lines += ["|others, and what options cannot say|default|meaning|", "|-|-|-|"]
+    lines = [
+        "## Settings file",
+        "",
+        "`gatetune campaign run settings.yaml` reads settings from a file, such as the `campaign.yaml` of another campaign; "
+        "options of the command override it. Relative paths start at the file's folder.",
+        "",
+        "    rocks: [slab, scans/shale.obj]",
+        "    overrides: {stop.adaptive_budget: 12}",
+        "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
+        "",
+        f"These options are fields: {', '.join(fields)}. A file may also say:",
+        "",
+    ]
     for name, s in SETTINGS.items():
-        if s.option and not s.in_file:
-            continue
-        default = f"{s.default_text or 'none'}{f' ({s.why})' if s.why else ''}"
-        lines.append(f"|`{name}`|{default}|{s.in_file if s.option else s.text}|")
-    return "\n".join(lines) + "\n"
+        if s.option and s.in_file:
+            lines.append(f"- `{name}`: {s.in_file}")
+        elif not s.option:
+            lines.append(f"- `{name}`: {s.text} (default: {s.default_text or 'none'})")
+    return [*lines, ""]
 
 
 def _leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -175,8 +176,7 @@ def _default(option: Any) -> str:
 
 
 def _option(option: Any) -> str:
-    names = "/".join([option.opts[0], *option.secondary_opts[:1]])
-    return f"- `{names}`{_default(option)}: {' '.join((option.help or '').split())}"
+    return f"- `{option.opts[0]}`{_default(option)}: {' '.join((option.help or '').split())}"
 
 
 def rooms(package: str) -> nx.DiGraph:
@@ -268,7 +268,6 @@ def pages() -> dict[Path, str]:
 
     return {
         Path("reference/commands.md"): commands_page(),
-        Path("reference/campaign_settings.md"): settings_page(),
         Path("reference/parameters.md"): parameters_page(),
         Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
         Path("internals/rooms_tuner.svg"): rooms_picture("tuner"),

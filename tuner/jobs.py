@@ -47,7 +47,7 @@ def tune(
     on_event
         Called with everything that happens, in this process.
     settings
-        A campaign's settings by name, as a settings file has them (docs/reference/campaign_settings.md). What is left out has
+        A campaign's settings by name, as a settings file has them (docs/reference/commands.md). What is left out has
         the command's default, the name the directory's; of a campaign that is there already it is its own, and what is given
         must be that.
 

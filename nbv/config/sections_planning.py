@@ -34,51 +34,51 @@ class SeedConfig(Section):
     )
     ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
     ring_radii_m: tuple[Positive, ...] = not_in_paper(
-        (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
+        (), "the same for each seed ring; empty: `radius_m` for all", added=True
     )
     ring_bearings_deg: tuple[float, ...] = not_in_paper(
-        (), "compass bearing of the first view of each seed ring; empty: north for all", added=True
+        (), "compass bearing of each seed ring's first view; empty: north", added=True
     )
     count: int = not_in_paper(
         0,
-        "seeds on one turn about the target, at even azimuths, instead of the rings above; 0: those",
+        "seeds at even azimuths around the target, in place of the rings above; 0: those rings",
         why="the paper's 24; from 3 on a model can be aligned",
         added=True,
     )
     rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
-        1, "elevations that the seeds of `count` take in turn", added=True
+        1, "elevations among which the seeds of `count` alternate", added=True
     )
     lowest_deg: float = not_in_paper(
         20.0,
-        "the lowest of them",
+        "the lowest of these elevations",
         why="the mean of the paper's is 24",
         label="elevation of the lowest ring",
         added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True
+        0.0, "from the lowest to the highest elevation", why="the paper's: 21", added=True
     )
     start_bearing_deg: float = not_in_paper(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
-        "share of the seeds of `count` on a second ring, `span_deg` above the first; 0: one turn",
+        "share of the seeds of `count` on a second ring, `span_deg` above the first",
         why="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
         added=True,
     )
     retarget_after: int = not_in_paper(
         0,
-        "seeds from whose photographs a target that has to be looked for is found; the others are flown around it. "
-        "0: it is looked for after the last",
+        "seeds after which a target of uncertain position is located and the other seeds are moved to it; "
+        "0: it is located after the last seed",
         added=True,
         alias="reaim_after",
     )
     second_turn: bool = not_in_paper(
         False,
-        "where the seeds make no model, photograph as many again between them, out of the planned views; where a part of them is "
-        "missing from it, photograph between registered and missing ones until all are in it",
+        "take further seeds out of the planned views: as many again where the seeds make no model, else between registered and "
+        "missing seeds until all are registered",
         why="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
@@ -145,28 +145,28 @@ class PoolConfig(Section):
     lateral_elevations_deg: Elevations = text(
         (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
     )
-    lateral_count: Count = code(120, "mission file", "candidates in it, by inverse rank over its rings")
+    lateral_count: Count = code(120, "mission file", "candidates in the lower band; each lower ring gets more of them (by inverse rank)")
     upper_elevations_deg: Elevations = text(
         (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
     )
-    upper_count: Count = code(50, "mission file", "candidates in it, evenly over its rings")
+    upper_count: Count = code(50, "mission file", "candidates in the upper band, evenly over its rings")
     min_altitude_m: float = not_in_paper(
         1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
     )
     max_altitude_m: float = code(
         20.0,
         "mission file",
-        "highest candidate; where the target has to be found and no ring about it passes below, the lowest that may be flown",
+        "highest candidate; raised where a target of uncertain position leaves no ring below it",
         label="altitude limit",
     )
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
-    azimuth_sectors: OneOrMore = code(8, "mission file", "sectors by whose captures candidates are ordered")
-    max_candidates: OneOrMore = code(200, "mission file", "candidates that are scored, at most")
+    azimuth_sectors: OneOrMore = code(8, "mission file", "sectors around the target; candidates in the least photographed come first")
+    max_candidates: OneOrMore = code(200, "mission file", "most candidates that are scored")
     min_register_chance: Share = not_in_paper(
         0.0,
-        "least chance to register that a candidate must have; where none has it, the likeliest is left",
+        "least chance to register of a candidate; where none has it, the likeliest is kept",
         added=True,
     )
 
@@ -184,30 +184,30 @@ class StopConfig(Section):
     )
     max_photographs: Count = not_in_paper(
         0,
-        "photographs in all, seeds included, that the budget is cut to; 0: no limit",
+        "most photographs, seeds included; 0: no limit",
         why="so that seeds and captures are shared out of one number",
         added=True,
     )
     criterion: Literal["both", "budget", "knn", "predicted"] = text(
         "both",
         "III, Phase 2",
-        "what ends Phase 2 besides the budget: both (the paper's) or knn, the sparse cloud's density; predicted, not in the paper: the "
-        "dense cloud's predicted completeness",
+        "what ends Phase 2 besides the budget: both (the paper's) or knn, d95 of the sparse cloud; predicted, the dense cloud's "
+        "predicted completeness (not in the paper)",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
-    knn_neighbours: OneOrMore = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
+    knn_neighbours: OneOrMore = code(5, "COLMAP settings", "neighbour whose distance d95 is of")
     knn_region: Literal["all", "box"] = text(
-        "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
+        "all", "III-B, the sparse cloud", "points that count for d95: all, or those in the box"
     )
     predicted_percent: Annotated[float, Meta(gt=0, le=100)] = not_in_paper(
         98.0,
-        "where the criterion is predicted: F-score at 48 mm that the dense cloud must be predicted to reach",
+        "predicted F-score at 48 mm of the dense cloud at which criterion predicted ends Phase 2",
         added=True,
     )
     min_gain_percent: NonNegative = not_in_paper(
         0.0,
-        "Phase 2 also ends when the next view would add less than this share of the matchable views that the surface "
-        "needs; 0: it does not",
+        "Phase 2 ends when the next view adds less than this share of the matchable views that the surface needs; "
+        "0: never",
         why="after 12 seeds the first view adds 5 to 6 %, the 20th 0 to 2 % (slab, waist, vesicular, cavern, geometric)",
         added=True,
     )
@@ -248,7 +248,7 @@ class SharedTermsConfig(Section):
     theta_min_deg: Positive = text(
         20.0,
         "Eq. 4",
-        "angle to a visited direction below which it is penalised",
+        "angle to a visited direction below which a view is penalised",
         label="angular penalty θ_min",
         symbol="θ_min",
     )
@@ -322,7 +322,7 @@ class GateConfig(Section):
     kind: str = text(
         "hyb-h",
         "III-B",
-        "which ranking is used; a scorer's name: that scorer alone",
+        "gate, or a scorer's name for that scorer alone",
         names=gate_kinds,
         plugins=True,
     )
@@ -350,8 +350,7 @@ class GateConfig(Section):
     )
     bridge_below: Share = not_in_paper(
         0.0,
-        "share of the photographs so far that are registered, below which the next view lies between those and the others; "
-        "0: never",
+        "share of registered photographs below which the next view lies between registered and unregistered ones",
         added=True,
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
@@ -360,14 +359,14 @@ class GateConfig(Section):
     oracle_samples: Annotated[int, Meta(ge=100)] = text(
         30_000, "III-B", "samples of the true surface that Hyb-O counts"
     )
-    oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which a sample is covered")
+    oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which Hyb-O counts a sample as covered")
     oracle_matchable_views: TwoOrMore = not_in_paper(
-        3, "views that must see a sample where coverage is matchable"
+        3, "views that must see a sample for coverage matchable"
     )
     oracle_quality_weight: NonNegative = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",
-        "how much of a scorer's own main term Hyb-O adds to the share of samples; above 0, ties go by margin",
+        "weight of a scorer's own main term in Hyb-O; above 0, the margin decides ties",
         added=True,
     )
-    learned_policy: str = not_in_paper("", "path of a policy for the learned gate; empty: the one that ships")
+    learned_policy: str = not_in_paper("", "policy file of the learned gate; empty: the one that ships")

@@ -26,37 +26,37 @@ class SparseConfig(Section):
     """Features, matching, incremental mapping, alignment."""
 
     max_features: OneOrMore = not_in_paper(
-        8192, "features of a photograph, at most", why="COLMAP's default; the authors' 16384"
+        8192, "most features of a photograph", why="COLMAP's default; the authors' 16384"
     )
     ground_features: Count = not_in_paper(
         0,
-        "features of the ground as telemetry lets it be seen from above, at most; 0: none",
+        "most features of the ground, found in the photograph rectified to a view from above by telemetry; 0: none",
         why="hold views 30° and more apart together, which SIFT matches too rarely",
         added=True,
     )
     first_octave: Annotated[int, Meta(ge=-1, le=2)] = code(
-        -1, "COLMAP's default", "-1: features of the doubled image too"
+        -1, "COLMAP's default", "first octave of SIFT; -1: the doubled image"
     )
     peak_threshold: Positive = code(0.0066, "COLMAP's default", "least contrast of a feature")
     match_ratio: Annotated[float, Meta(gt=0, le=1)] = code(
-        0.8, "COLMAP's default", "best distance over second best, at most"
+        0.8, "COLMAP's default", "largest ratio of best to second-best distance"
     )
     max_pair_angle_deg: Annotated[float, Meta(gt=0, le=180)] = code(
-        180.0, "exhaustive", "views that look farther apart are not matched"
+        180.0, "exhaustive", "largest angle between viewing directions of a matched pair"
     )
     max_pairs: Count = code(
-        0, "exhaustive", "earlier photographs to match a new one with, nearest directions first; 0: all"
+        0, "exhaustive", "photographs that a new one is matched with, nearest directions first; 0: all"
     )
     min_inliers: Annotated[int, Meta(ge=8)] = code(
-        15, "COLMAP's default", "matches of a verified pair, at least"
+        15, "COLMAP's default", "least matches of a verified pair"
     )
     min_ransac_trials: OneOrMore = code(
-        100, "COLMAP's default", "trials of two-view verification, at least", added=True
+        100, "COLMAP's default", "least trials of two-view verification", added=True
     )
     global_ba_interval: OneOrMore = not_in_paper(5, "captures between global bundle adjustments")
     local_ba_images: TwoOrMore = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
     local_ba_rounds: OneOrMore = code(
-        2, "COLMAP's default", "times a local adjustment is repeated, at most", added=True
+        2, "COLMAP's default", "most rounds of a local adjustment", added=True
     )
     local_ba_iterations: Count = code(
         0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit", added=True
@@ -65,10 +65,10 @@ class SparseConfig(Section):
         0, "COLMAP's default", "solver steps of a global adjustment; 0: COLMAP's limit", added=True
     )
     update_pairs: Literal["all", "near"] = code(
-        "all", "COLMAP's default", "pairs that an update between global adjustments sees", added=True
+        "all", "COLMAP's default", "pairs that an update between global adjustments uses", added=True
     )
     max_alignment_rms_m: Positive = not_in_paper(
-        0.10, "residual to telemetry beyond which the model is wrong"
+        0.10, "rms residual to telemetry above which the mission fails (`wrong_model`)"
     )
     min_registered_seeds: Annotated[int, Meta(ge=3)] = not_in_paper(
         12, "seeds that must register for the mission to go on"
@@ -81,7 +81,7 @@ class DenseConfig(Section):
 
     backend: str = not_in_paper(
         "sgbm",
-        "stereo",
+        "dense stereo",
         why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
         names=DENSE_BACKENDS.keys,
         plugins=True,
@@ -95,17 +95,17 @@ class DenseConfig(Section):
     )
     crop_half_width_m: Positive = not_in_paper(1.5, "half the side of the cube in which depths are sought")
     search: Literal["crop", "sparse"] = not_in_paper(
-        "crop", "depths are sought in all of the cube, or near the sparse model", added=True
+        "crop", "whether depths are sought in the whole cube or near the sparse model", added=True
     )
     max_size_px: int = not_in_paper(
-        0, "long side of the photographs that depths are sought in, at most; 0: as taken", added=True
+        0, "long side to which photographs are reduced for stereo; 0: as taken", added=True
     )
     agreeing_views: TwoOrMore = not_in_paper(3, "views, the reference included, that must agree on a depth")
-    consistency_views: int = not_in_paper(10, "views that are asked")
-    consistency_relative_depth: float = not_in_paper(0.005, "difference at which depths agree, relative")
-    consistency_px: float = not_in_paper(1.0, "error of reprojection at which depths agree")
+    consistency_views: int = not_in_paper(10, "views in which a depth is checked")
+    consistency_relative_depth: float = not_in_paper(0.005, "largest relative difference of agreeing depths")
+    consistency_px: float = not_in_paper(1.0, "largest reprojection error of agreeing depths")
     fusion_voxel_m: float = not_in_paper(
-        0.008, "points in one voxel are averaged", why="a pixel at 3.5 m is 7.5 mm"
+        0.008, "voxel in which points are averaged", why="a pixel at 3.5 m is 7.5 mm"
     )
 
     def __post_init__(self) -> None:
@@ -122,7 +122,7 @@ class EvaluationConfig(Section):
     crop_half_extent_m: Positive = code(1.5, "evaluation script", "half the side of the cube that is kept")
     ground_ransac_iterations: int = code(500, "evaluation script", "trials of the ground plane")
     ground_ransac_threshold_m: float = code(
-        0.03, "evaluation script", "distance to the ground plane that is ground"
+        0.03, "evaluation script", "largest distance of ground points to the ground plane"
     )
     ground_max_tilt_deg: float = not_in_paper(
         15.0, "largest tilt of the ground plane", why="else a facet of the rock may go"
@@ -136,11 +136,11 @@ class EvaluationConfig(Section):
     )
     floater_radius_m: NonNegative = not_in_paper(
         0.024,
-        "gap around floaters, loose points off any plane and small clusters, which go; 0: none",
+        "gap around floaters (loose points off any plane, small clusters), which are removed; 0: keep them",
         why="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
         added=True,
     )
-    gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: none")
+    gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: keep them")
     gt_samples: Annotated[int, Meta(ge=1000)] = code(
         100_000, "evaluation script", "samples of the true surface for the metrics"
     )

@@ -40,26 +40,26 @@ class SceneConfig(Section):
     )
     sun_elevation_deg: float | None = not_in_paper(
         None,
-        "height of the sun, 3 to 90; unset: that of `sun_direction`",
+        "elevation of the sun, 3 to 90; unset: as `sun_direction`",
         why="the sun of the Moon and of the Earth; below 3° shadows outgrow the ground",
         added=True,
     )
     sun_azimuth_deg: float | None = not_in_paper(
         None,
-        "where the sun stands, counter-clockwise from east; unset: as `sun_direction` has it",
+        "azimuth of the sun, counter-clockwise from east; unset: as `sun_direction`",
         why="counted as viewpoints' azimuths are",
         added=True,
     )
     sun_irradiance: NonNegative = code(0.904, "simulator", "brightness of the sun, relative")
     ambient: NonNegative = code(0.4, "simulator", "brightness of the sky, relative")
     sky_grey: Share = code(0.7, "simulator", "grey of the background, 0 to 1")
-    ground_seed: int = not_in_paper(0, "which procedural ground")
+    ground_seed: int = not_in_paper(0, "seed of the procedural ground")
     read_noise_dn: NonNegative = not_in_paper(
         1.0, "Gaussian noise of the sensor, 8-bit digital numbers", why="the simulator has none"
     )
     shot_noise_dn: NonNegative = not_in_paper(
         1.5,
-        "standard deviation at full scale; grows with the square root of the signal",
+        "standard deviation of shot noise at full scale",
         why="the simulator has none",
     )
 
@@ -97,12 +97,12 @@ class SensorConfig(Section):
     Values, not draws, but for ``exposure_jitter_ev`` and the direction of the motion, which are drawn per photograph.
     """
 
-    exposure_ev: float = not_in_paper(0.0, "exposure, in stops; 0 leaves it", why="cameras offer -3 to 3")
+    exposure_ev: float = not_in_paper(0.0, "exposure in stops", why="cameras offer -3 to 3")
     exposure_jitter_ev: NonNegative = not_in_paper(
         0.0, "standard deviation of the exposure between photographs", why="automatic exposure steps by 1/3"
     )
     vignetting: NonNegative = not_in_paper(
-        0.0, "light falls off as cosine to the power of 4 times this", why="1 is the law of a simple lens"
+        0.0, "light falls off as cos⁴ to this power", why="1 is the law of a simple lens"
     )
     exposure_time_s: NonNegative = not_in_paper(
         0.0, "shutter time, for motion blur", why="1/250 is called the longest for drone surveys"
@@ -116,7 +116,7 @@ class SensorConfig(Section):
         why="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
     )
     jpeg_quality: Annotated[int, Meta(ge=0, le=100)] = not_in_paper(
-        0, "1 to 100; 0: no compression", why="libjpeg's scale"
+        0, "JPEG quality, 1 to 100; 0: no compression", why="libjpeg's scale"
     )
     focal_error_percent: Annotated[float, Meta(gt=-100)] = not_in_paper(
         0.0,
@@ -151,7 +151,7 @@ class FlightConfig(Section):
     settle_s: NonNegative = code(2.0, "mission file", "pause before a photograph")
     planning_s: NonNegative = not_in_paper(
         0.0,
-        "pause in the air while the model is updated and the next view planned",
+        "hover while the model is updated and the next view planned",
         why="0: not counted; a vehicle's own time is that of its computer",
         added=True,
     )
@@ -169,13 +169,13 @@ class FlightConfig(Section):
     )
     keep_out_radius_m: NonNegative = not_in_paper(
         1.3,
-        "upright cylinder around the target that straight legs go round",
+        "radius of an upright cylinder around the target that straight legs go round",
         why="the public code flies through",
     )
     keep_out_height_m: NonNegative = not_in_paper(
-        2.2, "its top, above the ground", why="the public code flies through"
+        2.2, "height of this cylinder above the ground", why="the public code flies through"
     )
-    min_camera_altitude_m: NonNegative = not_in_paper(0.3, "arrival errors never take the camera below")
+    min_camera_altitude_m: NonNegative = not_in_paper(0.3, "arrival errors never take the camera below this altitude")
 
 
 @dataclass(frozen=True)
@@ -188,16 +188,16 @@ class GroundConfig(Section):
         why="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
     )
     relief_length_m: Annotated[float, Meta(ge=0.3, le=5)] = not_in_paper(
-        1.0, "its correlation length; rms slope is 1.4 relief / length", why="about the rock's size"
+        1.0, "correlation length of the relief; rms slope is 1.4 relief / length", why="about the rock's size"
     )
     neighbours: Annotated[int, Meta(ge=0, le=12)] = not_in_paper(
-        0, "other rocks about the target, beyond the evaluation's crop", why="0 to 12"
+        0, "other rocks around the target, outside the evaluation's crop", why="0 to 12"
     )
     neighbour_height_m: tuple[_Height, _Height] = not_in_paper(
-        (0.4, 1.0), "their least and greatest height", why="at most 1.5: smaller than the target"
+        (0.4, 1.0), "least and greatest height of the neighbours", why="at most 1.5: smaller than the target"
     )
     neighbour_gap_m: tuple[_Gap, _Gap] = not_in_paper(
-        (0.1, 2.0), "how far beyond the crop they begin", why="at most 3: within the views' reach"
+        (0.1, 2.0), "least and greatest distance of the neighbours from the crop", why="at most 3: within the views' reach"
     )
     burial_m: NonNegative = not_in_paper(
         0.0, "how deep the target lies in the ground", why="less than its height"
@@ -237,18 +237,18 @@ class TelemetryConfig(Section):
     """Errors of the reported camera pose (`nbv.flight.telemetry`); all zero by default: telemetry is exact."""
 
     horizontal_noise_m: NonNegative = not_in_paper(
-        0.0, "standard deviation of each horizontal axis, anew in every photograph"
+        0.0, "standard deviation per horizontal axis, drawn per photograph"
     )
-    vertical_noise_m: NonNegative = not_in_paper(0.0, "the same of the vertical axis")
-    drift_m: NonNegative = not_in_paper(0.0, "standard deviation of the slow error of each axis")
+    vertical_noise_m: NonNegative = not_in_paper(0.0, "the same for the vertical axis")
+    drift_m: NonNegative = not_in_paper(0.0, "standard deviation of the drift per axis")
     drift_time_s: Positive = not_in_paper(
-        120.0, "time in which the slow error forgets itself (correlation 1 / e)"
+        120.0, "correlation time of the drift (1 / e)"
     )
     lever_arm_m: tuple[float, float, float] = not_in_paper(
-        (0.0, 0.0, 0.0), "camera from the reported point that nobody corrects: forward, left, up"
+        (0.0, 0.0, 0.0), "uncorrected offset of the camera from the reported point: forward, left, up"
     )
     attitude_noise_deg: NonNegative = not_in_paper(
-        0.0, "standard deviation of the camera's attitude about each axis"
+        0.0, "standard deviation of the attitude per axis"
     )
 
     def __post_init__(self) -> None:
@@ -285,14 +285,13 @@ class TargetConfig(Section):
 
     horizontal_sd_m: NonNegative = not_in_paper(
         0.0,
-        "standard deviation of each horizontal axis of the target's prior centre",
+        "standard deviation of the target's prior centre per horizontal axis",
         why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
-    vertical_sd_m: NonNegative = not_in_paper(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+    vertical_sd_m: NonNegative = not_in_paper(0.0, "the same for the vertical axis", why="as horizontal_sd_m")
     size_error_percent: Annotated[float, Meta(ge=0, le=50)] = not_in_paper(
         20.0,
-        "largest error of the prior height and width of a rock drawn from a family (uniform), which is aimed at half "
-        "its prior height",
+        "largest error of the prior height and width of a drawn rock (uniform); cameras aim at half the prior height",
         why="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
         added=True,
     )

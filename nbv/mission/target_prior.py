@@ -29,9 +29,10 @@ def with_true_target(config: MissionConfig, rock: Rock) -> MissionConfig:
 
 
 def with_size_error(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
-    """``config`` as the vehicle is told of a drawn rock: its size is off by ``target.size_error_percent``.
+    """``config`` with the target and the crops that follow from the prior size of a rock drawn from a family.
 
-    The error is uniform, one for height and width, drawn per (rock, replicate); crops leave room for it.
+    That size is off by up to ``target.size_error_percent``: one uniform error for height and width, drawn per (rock,
+    replicate); the crops leave room for it. For any other rock, or a target that was set, ``config`` itself.
     """
     if not _is_drawn(config, rock):
         return config

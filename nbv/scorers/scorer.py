@@ -91,9 +91,10 @@ def shared_terms(
     config: MissionConfig,
     prediction: HasExpectedGain | None = None,
 ) -> SharedTerms:
-    """Box points, visibility and Eq. 2 to 4.
+    """What all scorers need of the C candidates: box points, their visibility, Eq. 2 to 4, and the chance to register.
 
-    `MissionFailure` ``no_points_in_box``: there is nothing to plan from.
+    ``prediction`` is passed on to the scorer *predicted*. `MissionFailure` ``no_points_in_box`` where no sparse point lies
+    near the target.
     """
     shared, target = config.shared, np.array(config.target_m)
     weighed = any(section.weights.register for section in (config.covis, config.b_aware, config.matchable))

@@ -94,7 +94,7 @@ class CampaignSettings(Section):
         lambda: load_search_space(_DEFAULT_SPACE),
         "search space, a YAML file or a name",
         shown=_DEFAULT_SPACE,
-        why="gains on other rocks, the paper's own space hardly: docs/results/held_out.md",
+        why="it gains on other rocks: docs/results/held_out.md",
         names=available_search_spaces,
         option="--space",
         panel=WHAT,
@@ -106,8 +106,8 @@ class CampaignSettings(Section):
     )
     rocks: tuple[str, ...] = setting(
         lambda: tuple(training_rocks()),
-        "training rocks, names or mesh files; any-FAMILY or any: a fresh rock of that family, or of each, in every "
-        "mission, and the default beside it",
+        "training rocks, names or mesh files; any-FAMILY or any: another drawn rock of that family, or of six, in every "
+        "mission, on which the default runs, too",
         shown="the procedural ones",
         option="--rock",
         panel=WHAT,
@@ -127,8 +127,8 @@ class CampaignSettings(Section):
     )
     compare_on: tuple[str, ...] = setting(
         tuple,
-        "held-out rocks; when the search has ended, the recommendation, the paper's strategies and plain controls are run "
-        "on them and on the training rocks",
+        "held-out rocks; after the search the recommendation, the paper's strategies and plain controls run on them and on "
+        "the training rocks",
         shown="no comparison",
         option="--compare-on",
         panel=WHAT,
@@ -137,7 +137,7 @@ class CampaignSettings(Section):
     )
     mission: MissionFile | None = setting(
         None,
-        "a mission of your own to tune, its mission file (see `gatetune mission init`), which supplies every setting that is not given here",
+        "mission file of your own mission (see `gatetune mission init`), which supplies every setting not given here",
         option="--mission",
         panel=WHAT,
         has_paths=True,
@@ -146,8 +146,8 @@ class CampaignSettings(Section):
     )
     objective: Objective = setting(
         Objective,
-        "what is tuned for: a metric, seconds or energy; f_score@photographs<=21, its best at a cost; "
-        "photographs@f_score>=97, the least cost; photographs@P(f_score>=98)>=0.95, for that share of rocks",
+        "what is tuned for: a metric, seconds or energy; the best at a cost: f_score@photographs<=21; the least cost: "
+        "photographs@f_score>=97, or for a share of rocks: photographs@P(f_score>=98)>=0.95",
         shown=DEFAULT_METRIC,
         option="--objective --metric",
         panel=WHAT,
@@ -157,13 +157,13 @@ class CampaignSettings(Section):
     )
     second: Objective | None = setting(
         None,
-        "a second objective, as the first",
+        "a second objective",
         read=_read_objective,
         write=dataclasses.asdict,
     )
     limit: float | None = setting(
         None,
-        "of the second objective, at most where less is better, at least where more is: the best within it is searched",
+        "outcome constraint on the second objective: its most where less is better, its least where more is",
     )
     preset: str = setting(
         "campaign",
@@ -182,8 +182,8 @@ class CampaignSettings(Section):
     )
     fidelity: str = setting(
         DEFAULT_FIDELITY,
-        "how missions run: photogrammetric; geometric, without photographs in a fraction of the time, which ranks "
-        "configurations and does not measure them; or module:function of your own",
+        "how missions run: photogrammetric; geometric, without photographs, which ranks and does not measure; or "
+        "module:function of your own",
         option="--fidelity",
         panel=MISSION,
         builtin=True,
@@ -230,9 +230,9 @@ class CampaignSettings(Section):
     )
     in_step: OneOrMore | None = setting(
         None,
-        "N: each proposal waits for, and uses, all results except the latest N - 1, so that the campaign "
-        "is the same with any number of workers",
-        shown="a proposal learns from the missions that have ended, and waits for none",
+        "N: each proposal waits for all results except the latest N - 1, so that any number of workers gives the same "
+        "campaign",
+        shown="none waits",
         unit="missions",
     )
 

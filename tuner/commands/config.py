@@ -21,7 +21,7 @@ def show(
 ) -> None:
     """The complete configuration of a preset as YAML, with every value's unit, meaning and source as a comment.
 
-    Every key is a parameter path. Sources: text (the paper), code (the authors' public code), gatetune.
+    Sources: text (the paper), code (the authors' public code), gatetune.
 
     Example: gatetune config show --preset campaign
     """

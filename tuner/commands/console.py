@@ -58,7 +58,7 @@ class _Console(Console):
 output = _Console(markup=False, emoji=False)
 errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
-CONDITION_HELP = "Condition to run under: a name of conditions/, or a YAML file."
+CONDITION_HELP = "Condition, a name or a YAML file."
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0

@@ -31,14 +31,14 @@ Conditions = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="Condition to run under: a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
+        help="Condition, a name or a YAML file, repeatable (default: the campaign's).",
     ),
 ]
 OrIdeal = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="Condition to run under: a name of conditions/ or a YAML file; repeatable (default: ideal).",
+        help="Condition, a name or a YAML file, repeatable (default: ideal).",
     ),
 ]
 Overrides = Annotated[
@@ -47,7 +47,7 @@ Overrides = Annotated[
 ]
 Fidelity = Annotated[
     str,
-    typer.Option(help="geometric: no photographs, a fraction of the time; it ranks, it does not measure."),
+    typer.Option(help="photogrammetric, or geometric: without photographs, which ranks and does not measure."),
 ]
 Workers = Annotated[
     int | None,

@@ -53,7 +53,7 @@ def import_(
 ) -> None:
     """Photographs that you have: reconstruct them, find the object, judge the reference, write a page.
 
-    Stopped, it goes on where it was when the same command runs again.
+    The same command continues an import that was stopped.
 
     Example: gatetune photographs import photos --name mine --height-m 0.6
     """
@@ -137,7 +137,7 @@ def enough(
 ) -> None:
     """How few photographs would have been enough: quality over their number for a ring, random choice and planners.
 
-    Stopped, it goes on where it was when the same command runs again.
+    The same command continues after an interruption.
 
     Example: gatetune photographs enough mine --keep 95
     """

@@ -1,7 +1,7 @@
-"""The joint posterior of some configurations, and how it is stated: by Student's t, not by the normal distribution.
+"""The joint posterior of some configurations, and its intervals: by Student's t, not by the normal distribution.
 
-A search goes where the model hopes for something that it has not seen, and its standard deviations are estimates themselves.
-What the configuration decides needs no surrogate: `DeterministicOutcome` stands where one is expected.
+The Gaussian process is over-confident: a search proposes what the model over-estimates, and its standard deviations are
+estimates themselves. A deterministic metric needs no surrogate: `DeterministicOutcome` stands where one is expected.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from nbv.types import Bools, Floats
 from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.search_space import SearchSpace
 
-FREEDOM = 5.0  # degrees of freedom of what is stated
+FREEDOM = 5.0  # degrees of freedom of intervals and probabilities
 ROUNDING = 1e-9
 CANCELLED = 1e-13  # of variances: what is left of their difference is rounding
 MOST_ENDS = 256
 
 
 def interval_95(mean: float, sd: float) -> tuple[float, float]:
-    """Return the 95 % interval that is stated of a quantity with posterior ``mean`` and ``sd``, in their unit."""
+    """Return the 95 % interval of Student's t around ``mean``, scaled by ``sd``, with `FREEDOM` degrees of freedom."""
     half = float(special.stdtrit(FREEDOM, 0.975)) * sd
     return mean - half, mean + half
 
 
 def probability_positive(mean: float, sd: float) -> float:
-    """Return the probability that is stated for the quantity being above 0; a half where the model knows it to be 0."""
+    """Return the probability by the same distribution that a quantity is above 0; a half where ``sd`` is 0."""
     return 0.5 if sd == 0.0 else float(special.stdtr(FREEDOM, mean / sd))
 
 
