@@ -71,10 +71,10 @@ def cached(
 def cached_json(store: Store | None, kind: str, make: Callable[[], Any], **more: Any) -> Any:
     """`cached` for a JSON value, with the same ``code`` and ``inputs``."""
 
-    def packed() -> Arrays:
+    def json_as_array() -> Arrays:
         return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}
 
-    return json.loads(cached(store, kind, packed, **more)["json"].tobytes())
+    return json.loads(cached(store, kind, json_as_array, **more)["json"].tobytes())
 
 
 @functools.cache

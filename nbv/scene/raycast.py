@@ -187,6 +187,10 @@ class RaycastRenderer:
     def _draw_rock(
         self, rays: _PixelRays, position: Floats, box: _Box, background: Floats32, rgb: Floats32
     ) -> None:
+        """Write the rock's radiance over ``background`` (H, W, 3), ground and sky, into ``box`` of ``rgb`` (H, W, 3).
+
+        A pixel that the rock covers in part is a mixture, by the share of its rays, `ROCK_SUBSAMPLES` per axis, that hit.
+        """
         r0, r1, c0, c1 = box
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n

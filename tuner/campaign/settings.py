@@ -115,7 +115,7 @@ class CampaignSettings(Section):
     )
     conditions: tuple[Condition, ...] = setting(
         lambda: (IDEAL_CONDITION,),
-        "conditions to run every rock under, names of conditions/ or YAML files",
+        "conditions for every rock, names or YAML files",
         shown="ideal",
         option="--condition",
         panel=WHAT,
@@ -224,7 +224,7 @@ class CampaignSettings(Section):
     seed: int = setting(0, "seed of the design and the acquisition", option="--seed", panel=SEARCH)
     keep: Keep = setting(
         "summary",
-        "files kept of every mission, all with images and models",
+        "files kept of every mission; all: with images and models",
         option="--keep",
         panel=WHERE,
     )

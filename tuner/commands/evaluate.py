@@ -156,7 +156,7 @@ def reproduce(
     preset: Annotated[
         str,
         typer.Option(
-            help="paper (the text), paper-reduced (the text with reduced SfM, for speed) or paper-code (what the public code does)."
+            help="paper (the text), paper-reduced (faster SfM) or paper-code (the public code)."
         ),
     ] = "paper",
     conditions: OrIdeal = None,

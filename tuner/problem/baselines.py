@@ -246,9 +246,9 @@ def photographs(config: MissionConfig) -> int:
 
 
 def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[str, ...]:
-    """Those that run as many photographs as the tuned one, are not its equal, and see nothing of the true surface.
+    """Return the strategies with as many photographs as the tuned one, less its equals and those that see the true surface.
 
-    Where something may end the tuned one early, as many as it took in the mean: their names say the number.
+    Where the tuned mission may end early, its mean number counts, which is in the controls' names (``orbit-26``).
     """
     tuned = strategies.get(TUNED)
     if not isinstance(tuned, MissionConfig):  # a mission file's configuration has no number

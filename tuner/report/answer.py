@@ -152,8 +152,11 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     return said
 
 
-def _limit_sentences(best: Recommendation, limit: Limit, word: str) -> list[str]:
-    """What has a limit: its mean, whether the limit is kept, and on how many of the next rocks."""
+def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> list[str]:
+    """Of the limited metric: its mean, the probability that the limit is kept, and on how many of the next instances.
+
+    ``instance_word`` is what an instance is called in the singular, such as "rock".
+    """
     label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
     said = f"{_subject(label)} is {_mean(label, limit.mean, limit.sd)}"
     default = _mean(label, limit.default_mean, limit.sd)
@@ -168,7 +171,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, word: str) -> list[str]
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
-        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})"
+        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {instance_word}s (95 % interval {low} to {high})"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:
             line += f"; on any one it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
