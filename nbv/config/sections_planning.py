@@ -71,7 +71,7 @@ class SeedConfig(Section):
     retarget_after: int = not_in_paper(
         0,
         "seeds after which a target of uncertain position is located and the other seeds are moved to it; "
-        "0: it is located after the last seed",
+        "0: after the last",
         added=True,
         alias="reaim_after",
     )
@@ -295,7 +295,7 @@ class BAwareConfig(Section):
     theta_saturation_deg: float = text(
         25.0,
         "Eq. 7",
-        "angle to all rays beyond which nothing is gained",
+        "angle to all rays beyond which a view gains no more",
         label="saturation angle θ*",
         symbol="θ*",
     )
