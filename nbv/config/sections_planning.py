@@ -145,7 +145,11 @@ class PoolConfig(Section):
     lateral_elevations_deg: Elevations = text(
         (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
     )
-    lateral_count: Count = code(120, "mission file", "candidates in the lower band; each lower ring gets more of them (by inverse rank)")
+    lateral_count: Count = code(
+        120,
+        "mission file",
+        "candidates in the lower band; each lower ring gets more of them (by inverse rank)",
+    )
     upper_elevations_deg: Elevations = text(
         (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
     )
@@ -162,7 +166,9 @@ class PoolConfig(Section):
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
-    azimuth_sectors: OneOrMore = code(8, "mission file", "sectors around the target; candidates in the least photographed come first")
+    azimuth_sectors: OneOrMore = code(
+        8, "mission file", "sectors around the target; candidates in the least photographed come first"
+    )
     max_candidates: OneOrMore = code(200, "mission file", "most candidates that are scored")
     min_register_chance: Share = not_in_paper(
         0.0,
@@ -360,9 +366,7 @@ class GateConfig(Section):
         30_000, "III-B", "samples of the true surface that Hyb-O counts"
     )
     oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which Hyb-O counts a sample as covered")
-    oracle_matchable_views: TwoOrMore = not_in_paper(
-        3, "views that must see a sample for coverage matchable"
-    )
+    oracle_matchable_views: TwoOrMore = not_in_paper(3, "views that must see a sample for coverage matchable")
     oracle_quality_weight: NonNegative = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",

@@ -47,17 +47,13 @@ class SparseConfig(Section):
     max_pairs: Count = code(
         0, "exhaustive", "photographs that a new one is matched with, nearest directions first; 0: all"
     )
-    min_inliers: Annotated[int, Meta(ge=8)] = code(
-        15, "COLMAP's default", "least matches of a verified pair"
-    )
+    min_inliers: Annotated[int, Meta(ge=8)] = code(15, "COLMAP's default", "least matches of a verified pair")
     min_ransac_trials: OneOrMore = code(
         100, "COLMAP's default", "least trials of two-view verification", added=True
     )
     global_ba_interval: OneOrMore = not_in_paper(5, "captures between global bundle adjustments")
     local_ba_images: TwoOrMore = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
-    local_ba_rounds: OneOrMore = code(
-        2, "COLMAP's default", "most rounds of a local adjustment", added=True
-    )
+    local_ba_rounds: OneOrMore = code(2, "COLMAP's default", "most rounds of a local adjustment", added=True)
     local_ba_iterations: Count = code(
         0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit", added=True
     )

@@ -175,7 +175,9 @@ class FlightConfig(Section):
     keep_out_height_m: NonNegative = not_in_paper(
         2.2, "height of this cylinder above the ground", why="the public code flies through"
     )
-    min_camera_altitude_m: NonNegative = not_in_paper(0.3, "arrival errors never take the camera below this altitude")
+    min_camera_altitude_m: NonNegative = not_in_paper(
+        0.3, "arrival errors never take the camera below this altitude"
+    )
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,9 @@ class GroundConfig(Section):
         (0.4, 1.0), "least and greatest height of the neighbours", why="at most 1.5: smaller than the target"
     )
     neighbour_gap_m: tuple[_Gap, _Gap] = not_in_paper(
-        (0.1, 2.0), "least and greatest distance of the neighbours from the crop", why="at most 3: within the views' reach"
+        (0.1, 2.0),
+        "least and greatest distance of the neighbours from the crop",
+        why="at most 3: within the views' reach",
     )
     burial_m: NonNegative = not_in_paper(
         0.0, "how deep the target lies in the ground", why="less than its height"
@@ -241,15 +245,11 @@ class TelemetryConfig(Section):
     )
     vertical_noise_m: NonNegative = not_in_paper(0.0, "the same for the vertical axis")
     drift_m: NonNegative = not_in_paper(0.0, "standard deviation of the drift per axis")
-    drift_time_s: Positive = not_in_paper(
-        120.0, "correlation time of the drift (1 / e)"
-    )
+    drift_time_s: Positive = not_in_paper(120.0, "correlation time of the drift (1 / e)")
     lever_arm_m: tuple[float, float, float] = not_in_paper(
         (0.0, 0.0, 0.0), "uncorrected offset of the camera from the reported point: forward, left, up"
     )
-    attitude_noise_deg: NonNegative = not_in_paper(
-        0.0, "standard deviation of the attitude per axis"
-    )
+    attitude_noise_deg: NonNegative = not_in_paper(0.0, "standard deviation of the attitude per axis")
 
     def __post_init__(self) -> None:
         super().__post_init__()

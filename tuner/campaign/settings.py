@@ -214,8 +214,7 @@ class CampaignSettings(Section):
     )
     learn_from: tuple[str, ...] | None = setting(
         None,
-        f"earlier campaigns: run directories, {SHIPPED} (missions that come with this program) or "
-        f"{NOTHING}",
+        f"earlier campaigns: run directories, {SHIPPED} (missions that come with this program) or {NOTHING}",
         shown=f"{SHIPPED} where there are some",
         option="--learn-from",
         panel=SEARCH,

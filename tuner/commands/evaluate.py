@@ -155,9 +155,7 @@ def reproduce(
     ] = None,
     preset: Annotated[
         str,
-        typer.Option(
-            help="paper (the text), paper-reduced (faster SfM) or paper-code (the public code)."
-        ),
+        typer.Option(help="paper (the text), paper-reduced (faster SfM) or paper-code (the public code)."),
     ] = "paper",
     conditions: OrIdeal = None,
     replicates: Annotated[int, typer.Option(help="Per rock; the paper ran one.")] = 1,

@@ -47,7 +47,9 @@ Overrides = Annotated[
 ]
 Fidelity = Annotated[
     str,
-    typer.Option(help="photogrammetric, or geometric: without photographs, which ranks and does not measure."),
+    typer.Option(
+        help="photogrammetric, or geometric: without photographs, which ranks and does not measure."
+    ),
 ]
 Workers = Annotated[
     int | None,
