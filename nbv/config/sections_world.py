@@ -62,6 +62,12 @@ class SceneConfig(Section):
         "standard deviation of shot noise at full scale",
         why="the simulator has none",
     )
+    match_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
+        180.0,
+        "lines of sight farther apart do not match, in the geometric fidelity alone",
+        why="at 45 even rings register as those of a stone figure do (docs/results/real_photographs.md)",
+        added=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

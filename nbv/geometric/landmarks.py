@@ -45,7 +45,7 @@ class Landmarks:
         limit_deg = low + (high - low) * reach**2
         if config.sparse.ground_features:
             limit_deg = np.where(on_rock, limit_deg, 180.0)
-        limit_deg = np.minimum(limit_deg, config.sparse.max_pair_angle_deg)
+        limit_deg = np.minimum(limit_deg, min(config.sparse.max_pair_angle_deg, config.scene.match_angle_deg))
         far = np.arange(n) >= world.n_near
         # (L,) chance of a detection face on, and the cosine of the incidence beyond which nothing is detected.
         self._quality = rate * contrast / (contrast + HALF_CONTRAST)

@@ -31,6 +31,7 @@ class _SeedState:
 
     tracks: Tracks
     registered: list[Capture]
+    waiting: list[Capture]
     report: UpdateReport
 
 
@@ -41,7 +42,8 @@ class GeometricReconstructor(Reconstructor):
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
     are known exactly, so the alignment residual is 0.
 
-    Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
+    As in COLMAP, a photograph registers that matches ``sparse.min_inliers`` points of the model, and whatever is out is tried again
+    after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
     ``ground_features`` mean anything.
     """
 
@@ -68,15 +70,16 @@ class GeometricReconstructor(Reconstructor):
         )
         self._tracks: Tracks | None = None
         self._captures: list[Capture] = []  # registered
+        self._waiting: list[Capture] = []  # tried again after every photograph that is
 
     # -- the sparse model ----------------------------------------------------------------------------
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
-        """The seed model; `MissionFailure` if too few seeds share landmarks."""
+        """The seed model; `MissionFailure` if too few seeds register."""
         key = (*self._identity, *((c.name, c.camera_from_world.tobytes()) for c in captures))
         seed: _SeedState = self._world.seed_models.get(key, lambda: self._build_seed(captures))
         self._tracks = seed.tracks.copy(len(captures) + self._config.adaptive_budget)
-        self._captures = list(seed.registered)
+        self._captures, self._waiting = list(seed.registered), list(seed.waiting)
         return seed.report
 
     def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
@@ -84,46 +87,65 @@ class GeometricReconstructor(Reconstructor):
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
-        detections = [self._detect(capture) for capture in captures]
-        tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-        for detection in detections:
-            tracks.add(*detection)
-        # A seed takes part if it shares landmarks with the others, whichever came first.
-        _, _, views = tracks.points(2)
-        shared = np.bincount(views, minlength=len(captures))
-        good = np.flatnonzero(shared >= sparse.min_inliers).tolist()
         held = len(captures)
         if not sparse.ground_features:
-            held = int((tracks.shared().sum(axis=1) >= HELD_LANDMARKS).sum())
+            held = int((self._every_track(captures).shared().sum(axis=1) >= HELD_LANDMARKS).sum())
         if held < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
                 f"only {held} of {len(captures)} seeds are held together by what SIFT matches; fly them closer "
                 "together, or set sparse.ground_features",
             )
-        if len(good) < sparse.min_registered_seeds:
+        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
+        joined, self._waiting = self._grow(captures)
+        if self._waiting:  # the pair that shares most may lead farther
+            shared = self._every_track(captures).shared()
+            pair = divmod(int(shared.argmax()), len(captures))
+            self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
+            joined, self._waiting = self._grow(
+                [*(captures[i] for i in pair), *(c for i, c in enumerate(captures) if i not in pair)]
+            )
+        if len(joined) < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
-                f"{len(good)} of {len(captures)} seeds share {sparse.min_inliers} landmarks",
+                f"{len(joined)} of {len(captures)} seeds match {sparse.min_inliers} points of a model",
             )
-        if len(good) < len(captures):
-            tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-            for i in good:
-                tracks.add(*detections[i])
-        self._tracks = tracks
-        self._captures = [captures[i] for i in good]
-        report = UpdateReport(self._model(), True, f"{len(good)} of {len(captures)} seeds registered")
-        return _SeedState(tracks, self._captures, report)
+        names = {capture.name for capture in joined}
+        self._captures = [capture for capture in captures if capture.name in names]
+        self._tracks = self._every_track(self._captures)
+        report = UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
+        return _SeedState(self._tracks, self._captures, self._waiting, report)
+
+    def _every_track(self, captures: Sequence[Capture]) -> Tracks:
+        """Of photographs in this order, whichever match."""
+        tracks = Tracks(self._landmarks.cosine_limit, len(captures))
+        for capture in captures:
+            tracks.add(*self._detect(capture))
+        return tracks
+
+    def _grow(self, captures: Sequence[Capture]) -> tuple[list[Capture], list[Capture]]:
+        """Register whichever match enough points of the model, each opening the way for others: these, and those left."""
+        assert self._tracks is not None, "bootstrap comes first"
+        joined, waiting, progress = list[Capture](), list(captures), True
+        while progress:
+            progress = False
+            for capture in tuple(waiting):
+                needed = self._config.sparse.min_inliers if self._tracks.n_views else 0
+                if self._tracks.add(*self._detect(capture), needed) >= needed:
+                    joined.append(capture)
+                    waiting = [c for c in waiting if c is not capture]
+                    progress = True
+        return joined, waiting
 
     def add(self, capture: Capture) -> UpdateReport:
-        """One more view; unregistered if it shares too few landmarks with the earlier ones."""
-        assert self._tracks is not None, "bootstrap comes first"
-        matches = self._tracks.add(*self._detect(capture))
-        if matches < self._config.sparse.min_inliers:
-            self._tracks.drop_last()
-            return UpdateReport(self._model(), False, f"shares only {matches} landmarks")
-        self._captures.append(capture)
-        return UpdateReport(self._model(), True)
+        """One more view, and another try for those that are out: whichever match too few points of the model."""
+        joined, self._waiting = self._grow([capture, *self._waiting])
+        self._captures += joined
+        registered = any(c is capture for c in joined)
+        late = [c.name for c in joined if c is not capture]
+        notes = [] if registered else [f"matches fewer than {self._config.sparse.min_inliers} points"]
+        notes += [f"now registered too: {', '.join(late)}"] if late else []
+        return UpdateReport(self._model(), registered, "; ".join(notes))
 
     def _centers_m(self) -> Floats:
         """(V, 3) of the registered cameras."""

@@ -38,32 +38,36 @@ class Tracks:
         other._labels[:, :n] = self._labels[:, :n]
         return other
 
-    def add(self, landmarks: Ints, directions: NDArray[np.floating]) -> int:
+    def add(self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0) -> int:
         """Add a view: the landmarks (K,) that it detects, and unit directions (K, 3) from them to the camera.
 
-        Returns its matches: how many of the detections join an earlier view's.
+        Returns its matches, detections that match one of a point; a point takes two views, once there are two. A view with fewer
+        matches than ``needed`` is not added.
         """
-        m = self.n_views
-        self.n_views = m + 1
+        m, capacity = self.n_views, self._labels.shape[1]
         here = directions.astype(np.float32, copy=False)
-        self._directions[m, landmarks] = here
         # All earlier detections of these landmarks: which of the new ones (0 to K - 1), in which view, in which track.
         before = self._labels.take(landmarks, axis=0).ravel()
         index = np.flatnonzero(before >= 0)
-        new = index // self._labels.shape[1]
-        view = index - new * self._labels.shape[1]
+        new = index // capacity
+        view = index - new * capacity
         track = before[index].astype(np.int64)
         cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[new]), here.take(new, axis=0))
         linked = cosine >= self._cosine_limit[landmarks][new]
         joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
         joined[track[linked], new[linked]] = True
-        matched = joined.any(axis=0)
-        label = np.where(matched, joined.argmax(axis=0), m)
+        lengths = np.bincount(track * len(landmarks) + new, minlength=joined.size).reshape(joined.shape)
+        matches = int((joined & (lengths >= min(2, m))).any(axis=0).sum())
+        if matches < needed:
+            return matches
+        self.n_views = m + 1
+        self._directions[m, landmarks] = here
+        label = np.where(joined.any(axis=0), joined.argmax(axis=0), m)
         # Where this view joins several tracks, they become one.
         merged = joined[track, new]
         self._labels[landmarks[new[merged]], view[merged]] = label[new[merged]]
         self._labels[landmarks, m] = label
-        return int(matched.sum())
+        return matches
 
     def shared(self) -> Ints:
         """(V, V) landmarks that two views detect and match with each other directly."""
@@ -75,11 +79,6 @@ class Tracks:
                 cosine = np.einsum("ij,ij->i", self._directions[a, both], self._directions[b, both])
                 counts[a, b] = counts[b, a] = np.count_nonzero(cosine >= self._cosine_limit[both])
         return counts
-
-    def drop_last(self) -> None:
-        """Take the detections of the view added last out again; tracks that it has joined stay joined."""
-        self.n_views -= 1
-        self._labels[:, self.n_views] = -1
 
     def directions_of(self, views: Ints, landmarks: Ints) -> Floats32:
         """(T, 3) directions from landmarks to cameras, ``directions[views, landmarks]`` in a third of the time."""
