@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.materials import UnusableMesh
+from nbv.rocks.mesh import UnusableMesh
 from nbv.rocks.mesh_file import GLTF, FileMesh, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
@@ -214,13 +214,13 @@ def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
 def _own_colors(mesh: FileMesh, values: Floats, spacing_m: float, notes: list[str]) -> Floats | None:
     """(V, 3) linear colours of the subdivided mesh's vertices ``spacing_m`` apart; None if nothing has a colour."""
     kinds, colors = values[:, 8].astype(int), values[:, 3:6].copy()
-    for index, (image, wrap) in enumerate(mesh.textures):
+    for index, image in enumerate(mesh.textures):
         faces = mesh.faces[mesh.values[mesh.faces[:, 0], 8] == index]
         if len(faces):
             corner_uv = mesh.values[faces][..., 6:8]
             area_m2 = float(meshes.face_areas(mesh.values[:, :3], faces).sum())
             shrunk = shrink(fill_gutters(image, corner_uv), spacing_m / texel_side(image, corner_uv, area_m2))
-            colors[kinds == index] *= sample(shrunk, values[kinds == index, 6:8], wrap)
+            colors[kinds == index] *= sample(shrunk, values[kinds == index, 6:8])
     known = np.isfinite(colors).all(axis=1)
     if not known.any():
         return None

@@ -9,6 +9,10 @@ from scipy.sparse.csgraph import connected_components
 from nbv.types import Floats, Ints
 
 
+class UnusableMesh(Exception):
+    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
+
+
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """(F,) areas."""
     return 0.5 * np.asarray(np.linalg.norm(_weighted_normals(vertices, faces), axis=1))

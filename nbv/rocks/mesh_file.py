@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import io
 import logging
+import re
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
@@ -15,25 +14,24 @@ from urllib.parse import unquote
 
 import lazy_loader
 import numpy as np
+from PIL import Image, UnidentifiedImageError
 
 from nbv.errors import UserError
-from nbv.rocks import materials
-from nbv.rocks.gltf import EXTENSION, rewritten_gltf
-from nbv.rocks.materials import COLOR, UV, Material, UnusableMesh
-from nbv.rocks.mesh import drop_unused_vertices
+from nbv.rocks.gltf import checked_gltf
+from nbv.rocks.mesh import UnusableMesh, drop_unused_vertices
 from nbv.rocks.texture import Linear, linear_from_srgb, linear_image
-from nbv.safe_files import is_file, read_bytes, require
+from nbv.safe_files import read_bytes, require
 from nbv.types import Floats, Ints
 
 MAX_COORDINATE = 1e9  # a map's in millimetres are below
 MAX_FACES = 5_000_000
 MAX_FILE_BYTES = 2 * 1024**3
 MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
-MAX_UNPACKED_BYTES = 1024**3
-MAX_MEMBERS = 100_000
+MAX_MATERIALS = 1_000
+MAX_TOLD = 3  # files that are not read, by name
 GLTF = (".glb", ".gltf")
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
-_PACKED = (".zip", ".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
+_PACKED = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class FileMesh:
 
     values: Floats  # (V, 9): x, y, z; a linear colour, or NaN; texture coordinates u, v; index of the texture, or -1
     faces: Ints  # (F, 3)
-    textures: list[tuple[Linear, tuple[str, ...]]]  # with how it goes on beyond 0 to 1, see `Material`
+    textures: list[Linear]
     step: float  # the coarsest, between neighbouring values of a coordinate, in the file's unit; 0 where there is none
 
 
@@ -57,15 +55,18 @@ def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
         raise UnusableMesh("is empty")
     if size > MAX_FILE_BYTES:
         raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
-    _check_archive(path)
-    scene, attributes = _load(path, notes)
+    if path.suffix.lower() in _PACKED or zipfile.is_zipfile(path):
+        raise UnusableMesh("is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL")
+    scene, colors = _load(path, notes)
     placed = [
         (scene.geometry[name], transform)
         for transform, name in map(scene.graph.get, scene.graph.nodes_geometry)
     ]
     parts = [(part, at) for part, at in placed if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not parts:
-        raise UnusableMesh("holds no faces; export a triangle mesh, not points or lines")
+        raise UnusableMesh("holds no faces in its scene; export a triangle mesh, not points or lines")
+    if left_out := len(scene.geometry) - len({id(part) for part, _ in placed}):
+        notes.append(f"{left_out} meshes are not read, which have no place in the file's scene")
     count = sum(len(part.faces) for part, _ in parts)
     if count > MAX_FACES:
         raise UnusableMesh(
@@ -77,21 +78,21 @@ def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
         corners, points = np.asarray(part.faces, dtype=np.int64), np.asarray(part.vertices, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or corners.min() < 0 or corners.max() >= len(points):
             raise UnusableMesh("has faces that name vertices it does not hold; export it again")
+        if part.visual.kind == "face":
+            part.unmerge_vertices()
+            corners, points = part.faces, np.asarray(part.vertices, dtype=float)
         determinant = float(np.linalg.det(transform[:3, :3]))
         step = max(step, coarsest_step(points) * abs(determinant) ** (1 / 3))
         points = points @ transform[:3, :3].T + transform[:3, 3]
-        carried = attributes(part)
-        if len(carried) != len(points):  # of every corner by itself
-            points, corners = points[corners].reshape(-1, 3), np.arange(corners.size).reshape(-1, 3)
         if determinant < 0:  # a mirroring node turns faces inside out
             corners = corners[:, ::-1]
-        values.append(np.hstack([points, carried]))
+        values.append(np.hstack([points, colors.of_vertices(part)]))
         faces.append(corners + offset)
         offset += len(points)
     if len(parts) > 1:
         notes.append(f"joined {len(parts)} meshes of the file's scene")
     whole = drop_unused_vertices(np.concatenate(values), np.concatenate(faces))
-    mesh = FileMesh(*whole, attributes.textures, step)
+    mesh = FileMesh(*whole, colors.textures, step)
     bad = ~np.isfinite(mesh.values[:, :3]).all(axis=1)
     if bad.any():
         raise UnusableMesh(f"has {bad.sum()} vertices that are not finite numbers; repair or re-export it")
@@ -124,24 +125,21 @@ def coarsest_step(points: Floats) -> float:
     return coarsest
 
 
-def _load(path: Path, notes: list[str]) -> tuple[Any, VertexAttributes]:
-    """The file's scene as trimesh reads it, and what reads the attributes of its parts."""
-    kind, content, files = path.suffix.lower(), path.read_bytes(), _SideFiles(path.parent)
-    attributes, options = VertexAttributes(notes), dict[str, Any]()
+def _load(path: Path, notes: list[str]) -> tuple[Any, _Colors]:
+    """The file's scene as trimesh reads it, and what reads the colours of its parts."""
+    kind, content = path.suffix.lower(), path.read_bytes()
+    colors, files, textures = _Colors(notes), _SideFiles(path.parent, pictures=kind not in GLTF), 0
     if kind in GLTF:
-        content, attributes.materials = rewritten_gltf(content, str(path), notes)
+        unread, textures, repeats = checked_gltf(content, str(path), notes)
+        colors = _Colors(notes, unread, linear=True, repeats=repeats)
     elif kind == ".obj":
-        content, files.given, attributes.materials = materials.rewritten_obj(content, files.get, notes)
+        content = _readable_obj(content, notes)
     elif kind == ".ply":
-        names = materials.ply_images(content)
-        attributes.images = [materials.open_image(files.get, name, notes) for name in names]
-        options = {"fix_texture": bool(names), "skip_materials": True}
+        colors = _Colors(notes, _unread_in_ply(content))
     heard, log = BufferingHandler(1000), logging.getLogger("trimesh")
     log.addHandler(heard)
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
-        )
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind[1:], process=False, resolver=files)
     except Exception as error:  # loaders raise whatever their parsers do
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise UnusableMesh(f"cannot be read: {reason}") from error
@@ -149,129 +147,144 @@ def _load(path: Path, notes: list[str]) -> tuple[Any, VertexAttributes]:
         log.removeHandler(heard)
     for message in (record.getMessage() for record in heard.buffer):
         if message.startswith("failed to process extension"):
-            told = message.removeprefix("failed to process extension ").removeprefix(f"{EXTENSION}: ")
-            raise UnusableMesh(f"cannot be read: {told[:160]}")
-    return scene, attributes
+            raise UnusableMesh(
+                f"cannot be read: {message.removeprefix('failed to process extension ')[:160]}"
+            )
+    parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
+    plain = [part for part in parts if _picture(part) is None]
+    if len(parts) - len(plain) < textures:
+        files.missing.append("a texture that is missing, or of a format that is not read")
+    elif b"mtllib" in content and not files.missing and any(_own_colors(part) is None for part in plain):
+        files.missing.append("materials: faces name none (usemtl), or one that the MTL file does not have")
+    notes += [f"not read: {name}" for name in files.missing[:MAX_TOLD]]
+    return scene, colors
 
 
-def _check_archive(path: Path) -> None:
-    """Raise for an archive, and for a file that unpacks to more than a mesh, as 3MF may."""
-    if path.suffix.lower() in _PACKED:
-        raise UnusableMesh("is packed; unpack it first")
-    if zipfile.is_zipfile(path):
-        try:
-            with zipfile.ZipFile(path) as archive:
-                members = archive.infolist()
-        except (zipfile.BadZipFile, OSError, ValueError) as error:
-            raise UnusableMesh(f"cannot be read: {error}") from error
-        require(len(members), MAX_MEMBERS, f"the number of files in {path}")
-        unpacked = sum(member.file_size for member in members)
-        require(unpacked, MAX_UNPACKED_BYTES, f"the unpacked size of {path} in bytes")
+def _readable_obj(content: bytes, notes: list[str]) -> bytes:
+    """An OBJ file without what trimesh misreads: tabs about materials, and colours of vertices beyond 1."""
+    content = re.sub(rb"^[ \t]*usemtl[ \t]+", b"usemtl ", content, flags=re.M)
+    named = len(set(re.findall(rb"^usemtl.*$", content, re.M)))
+    require(named, MAX_MATERIALS, "the number of materials that the OBJ file's faces name")
+    if re.search(rb"^v([ \t]+\S+){3}.*[ \t]([2-9]|\d\d+)(\.\d*)?(?=\s)", content, re.M):
+        notes.append("not read: colours of vertices, which go beyond 1; export them from 0 to 1")
+        content = re.sub(rb"^(v(?:[ \t]+\S+){3}).*$", rb"\1", content, flags=re.M)
+    return content
+
+
+def _unread_in_ply(content: bytes) -> str:
+    """Why trimesh does not read a PLY file's colours as they are meant; "" where it does."""
+    header = content[: content.find(b"end_header")]
+    if (textures := len(re.findall(rb"^comment[ \t]+TextureFile", header, re.M | re.I))) > 1:
+        return f"{textures} textures: export it as GLB or OBJ"
+    for kind, name in re.findall(rb"^property[ \t]+(\S+)[ \t]+((?:diffuse_)?red)[ \t\r]*$", header, re.M):
+        if kind not in (b"uchar", b"uint8") or name != b"red":
+            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue"
+    return ""
 
 
 class _SideFiles:
-    """Where trimesh finds what the mesh names: regular files of a size, in the mesh's folder or below.
+    """Where trimesh finds what the mesh names: regular files of a size, in the mesh's folder or below."""
 
-    A name in another letter case, with other slashes or with a folder of another machine stands for the one file that fits.
-    """
-
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, pictures: bool) -> None:
         self.folder = folder.resolve()
-        self.given: Mapping[str, bytes] = {}  # what needs no file
+        self.missing: list[str] = []  # what could not be read, and why
+        self._pictures = pictures  # whether what is no MTL file must be a picture
 
     def get(self, name: str) -> bytes:
-        """The content of a file; `UserError` where there is none that may be read."""
-        if name in self.given:
-            return self.given[name]
-        plain = unquote(name.strip()).replace("\\", "/")
-        for each in (name.strip(), plain, plain.rpartition("/")[2]):
-            found = functools.reduce(_in_any_case, Path(each).parts, self.folder)
-            if is_file(found) and found.resolve().is_relative_to(self.folder):
-                return read_bytes(found, MAX_SIDE_FILE_BYTES)
-        if not (self.folder / name.strip()).resolve().is_relative_to(self.folder):
-            raise UserError(f"{name} is not in the mesh's folder")
-        return read_bytes(self.folder / name.strip(), MAX_SIDE_FILE_BYTES)
+        """The content of a file; raises where there is none that may be read, or no picture."""
+        try:
+            content = self._read(name)
+            if name.lower().endswith(".mtl"):
+                require(content.count(b"newmtl"), MAX_MATERIALS, f"the number of materials in {name}")
+            elif self._pictures:
+                Image.open(io.BytesIO(content))
+        except Exception as error:  # what Pillow raises depends on the file
+            reason = "no picture" if isinstance(error, UnidentifiedImageError) else str(error)[:100]
+            self.missing.append(f"{name!r} ({reason})")
+            raise
+        return content
 
     __getitem__ = get
 
+    def _read(self, name: str) -> bytes:
+        path = self.folder / unquote(name.strip()).replace("\\", "/")
+        if not path.resolve().is_relative_to(self.folder):
+            raise UserError(f"{name} is not in the mesh's folder")
+        return read_bytes(path, MAX_SIDE_FILE_BYTES)
 
-def _in_any_case(folder: Path, name: str) -> Path:
-    if (folder / name).exists() or not folder.is_dir():
-        return folder / name
-    same = [path for path in folder.iterdir() if path.name.casefold() == name.casefold()]
-    return same[0] if len(same) == 1 else folder / name
 
+class _Colors:
+    """Reads colours and texture coordinates of vertices, part by part of a scene.
 
-class VertexAttributes:
-    """Reads colours and texture coordinates of vertices, part by part of a scene."""
+    ``unread`` says why the file's colours are not read, if so; they are ``linear`` or sRGB, and textures repeat or not beyond 0 to 1.
+    """
 
-    def __init__(self, notes: list[str]) -> None:
-        self.textures: list[tuple[Linear, tuple[str, ...]]] = []
-        self.materials: dict[str, Material] = {}  # of glTF and OBJ, by the name of a material
-        self.images: list[Material] | None = None  # of PLY
-        self._notes = notes
-        self._opened: dict[Any, int] = {}  # index of a texture by the identity of its picture
+    def __init__(
+        self, notes: list[str], unread: str = "", *, linear: bool = False, repeats: bool = True
+    ) -> None:
+        self.textures: list[Linear] = []
+        self._notes, self._unread, self._linear, self._repeats = notes, unread, linear, repeats
+        self._opened: dict[int, int] = {}  # index of a texture by the identity of its picture
+        if unread:
+            notes.append(f"not read: colours and textures ({unread})")
 
-    def __call__(self, part: Any) -> Floats:
-        """(V, 6) a linear colour or NaN, u, v, index of the texture or -1; (3F, 6) where corners of faces differ."""
-        visual, attributes = part.visual, part.vertex_attributes
-        read = getattr(visual, "material", None)  # by trimesh
-        uv = attributes.get(UV, getattr(visual, "uv", None))
-        if self.images and uv is not None:
-            return self._of_images(part, uv, self.images)
-        srgb = None
-        if self.images is not None:
-            by_face, srgb = materials.ply_colors(part)
-        elif visual.kind in ("vertex", "face"):
-            by_face, srgb = visual.kind == "face", getattr(visual, f"{visual.kind}_colors")[:, :3] / 255.0
-        if srgb is not None:
-            return _rows(linear_from_srgb(np.repeat(srgb, 3, axis=0) if by_face else srgb))
-        material = self.materials.get(str(getattr(read, "name", None)), Material())
-        if material.image is None and self.images is None:
-            image = getattr(read, "baseColorTexture", None) or getattr(read, "image", None)
-            material = replace(
-                material, image=image, label=material.label or ("of the file" if image else "")
+    def of_vertices(self, part: Any) -> Floats:
+        """(V, 6) a linear colour or NaN, u, v, index of the texture or -1."""
+        colors, picture = np.full((len(part.vertices), 3), np.nan), None if self._unread else _picture(part)
+        own = None if self._unread else _own_colors(part)
+        if self._linear and own is not None:
+            colors[:] = own
+        elif own is not None and picture is None:
+            colors[:] = linear_from_srgb(own)
+        uv, texture = getattr(part.visual, "uv", None), -1
+        if picture is not None and (uv is None or len(uv) != len(colors) or not np.isfinite(uv).all()):
+            self._notes.append("not read: a texture; the mesh has no coordinates for it")
+        elif picture is not None and not self._repeats and np.abs(uv - 0.5).max() > 0.51:
+            self._notes.append(
+                "not read: a texture that is clamped or mirrored; export it with coordinates from 0 to 1"
             )
-        texture = -1
-        if material.label and (uv is None or len(uv) != len(part.vertices) or not np.isfinite(uv).all()):
-            self._notes.append(f"not read: texture {material.label!r}; the mesh has no coordinates for it")
-        elif material.label:
-            texture = self._texture(material)
-        linear = np.full(3, np.nan) if material.color is None else linear_from_srgb(np.array(material.color))
-        return _rows(attributes.get(COLOR, np.tile(linear, (len(part.vertices), 1))), uv, texture)
+        elif picture is not None:
+            texture = self._texture(picture)
+        if texture < 0:
+            return np.column_stack([colors, np.zeros((len(colors), 2)), np.full(len(colors), -1)])
+        return np.column_stack([np.where(np.isnan(colors), 1.0, colors), uv, np.full(len(colors), texture)])
 
-    def _of_images(self, part: Any, uv: Floats, images: list[Material]) -> Floats:
-        """As of a PLY file, whose faces say which picture is theirs."""
-        numbers = materials.ply_column(part, "face", "texnumber")
-        textures = np.array([*map(self._texture, images), -1])
-        if len(images) == 1:
-            return _rows(np.full((len(uv), 3), np.nan), uv, textures[0])
-        if numbers is None or len(numbers) != len(part.faces):
-            self._notes.append(f"not read: {len(images)} textures; no face says which is its (texnumber)")
-            return _rows(np.full((len(uv), 3), np.nan))
-        of_corner = np.repeat(textures[np.clip(numbers, -1, len(images))], 3)
-        return _rows(np.full((len(of_corner), 3), np.nan), uv[part.faces].reshape(-1, 2), of_corner)
-
-    def _texture(self, material: Material) -> int:
-        """Index of the material's picture among `textures`; -1 and a note where it cannot be read."""
-        key = (id(material.image), material.wrap)
-        if key not in self._opened:
-            self._opened[key] = -1
+    def _texture(self, picture: Any) -> int:
+        """Index of the picture among `textures`; -1 and a note where it cannot be read."""
+        if id(picture) not in self._opened:
+            self._opened[id(picture)] = -1
             try:
-                if material.image is None:
-                    raise ValueError("missing, or of a format that is not read")
-                self.textures.append((linear_image(material.image), material.wrap))
-                self._opened[key] = len(self.textures) - 1
+                self.textures.append(linear_image(picture))
+                self._opened[id(picture)] = len(self.textures) - 1
             except (OSError, ValueError, SyntaxError) as error:
-                self._notes.append(
-                    f"not read: texture {material.label!r} ({' '.join(str(error).split())[:80]})"
-                )
-        return self._opened[key]
+                self._notes.append(f"not read: a texture ({' '.join(str(error).split())[:80]})")
+        return self._opened[id(picture)]
 
 
-def _rows(linear: Floats | Linear, uv: Floats | None = None, texture: Any = -1) -> Floats:
-    rows = np.column_stack(
-        [linear, np.zeros((len(linear), 2)) if uv is None else uv, np.full(len(linear), texture)]
-    )
-    rows[:, :3][np.isnan(rows[:, :3]) & (rows[:, 5:] >= 0)] = 1.0
-    return rows
+def _picture(part: Any) -> Any:
+    """The texture of a part of a scene, as Pillow's; None where it has none."""
+    material = getattr(part.visual, "material", None)
+    picture = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    return (
+        picture if getattr(picture, "format", None) else None
+    )  # trimesh makes some up, which are of no file
+
+
+def _own_colors(part: Any) -> Floats | None:
+    """Colours of vertices (V, 3), of the material (3,), or in glTF their product; None where there are none."""
+    kind, material = part.visual.kind, getattr(part.visual, "material", None)
+    if kind in ("vertex", "face"):
+        colors = _shares(getattr(part.visual, f"{kind}_colors"))
+        return np.repeat(colors, 3, axis=0) if kind == "face" else colors  # no two faces share a vertex
+    raw = getattr(part.visual, "vertex_attributes", {}).get("color", part.vertex_attributes.get("color"))
+    own = None if raw is None else _shares(raw)
+    if (factor := getattr(material, "baseColorFactor", None)) is not None:
+        own = _shares(factor) * (1.0 if own is None else own)
+    kd = getattr(material, "kwargs", {}).get("kd")  # an MTL file's
+    return np.array(kd) if own is None and np.shape(kd) == (3,) else own
+
+
+def _shares(array: Any) -> Floats:
+    """(..., 3) of colours; whole numbers are shares of the largest of their type."""
+    array = np.asarray(array)[..., :3]
+    return array / (np.iinfo(array.dtype).max if array.dtype.kind in "iu" else 1.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -73,15 +71,9 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
     return image[rows, columns]
 
 
-def sample(image: Linear, uv: Floats, wrap: Sequence[str] = ("repeat", "repeat")) -> Linear:
-    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row; beyond 0 to 1 as `Material` has it."""
+def sample(image: Linear, uv: Floats) -> Linear:
+    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row; beyond 0 to 1 the image repeats."""
     height, width = image.shape[:2]
-    beyond = {
-        "clamp": lambda x: np.clip(x, 0, 1),
-        "mirror": lambda x: 1 - np.abs(x % 2 - 1),
-        "repeat": lambda x: x,
-    }
-    uv = np.stack([beyond[how](uv[:, axis]) for axis, how in enumerate(wrap)], axis=1)
     at = np.stack([(1.0 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5])
     # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
     mode = "grid-wrap" if uv.size and (uv.min() < 0 or uv.max() > 1) else "nearest"
