@@ -119,10 +119,12 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
         raise UserError(
             f"{path}: {several} control points are marked in two of these photographs or more; {FEWEST_POINTS} are needed"
         )
-    if not np.isfinite(_metres(crs, list(marks))[0]).all():
+    try:
+        _metres(crs, list(marks))
+    except ValueError as error:
         raise UserError(
             f"{path}: there are no such places in {lines[0]}; check its first line, and that X is east (longitude), Y north"
-        )
+        ) from error
     return ControlPoints(path, lines[0], crs, marks)
 
 
@@ -256,10 +258,7 @@ def _height_unit(crs: CRS) -> tuple[str, float]:
 
 
 def _metres(crs: CRS | None, places: Sequence[Position]) -> tuple[Floats, Floats]:
-    """(N, 3) metres in a rectangular frame of the Earth of N places of a file, and (3,) what is up there.
-
-    They are not finite where there are no such places.
-    """
+    """(N, 3) metres in a rectangular frame of the Earth of N places of a file, and (3,) what is up there; `ValueError` where there are none."""
     x, y, z = np.array(places, dtype=float).T
     if crs is None:
         return np.column_stack([x, y, z]), np.array([0.0, 0.0, 1.0])
@@ -271,8 +270,10 @@ def _metres(crs: CRS | None, places: Sequence[Position]) -> tuple[Floats, Floats
             z = z * _height_unit(crs)[1]
         to_metres = Transformer.from_crs(GEOGRAPHIC, GEOCENTRIC, always_xy=True)
         found, above = (np.column_stack(to_metres.transform(x, y, z + up_m)) for up_m in (0.0, 1.0))
-    except ProjError:  # of `inf` as well, which stands for no place
-        return np.full((len(x), 3), np.inf), np.zeros(3)
+    except ProjError as error:  # of `inf` as well, which stands for no place
+        raise ValueError("are no places") from error
+    if not np.isfinite(found).all():
+        raise ValueError("are no places")
     return found, above[0] - found[0]
 
 

@@ -106,7 +106,7 @@ def test_control_points_give_scale_and_up(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("EPSG:32654\n1 2 3 4 5\n", "line 2: a mark is"),
-        ("EPSG:32654\n1 nan 3 4 5 p0.jpg\n", "must be finite; only Z may be NaN"),
+        ("EPSG:32654\n1 2 nan 4 5 p0.jpg\n", "must be finite; leave points without Z out"),
         ("EPSG:99999\n1 2 3 4 5 p0.jpg\n", "line 1: 'EPSG:99999' is no coordinate system; write EPSG:CODE"),
         ("EPSG:5773\n1 2 3 4 5 p0.jpg\n", "is no coordinate system"),
         ("1 2 3 4 5 p0.jpg\n" * 2, "line 1: '1 2 3 4 5 p0.jpg' is no coordinate system"),
@@ -158,7 +158,7 @@ SYSTEMS = {  # a file's first line: where it is meant for, and what pyproj calls
     "EPSG:4326 ": ((-17.0, 179.99999), "EPSG:4326"),
     "EPSG:4978": ((46.0, 7.0), "EPSG:4978"),
 }
-HEIGHTS_M = {"": None, "metres": 1.0, "feet": 0.3048, "flat": np.inf, "none": np.nan}
+HEIGHTS_M = {"": None, "metres": 1.0, "feet": 0.3048, "flat": np.inf}
 SHAPE = np.array([[1.0, 0, 0], [-1, 1, 0], [0, -1, 0.2], [0.5, 0.5, 1.0], [-0.6, -0.7, 0.5]])
 
 
@@ -173,6 +173,7 @@ SHAPE = np.array([[1.0, 0, 0], [-1, 1, 0], [0, -1, 0.2], [0.5, 0.5, 1.0], [-0.6,
 def test_control_points_in_any_system(
     tmp_path: Path, system: str, heights: str, swapped: bool, level: bool, noise_m: float
 ) -> None:
+    """Right where the file is as its first line says; else refused, or the error that is told holds the truth."""
     at, same = SYSTEMS[system]
     points = SHAPE * [1, 1, 0 if level else 1]
     noisy = points + np.random.default_rng(1).normal(0, noise_m, points.shape)
@@ -189,30 +190,48 @@ def test_control_points_in_any_system(
         said = said[:, [1, 0, 2]] if swapped else said
     try:
         found = find_scale(MODEL, photographs(), None, marks(tmp_path / "gcp.txt", points, system, said=said))
-    except UserError as error:  # of a plane without heights nothing says which coordinate is first
-        assert "without heights" in str(error) and (heights == "none" or (heights == "flat" and not level))
+    except UserError as error:
+        assert "does not fit the model" in str(error) or "there are no such places in" in str(error)
+        assert (swapped and not crs.is_geocentric) or (heights and not level)
         return
     told = float(found.notes[0].split(" %")[0].split()[-1]) / 100
-    assert found.metres_per_model_unit == pytest.approx(
-        1 / 0.37, rel=0.01 if found.up is not None else max(0.01, 1.2 * told)
-    )
+    assert found.metres_per_model_unit == pytest.approx(1 / 0.37, rel=max(0.01, 1.2 * told))
     assert found.up is None or found.up @ TURN @ [0, 0, 1] > np.cos(np.deg2rad(1.5))
+    assert (found.up is not None) == (told < 0.02)
     assert f"read as {system.strip()}" in found.notes[0]
 
 
 def test_what_is_read_is_said(tmp_path: Path) -> None:
     longitude, latitude, up = on_earth(POINTS, (46.0, 7.0))
-    file = marks(
-        tmp_path / "gcp.txt", header="EPSG:4326", said=np.column_stack([latitude, longitude, up / 0.3048])
-    )
-    note = find_scale(MODEL, photographs(), None, file).notes[0]
-    assert note.endswith("read as EPSG:4326 (WGS 84), latitude first, heights in foot")
+
+    def read(x: np.ndarray, y: np.ndarray, z: np.ndarray, header: str = "EPSG:4326") -> str:
+        file = marks(tmp_path / "gcp.txt", header=header, said=np.column_stack([x, y, z]))
+        return find_scale(MODEL, photographs(), None, file).notes[0]
+
+    assert read(longitude, latitude, up).endswith("read as EPSG:4326 (WGS 84), heights in metre")
+    with pytest.raises(UserError, match=r"does not fit the model: .* read as EPSG:4326"):
+        read(longitude, latitude, up / 0.3048)
+    for x, y in ((latitude, longitude), (longitude + 90, latitude * 0 + 91)):
+        with pytest.raises(
+            UserError, match=r"does not fit the model|no such places in EPSG:4326; .* X is east"
+        ):
+            read(x, y, up)
     with pytest.raises(UserError, match="no such places in EPSG:4326"):
         marks(tmp_path / "gcp.txt", header="EPSG:4326")
     with pytest.raises(UserError, match=r"does not fit the model: 0.\d\d m rms, read as metres of your own"):
-        find_scale(
-            MODEL, photographs(), None, marks(tmp_path / "gcp.txt", header="local", said=POINTS * [1, 2, 3])
-        )
+        read(*(POINTS * [1, 2, 3]).T, header="local")
+
+
+@pytest.mark.parametrize("relief", [0.0, 0.02, 0.3])
+def test_east_and_north_that_change_places_are_refused(tmp_path: Path, relief: float) -> None:
+    """On level ground a mirror image fits, with the cameras below it."""
+    points = SHAPE * [1, 1, relief]
+    said = (points + np.array([494000, 494000, 0]))[:, [1, 0, 2]]
+    with pytest.raises(
+        UserError,
+        match=r"the cameras are below the control points; X is east|does not fit the model: .* m rms",
+    ):
+        find_scale(MODEL, photographs(), None, marks(tmp_path / "gcp.txt", points, "local", said=said))
 
 
 RINGS = np.array(
@@ -242,9 +261,10 @@ def test_the_error_that_gps_tells_holds_the_truth(
     noisy = RINGS + np.random.default_rng(seed).normal(0, noise_m, RINGS.shape)
     noisy[:, 2] = ALTITUDES[altitudes](noisy[:, 2])
     found = find_scale(seen_from(RINGS), photographs(noisy, at), None, None)
-    if noise_m <= 0.5:
+    if altitudes == "none":
+        assert found.source == "none" and "GPS has no altitude" in found.notes[0]
+    elif noise_m <= 0.5 and altitudes in ("all", "some"):
         assert found.source == "gps"
-        assert ("without altitude" in found.notes[0]) == (altitudes not in ("all", "some"))
     if found.source == "gps":
         told = float(found.notes[0].split()[-2]) / 100
         assert found.metres_per_model_unit == pytest.approx(1 / 0.37, rel=max(1.1 * told, 1e-3))
