@@ -29,14 +29,12 @@ from nbv.types import Bools
 
 PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif", ".hif")
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
 FORMATS = ("JPEG", "PNG", "TIFF")  # whatever the suffix; of several pictures in a JPEG file the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
-# Of 255: the brightest pixel of a format is below it where its bits are shifted, such as 12 in 16.
-DARKEST = 64
+DARKEST = 64  # of 255: the brightest pixel is below it where bits are shifted, such as 12 in 16
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 # What says that another lens, zoom or part of the sensor took a photograph.
 _LENS_TAGS = (
@@ -55,6 +53,7 @@ _LENS_TAGS = (
 _UNKNOWN = re.compile(
     r"0*(mm)?f?0*|1|unknown.*|undefined|unspecified|none|null|na|notavailable|nolens.*|default"
 )
+_FRAMES = "of a video take frames first: ffmpeg -i VIDEO -vf fps=2 frames/%04d.jpg"
 Turn = Image.Transpose
 # By EXIF's orientation, how stored pixels come upright.
 _TURNS = {
@@ -118,33 +117,16 @@ def read_folder(
     paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
     found: list[SourcePhotograph] = []
     damaged: list[str] = []
-    brightest: dict[str, int] = defaultdict(int)  # value of 255 in all files of a format
-    transparent = 0
     for index, path in enumerate(paths):
         progress("reading photographs", index, len(paths))
         try:
-            photograph, kind, peak, clear = _read(path)
+            found.append(_read(path))
         except UserError as error:
             damaged.append(f"{_readable(path.name)} ({error})")
-            continue
-        found.append(photograph)
-        brightest[kind] = max(brightest[kind], peak)
-        transparent += clear
     if damaged:
         raise UserError(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
             f"{', ...' if len(damaged) > 3 else ''}; copy them again, or move them out of the folder"
-        )
-    for kind, peak in brightest.items():
-        if peak < DARKEST:
-            raise UserError(
-                f"no pixel of the {kind} files in {folder} is brighter than {peak} of 255, as with 12 bits in 16; "
-                "spread their values over all bits, for example: mogrify -evaluate multiply 16 *.tif"
-            )
-    if transparent:
-        notes.append(
-            f"{transparent} photographs have transparent parts, which are read as opaque; to leave them out, give masks "
-            "(--masks), whose alpha channel is read"
         )
     unique = {photograph.sha256: photograph for photograph in reversed(found)}
     if len(unique) < len(found):
@@ -162,21 +144,14 @@ def read_pixels(path: Path, max_size_px: int, turns: Sequence[Turn] = ()) -> NDA
     """
     with _opened(path) as (picture, _):
         width, height = picture.size
-        stored = _as_stored(picture)
         if picture.format in ("JPEG", "MPO"):
             picture.draft("RGB", (min(width, 2 * max_size_px), min(height, 2 * max_size_px)))
         size_px = shrunk_size((width, height), max_size_px)
-        shrunk = _eight_bit(picture).resize(size_px, Image.Resampling.LANCZOS)
-        return np.asarray(_transposed(shrunk, (*stored, *turns)))
+        return np.asarray(transposed(_eight_bit(picture).resize(size_px, Image.Resampling.LANCZOS), turns))
 
 
-def _as_stored(picture: Image.Image) -> tuple[Turn, ...]:
-    """What makes the stored pixels of what Pillow loads: it turns TIFF upright, and nothing else."""
-    turn = _TURNS.get(picture.getexif().get(Base.Orientation, 1))
-    return () if turn is None or picture.format != "TIFF" else (_INVERSE[turn],)
-
-
-def _transposed(picture: Image.Image, turns: Sequence[Turn]) -> Image.Image:
+def transposed(picture: Image.Image, turns: Sequence[Turn]) -> Image.Image:
+    """The picture transposed by ``turns`` in turn."""
     for turn in turns:
         picture = picture.transpose(turn)
     return picture
@@ -189,10 +164,8 @@ def shrunk_size(size_px: tuple[int, int], max_size_px: int) -> tuple[int, int]:
 
 
 def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], list[str]]:
-    if folder.suffix.lower() in VIDEOS and folder.is_file():
-        raise UserError(_video(folder))
     if not folder.is_dir():
-        raise UserError(f"there is no folder {folder}; name the folder that holds the photographs")
+        raise UserError(f"there is no folder {folder}; name the one that holds the photographs; {_FRAMES}")
     files: list[Path] = []
     notes: list[str] = []
 
@@ -206,12 +179,9 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
         files += [Path(root, name) for name in sorted(names) if name[0] != "." and Path(root, name).is_file()]
     lower = {str(p).lower() for p in files}
     paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC and not _is_mask(p, lower)]
-    videos = [p for p in files if p.suffix.lower() in VIDEOS]
     if not paths:
-        if videos:
-            raise UserError(_video(videos[0]))
         raise UserError(
-            f"there are no photographs in {folder} or the folders in it; give JPEG, PNG, TIFF or HEIC files"
+            f"there are no photographs in {folder} or the folders in it; give JPEG, PNG, TIFF or HEIC files; {_FRAMES}"
         )
     require(len(paths), MOST, f"the number of photographs in {folder}")
     if any(p.suffix.lower() in HEIC for p in paths):
@@ -227,13 +197,6 @@ def _is_mask(path: Path, lower: set[str]) -> bool:
     """Whether a photograph lies beside it that has its name but for ``_mask`` or a second suffix."""
     base = str(path.with_suffix("")).lower()
     return base in lower or (base.endswith("_mask") and any(base[:-5] + s in lower for s in PLAIN + HEIC))
-
-
-def _video(path: Path) -> str:
-    return (
-        f"{path.name} is a video; take frames out of it first, for example: "
-        f"ffmpeg -i {path.name} -vf fps=2 frames/%04d.jpg"
-    )
 
 
 def _load_heic() -> None:
@@ -263,16 +226,16 @@ def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
         raise UserError((str(error).strip().splitlines() or [type(error).__name__])[0][:80]) from error
 
 
-def _eight_bit(picture: Image.Image) -> Image.Image:
+def _eight_bit(picture: Image.Image, mode: str = "RGB") -> Image.Image:
     if picture.mode in ("F", "I"):
         raise UserError("its numbers have 32 bits, and nothing says what is white; save it with 8 or 16")
     if picture.mode.startswith("I;16"):
-        return Image.fromarray((np.asarray(picture) >> 8).astype(np.uint8)).convert("RGB")
-    return picture.convert("RGB")
+        picture = Image.fromarray((np.asarray(picture) >> 8).astype(np.uint8))
+    return picture.convert(mode)
 
 
-def _read(path: Path) -> tuple[SourcePhotograph, str, int, bool]:
-    """What a file says of itself, its format, its brightest value of 255, and whether a part of it is transparent."""
+def _read(path: Path) -> SourcePhotograph:
+    """What a file says of itself; `UserError` where it cannot be read, or not as it is meant."""
     with _opened(path) as (picture, data):
         width, height = picture.size
         exif = picture.getexif()
@@ -281,13 +244,22 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int, bool]:
         orientation = exif.get(Base.Orientation, 1)
         device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
         date = _DATE_TEXT.match(str(details.get(Base.DateTimeOriginal) or exif.get(Base.DateTime) or ""))
-        if picture.format == "TIFF" and orientation in (5, 6, 7, 8):
-            width, height = height, width  # Pillow's are of the turned picture
+        if picture.format == "TIFF" and orientation in _TURNS:  # which Pillow has turned, and nothing else
+            raise UserError(
+                f"a TIFF of EXIF's orientation {orientation}; turn it: mogrify -auto-orient *.tif"
+            )
         picture.draft("RGB", (width // 8, height // 8))  # reads all of the file, decodes little of it
         peak = int(np.asarray(_eight_bit(picture)).max())
-        clear = picture.has_transparency_data and np.asarray(picture.convert("RGBA"))[..., 3].min() < 255
+        if picture.format in ("PNG", "TIFF") and peak < DARKEST:
+            raise UserError(
+                f"no pixel is brighter than {peak} of 255, as with 12 bits in 16: mogrify -evaluate multiply 16 *.tif"
+            )
+        if picture.has_transparency_data and np.asarray(picture.convert("RGBA"))[..., 3].min() < 255:
+            raise UserError(
+                "it has transparent parts: mogrify -alpha off, and --masks with what was transparent"
+            )
     lens = (f"{tag.name} {told}" for tag in _LENS_TAGS if (told := _told(details.get(tag))))
-    photograph = SourcePhotograph(
+    return SourcePhotograph(
         path=path,
         name=path.stem,
         sha256=hashlib.sha256(data).hexdigest(),
@@ -298,7 +270,6 @@ def _read(path: Path) -> tuple[SourcePhotograph, str, int, bool]:
         time="{}-{}-{}T{}".format(*date.groups()) if date else None,
         gps=_position(gps),
     )
-    return photograph, str(picture.format), peak, bool(clear)
 
 
 def _told(value: Any) -> str:
@@ -411,56 +382,45 @@ class Mask:
     path: Path
     sha256: str
 
-    def read(self, size_px: tuple[int, int], turns: Sequence[Turn] = ()) -> Bools:
-        """(H, W) True on the object, transposed by ``turns``, at the photograph's width and height after that.
+    def read(self) -> Bools:
+        """(H, W) True on the object: what is white, 255 or 1, or, where not all is opaque, what is.
 
-        White is 255 or, where nothing is above it, 1. An alpha channel that is not opaque everywhere is the mask. `UserError` where the
-        file is damaged, its sides have another ratio, or it holds values that are neither black nor white.
+        `UserError` where the file is damaged, or holds values that are neither black nor white.
         """
         try:
             with _opened(self.path) as (picture, _):
-                stored, lossy = _as_stored(picture), picture.format in ("JPEG", "MPO")
-                deep = picture.mode in ("F", "I") or picture.mode.startswith("I;16")
-                values = np.asarray(picture if deep else picture.convert("RGBA"))
+                pixels = np.asarray(_eight_bit(picture, "RGBA"))
         except UserError as error:
             raise UserError(f"mask {self.path} cannot be read: {error}") from error
-        if values.ndim == 3:
-            opaque = values[..., 3].min() == 255
-            values = values[..., :3].max(axis=2) if opaque else values[..., 3]
-        top = float(values.max())
-        white = next(value for value in (1, 255, 65535, math.inf) if top <= value)
-        if 0 < top <= white / 2 and not lossy:
-            raise UserError(
-                f"mask {self.path} is nowhere brighter than {top:g}; make it 0 and 255, or 0 and 1"
-            )
-        inside = np.asarray(_transposed(Image.fromarray(values > white / 2), (*stored, *turns)))
-        width, height = size_px
-        if abs(inside.shape[1] * height - inside.shape[0] * width) > 0.02 * width * height:
-            raise UserError(
-                f"mask {self.path} is {inside.shape[1]} x {inside.shape[0]}, its photograph {width} x {height}; "
-                "give masks with the photographs' ratio of sides"
-            )
-        rows = (np.arange(height) * inside.shape[0]) // height
-        columns = (np.arange(width) * inside.shape[1]) // width
-        return np.asarray(inside[rows][:, columns])
+        values = pixels[..., :3].max(axis=2) if pixels[..., 3].min() == 255 else pixels[..., 3]
+        if 1 < (top := int(values.max())) < 128:
+            raise UserError(f"mask {self.path} is nowhere brighter than {top}; make it 0 and 255, or 0 and 1")
+        return np.asarray(values > top / 2)
 
 
 def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Mask]:
     """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``, in folders as the photographs.
 
-    `UserError` where there is no such folder, or no mask of any photograph in it.
+    `UserError` where there is no such folder, no mask of any photograph in it, or nothing tells whether one is turned.
     """
     folder = expanded(folder)
     if not folder.is_dir():
         raise UserError(f"there is no folder of masks {folder}; check --masks")
     taken = {p.path.resolve() for p in photographs}
-    paths = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PLAIN and p.resolve() not in taken]
+    paths = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() == ".png" and p.resolve() not in taken]
     files = {str(p.relative_to(folder)): p for p in paths}
     found = files_of_photographs(files, photographs, str(folder), endings=("", "_mask"))
     if not found:
         raise UserError(
             f"no mask in {folder} is of a photograph; call them like the photographs: {photographs[0].path.stem}.png"
         )
+    for photograph in photographs:
+        same_sides = photograph.upright_size_px == photograph.size_px
+        if photograph.name in found and photograph.orientation != 1 and same_sides:
+            raise UserError(
+                f"{photograph.path.name} is turned by EXIF (orientation {photograph.orientation}), and nothing tells whether "
+                "its mask is; turn photographs and masks upright: mogrify -auto-orient"
+            )
     return {
         name: Mask(files[file], hashlib.sha256(read_bytes(files[file], MAX_MASK_BYTES)).hexdigest())
         for name, file in found.items()

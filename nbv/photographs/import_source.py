@@ -8,10 +8,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from nbv.cache import Store
-from nbv.photographs.folder import Mask, Progress, SourcePhotograph, read_pixels, shrunk_size
+from nbv.errors import UserError
+from nbv.photographs.folder import Mask, Progress, SourcePhotograph, read_pixels, shrunk_size, transposed
 from nbv.types import Bools
+
+SAME_RATIO = 0.02  # of sides, relative
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,6 @@ class ImportSource:
     progress: Progress
     store: Store | None = None  # keeps features, pairs, models and clouds, so that an import can go on
     upright: bool = True  # turned as EXIF says
-    masks_turned: bool = True  # masks were drawn on photographs that were turned as EXIF says
     masks: Mapping[str, Mask] = field(default_factory=dict)
 
     @cached_property
@@ -46,11 +49,27 @@ class ImportSource:
         return read_pixels(photograph.path, self.max_size_px, photograph.turns(upright=self.upright))
 
     def mask(self, name: str) -> Bools | None:
-        """(H, W) True on the object; None where no mask was given."""
+        """(H, W) True on the object; None where no mask was given. Its sides tell whether it was drawn on a photograph turned as EXIF says.
+
+        `UserError` where they have another ratio, and as `Mask.read`.
+        """
         if name not in self.masks:
             return None
-        turns = self.by_name[name].turns(upright=self.upright, turned=self.masks_turned)
-        return self.masks[name].read(self.size_px(name), turns)
+        mask, photograph = self.masks[name], self.by_name[name]
+        inside = mask.read()
+        height, width = inside.shape
+        sizes = (photograph.upright_size_px, photograph.size_px)
+        alike = [abs(width / height * size[1] / size[0] - 1) < SAME_RATIO for size in sizes]
+        if not any(alike):
+            raise UserError(
+                f"mask {mask.path} is {width} x {height}, its photograph {sizes[0][0]} x {sizes[0][1]}; "
+                "give masks with the photographs' ratio of sides"
+            )
+        turns = photograph.turns(upright=self.upright, turned=alike[0])
+        picture = transposed(Image.fromarray(inside), turns).resize(
+            self.size_px(name), Image.Resampling.NEAREST
+        )
+        return np.asarray(picture)
 
     def up(self, name: str) -> tuple[float, float]:
         """Direction (right, down) of the picture that is up for who looks at it."""

@@ -28,7 +28,7 @@ from nbv.photographs.dense_reference import (
 from nbv.photographs.folder import Progress, SourcePhotograph, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.mapping import solve
-from nbv.photographs.object_frame import find_object, placement, with_mask_orientation
+from nbv.photographs.object_frame import find_object, placement
 from nbv.photographs.photograph_set import (
     IMAGES,
     MASKS,
@@ -95,7 +95,6 @@ def import_photographs(
     source = ImportSource(tuple(photographs), options.max_size_px, progress, store, masks=masks)
     marked = None if options.control_points is None else read_control_points(options.control_points, source)
     model, source, solved_notes = solve(source, options.model)
-    source = with_mask_orientation(model, source)
     scale = find_scale(model, source, options.height_m, marked)
     frame = find_object(model, source, scale.up)
     model = model.moved(frame.set_from_model)

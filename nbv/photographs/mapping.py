@@ -54,8 +54,7 @@ def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, I
         source = source.turned()
         model, notes = _mapped(source)
     else:
-        answers, notes = read_model(model_path, source)
-        notes = [f"sparse model: {model_path.name}", *notes]
+        answers, notes = read_model(model_path, source), [f"sparse model: {model_path.name}"]
         if not len(answers[0][0].xyz):
             answers = [(_triangulated(seen, model), seen) for model, seen in answers]
             notes.append("points triangulated with its poses")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,8 @@ class ObjectFrame:
 def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
     """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
 
-    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks, as `with_mask_orientation` has them, mark the
-    object. `UserError` where the cameras look at no common place.
+    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks mark the object. `UserError` where
+    the cameras look at no common place, or the masks are white or black everywhere, inverted, or of another size.
     """
     center = _gaze_point(model)
     gaze = center - model.centers
@@ -86,49 +86,11 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
     rotation = turn.as_matrix()
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
     rough = Similarity(scale, rotation, -scale * rotation @ center)
-    low, high, grounded, word = _box(
-        model.moved(rough), _in_masks(model, source)[0] if source.masks else None
-    )
+    in_mask = _in_masks(model, source, center) if source.masks else None
+    low, high, grounded, word = _box(model.moved(rough), in_mask)
     notes.append(f"object: {word}")
     placed = placement(low, high, rough.apply(model.centers))
     return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes), grounded)
-
-
-def with_mask_orientation(model: SolvedModel, source: ImportSource) -> ImportSource:
-    """``source`` with its masks as they were drawn: on photographs that were turned as EXIF says, or on stored pixels.
-
-    The right way has more of the masked points where the cameras look than farther away. `UserError` where the masks are white
-    or black everywhere, inverted, or of another size.
-    """
-    if not source.masks:
-        return source
-    away = np.linalg.norm(model.xyz - _gaze_point(model), axis=1)[model.points]
-    masked = np.isin(model.views, [view for view, name in enumerate(model.names) if name in source.masks])
-    near, far = (masked & (sign * (away - np.median(away[masked])) <= 0) for sign in (1, -1))
-    same = all(photograph.orientation == 1 for photograph in source.photographs)
-    answers, wrong = [], None
-    for turned in (True,) if same else (True, False):
-        seen = replace(source, masks_turned=turned)
-        try:
-            inside, white = _in_masks(model, seen)
-        except UserError as error:
-            wrong = error
-            continue
-        answers.append((float(inside[near].mean() - inside[far].mean()), white, seen))
-    if not answers and wrong is not None:
-        raise wrong
-    contrast, white, seen = max(answers, key=lambda answer: answer[0])
-    folder = next(iter(source.masks.values())).path.parent
-    if white in (0.0, 1.0):
-        raise UserError(
-            f"the masks in {folder} are {'white' if white else 'black'} everywhere; make them white on the object and "
-            "black beside it"
-        )
-    if contrast < -MASK_CONTRAST:
-        raise UserError(
-            f"the masks in {folder} are black where the cameras look and white around it; invert them: white is the object"
-        )
-    return seen
 
 
 def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
@@ -227,15 +189,27 @@ def _ground_beside(points: Floats, low: Floats, high: Floats) -> float | None:
     return float(np.median(band)) if len(band) >= GROUND_SHARE * len(heights) else None
 
 
-def _in_masks(model: SolvedModel, source: ImportSource) -> tuple[Bools, float]:
-    """(T,) whether each observation lies on the object, which it does not where there is no mask; the masks' white share."""
-    inside, white = np.zeros(len(model.views), dtype=bool), []
+def _in_masks(model: SolvedModel, source: ImportSource, center: Floats) -> Bools:
+    """(T,) whether each observation lies on the object, near ``center`` (3,); it does not where there is no mask. Errors as `find_object`."""
+    inside, masked, white = np.zeros(len(model.views), dtype=bool), np.zeros(len(model.views), dtype=bool), []
     for view, name in enumerate(model.names):
         if (mask := source.mask(name)) is not None:
             members, pixels = model.of_view(view)
-            inside[members] = mask[pixels]
+            inside[members], masked[members] = mask[pixels], True
             white.append(mask.mean())
-    return inside, float(np.mean(white)) if white else 0.0
+    folder = next(iter(source.masks.values())).path.parent
+    if set(white) in ({0.0}, {1.0}):
+        raise UserError(
+            f"the masks in {folder} are {'white' if white[0] else 'black'} everywhere; make them white on the object and "
+            "black beside it"
+        )
+    away = np.linalg.norm(model.xyz - center, axis=1)[model.points]
+    near = away <= np.median(away[masked])
+    if inside[masked & near].mean() < inside[masked & ~near].mean() - MASK_CONTRAST:
+        raise UserError(
+            f"the masks in {folder} are black where the cameras look and white around it; invert them: white is the object"
+        )
+    return inside
 
 
 def _without_isolated(points: NDArray[np.float64]) -> Floats:

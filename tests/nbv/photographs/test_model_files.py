@@ -38,7 +38,7 @@ def seen(pose: np.ndarray, middle: tuple[float, float], lens: tuple[float, ...])
 
 
 def check(path: Path, middle: tuple[float, float], lens: tuple[float, ...], max_size: int = WIDTH) -> None:
-    [(model, source)], _ = read_model(path, photographs(max_size))
+    [(model, source)] = read_model(path, photographs(max_size))
     assert source.upright and model.names == tuple(f"IMG_{i}" for i in range(len(POSES)))
     assert np.allclose(model.poses, POSES, atol=1e-9)
     for pose, camera in zip(POSES, model.cameras, strict=True):
@@ -63,7 +63,7 @@ def test_colmap(tmp_path: Path, text: bool) -> None:
         model.add_point3D(point, track, np.zeros(3, np.uint8))
     (model.write_text if text else model.write_binary)(tmp_path)
     check(tmp_path, (322.0, 239.0), (K1, K2, P1, P2))
-    [(solved, _)], _ = read_model(tmp_path, photographs(320))
+    [(solved, _)] = read_model(tmp_path, photographs(320))
     assert np.allclose(solved.xyz, POINTS) and len(solved.views) == len(POSES) * len(POINTS)
     assert solved.reprojection_errors_px().max() < 1e-6
     files = sorted(tmp_path.glob("images.*"))

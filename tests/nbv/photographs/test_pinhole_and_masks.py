@@ -11,6 +11,7 @@ from PIL import Image
 
 from nbv.errors import UserError
 from nbv.photographs.folder import SourcePhotograph, find_masks
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.pinhole import common_pinhole, undistorted
 
 
@@ -43,10 +44,13 @@ def test_masks_are_found_by_name(tmp_path: Path) -> None:
         Image.fromarray(white).save(tmp_path / name)
     found = find_masks(tmp_path, photographs)
     assert set(found) == {"IMG_0", "IMG_1", "IMG_2"}
-    mask = found["IMG_1"].read((64, 48))
-    assert mask.shape == (48, 64) and mask[:24].all() and not mask[24:].any()
+    source = ImportSource(tuple(photographs), 64, lambda *_: None, masks=found)
+    mask = source.mask("IMG_1")
+    assert mask is not None and mask.shape == (48, 64) and mask[:24].all() and not mask[24:].any()
+    assert source.mask("IMG_3") is None
+    Image.fromarray(white.T).save(tmp_path / "img_0.png")
     with pytest.raises(UserError, match="ratio of sides"):
-        found["IMG_1"].read((48, 64))
+        source.mask("IMG_0")
     (tmp_path / "img_0.png").write_bytes(b"no picture")
     with pytest.raises(UserError, match="cannot be read"):
-        find_masks(tmp_path, photographs)["IMG_0"].read((64, 48))
+        source.mask("IMG_0")
