@@ -128,18 +128,21 @@ def coarsest_step(points: Floats) -> float:
 def _load(path: Path, notes: list[str]) -> tuple[Any, _Colors]:
     """The file's scene as trimesh reads it, and what reads the colours of its parts."""
     kind, content = path.suffix.lower(), path.read_bytes()
-    colors, files, textures = _Colors(notes), _SideFiles(path.parent, pictures=kind not in GLTF), 0
+    files, options = _SideFiles(path.parent, pictures=kind not in GLTF), dict[str, Any]()
+    unread, textures, repeats = "", 0, True
     if kind in GLTF:
         unread, textures, repeats = checked_gltf(content, str(path), notes)
-        colors = _Colors(notes, unread, linear=True, repeats=repeats)
     elif kind == ".obj":
         content = _readable_obj(content, notes)
     elif kind == ".ply":
-        colors = _Colors(notes, _unread_in_ply(content))
+        unread, textures = _unread_in_ply(content)
+        options = {"fix_texture": textures > 0}  # it would part vertices from their colours
     heard, log = BufferingHandler(1000), logging.getLogger("trimesh")
     log.addHandler(heard)
     try:
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind[1:], process=False, resolver=files)
+        scene = trimesh.load_scene(
+            io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
+        )
     except Exception as error:  # loaders raise whatever their parsers do
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise UnusableMesh(f"cannot be read: {reason}") from error
@@ -152,12 +155,17 @@ def _load(path: Path, notes: list[str]) -> tuple[Any, _Colors]:
             )
     parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
     plain = [part for part in parts if _picture(part) is None]
-    if len(parts) - len(plain) < textures:
-        files.missing.append("a texture that is missing, or of a format that is not read")
-    elif b"mtllib" in content and not files.missing and any(_own_colors(part) is None for part in plain):
+    if len(parts) - len(plain) < textures and not unread:
+        unread = "a texture is missing, or of a format that is not read"
+    if (
+        kind == ".obj"
+        and b"mtllib" in content
+        and not files.missing
+        and any(_own_colors(part) is None for part in plain)
+    ):
         files.missing.append("materials: faces name none (usemtl), or one that the MTL file does not have")
     notes += [f"not read: {name}" for name in files.missing[:MAX_TOLD]]
-    return scene, colors
+    return scene, _Colors(notes, unread, linear=kind in GLTF, repeats=repeats)
 
 
 def _readable_obj(content: bytes, notes: list[str]) -> bytes:
@@ -171,15 +179,16 @@ def _readable_obj(content: bytes, notes: list[str]) -> bytes:
     return content
 
 
-def _unread_in_ply(content: bytes) -> str:
-    """Why trimesh does not read a PLY file's colours as they are meant; "" where it does."""
+def _unread_in_ply(content: bytes) -> tuple[str, int]:
+    """Why trimesh does not read a PLY file's colours as they are meant ("": it does), and how many textures it names."""
     header = content[: content.find(b"end_header")]
-    if (textures := len(re.findall(rb"^comment[ \t]+TextureFile", header, re.M | re.I))) > 1:
-        return f"{textures} textures: export it as GLB or OBJ"
+    textures = len(re.findall(rb"^comment[ \t]+TextureFile", header, re.M | re.I))
+    if textures > 1:
+        return f"{textures} textures: export it as GLB or OBJ", textures
     for kind, name in re.findall(rb"^property[ \t]+(\S+)[ \t]+((?:diffuse_)?red)[ \t\r]*$", header, re.M):
         if kind not in (b"uchar", b"uint8") or name != b"red":
-            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue"
-    return ""
+            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue", textures
+    return "", textures
 
 
 class _SideFiles:
@@ -236,7 +245,8 @@ class _Colors:
             colors[:] = own
         elif own is not None and picture is None:
             colors[:] = linear_from_srgb(own)
-        uv, texture = getattr(part.visual, "uv", None), -1
+        uv: Any = getattr(part.visual, "uv", None)
+        texture = -1
         if picture is not None and (uv is None or len(uv) != len(colors) or not np.isfinite(uv).all()):
             self._notes.append("not read: a texture; the mesh has no coordinates for it")
         elif picture is not None and not self._repeats and np.abs(uv - 0.5).max() > 0.51:
@@ -265,9 +275,7 @@ def _picture(part: Any) -> Any:
     """The texture of a part of a scene, as Pillow's; None where it has none."""
     material = getattr(part.visual, "material", None)
     picture = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-    return (
-        picture if getattr(picture, "format", None) else None
-    )  # trimesh makes some up, which are of no file
+    return picture if getattr(picture, "format", None) else None  # trimesh makes some up
 
 
 def _own_colors(part: Any) -> Floats | None:
@@ -280,7 +288,7 @@ def _own_colors(part: Any) -> Floats | None:
     own = None if raw is None else _shares(raw)
     if (factor := getattr(material, "baseColorFactor", None)) is not None:
         own = _shares(factor) * (1.0 if own is None else own)
-    kd = getattr(material, "kwargs", {}).get("kd")  # an MTL file's
+    kd: Any = getattr(material, "kwargs", {}).get("kd")  # an MTL file's
     return np.array(kd) if own is None and np.shape(kd) == (3,) else own
 
 

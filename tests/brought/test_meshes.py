@@ -290,7 +290,7 @@ GLTF = {
     "fans": (fans, "has fans of triangles, which are not read; export single triangles"),
     "under a camera": (under_a_camera, "has meshes that hang from a camera, which are not read; export it without cameras"),
     "no scene": (lambda f: [f.tree.pop(k) for k in ("scene", "scenes")], "holds no faces in its scene"),
-    "a picture of another format": (no_picture, "not read: a texture that is missing, or of a format that is not read"),
+    "a picture of another format": (no_picture, "not read: colours and textures .a texture is missing, or of a format that is not read"),
     "extension that may be left out": (edit(extensionsUsed=["EXT_mesh_gpu_instancing"]), "not read: EXT_mesh_gpu_instancing"),
     "draco that is none": (no_decoder, "cannot be read: KHR_draco_mesh_compression: Input mesh is not draco encoded"),
     "meshopt": (meshopt, "compressed with the glTF extension EXT_meshopt_compression, which is not read; .* gltfpack -noq -i IN.glb"),
@@ -397,7 +397,16 @@ def test_an_mtl_of_very_many_materials(tmp_path):
 
 
 def ply(
-    path: Path, *, points="double", colors="", of="vertex", pictures=0, texnumber=True, scale=1, prefix=""
+    path: Path,
+    *,
+    points="double",
+    colors="",
+    of="vertex",
+    pictures=0,
+    texnumber=True,
+    scale=1,
+    prefix="",
+    named=True,
 ) -> Path:
     """The ball as ASCII PLY; colours as numbers of the type ``colors``, from 0 to ``scale``; v goes up there."""
     for k in range(pictures):
@@ -405,7 +414,7 @@ def ply(
     told = [f"property {colors} {prefix}{c}" for c in ("red", "green", "blue")] if colors else []
     values = SRGB / 255 * scale if scale != 1 or colors in ("float", "double") else SRGB
     shown = [" " + " ".join(f"{x:g}" for x in row) if colors else "" for row in values]
-    head = ["ply", "format ascii 1.0", *(f"comment TextureFile t{k}.png" for k in range(pictures))]
+    head = ["ply", "format ascii 1.0", *(f"comment TextureFile t{k}.png" for k in range(pictures * named))]
     head += [f"element vertex {len(POINTS)}", *(f"property {points} {axis}" for axis in "xyz")]
     head += [
         *(told if of == "vertex" else ()),
@@ -439,6 +448,7 @@ def ply(
           for kind, scale in [("ushort", 65535), ("float", 1), ("double", 255), ("int", 255)]],
         ({"colors": "uchar", "prefix": "diffuse_"}, "(uchar diffuse_red: save them"),
         ({"pictures": 1, "texnumber": False}, ""),
+        ({"pictures": 1, "named": False, "colors": "uchar"}, ""),
         ({"pictures": 2}, "not read: colours and textures (2 textures: export it as GLB or OBJ)"),
     ],
     ids=str,
@@ -447,6 +457,13 @@ def test_ply(tmp_path, options, says):
     path = ply(tmp_path / "ball.ply", **options)
     notes = look_right(path)
     assert says in "; ".join(notes) and (says or not any("not read" in note for note in notes))
+
+
+def test_a_ply_file_without_its_texture(tmp_path):
+    path = ply(tmp_path / "ball.ply", pictures=1, colors="uchar")
+    (tmp_path / "t0.png").unlink()
+    notes = look_right(path)
+    assert any(note.startswith("not read: 't0.png' (cannot read") for note in notes)
 
 
 FAR = np.array([512_345.6, 5_123_456.7, 300.1])
