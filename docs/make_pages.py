@@ -50,8 +50,8 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made by `python docs/make_pages.py` from the program's help, which has an example of each. An option stands at the first "
-        "command that has it. `--out` is where a result is written, `--json` prints it as JSON (a campaign: an object per event).",
+        "`--help` has an example of each. An option stands at the first command that has it. `--out` is where a result is written, "
+        "`--json` prints it as JSON (a campaign: an object per event).",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
@@ -83,7 +83,7 @@ def parameters_page() -> str:
         "# Parameters",
         "",
         "A parameter's path is its section and name, which ends in its unit: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
-        "printed paper, with the section; **code**, the authors' public code or simulator; none: gatetune's own. "
+        "paper, with the section; **code**, the authors' public code or simulator; none: gatetune's own. "
         "`gatetune config show` prints any preset with the reasons; `--set PATH=VALUE` changes a parameter.",
         "",
         *_presets_table(),

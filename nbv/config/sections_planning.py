@@ -28,11 +28,11 @@ from nbv.config.registry import SCORERS, gate_kinds
 class SeedConfig(Section):
     """Phase 1: stratified ring orbit."""
 
-    radius_m: Positive = text(4.0, "III, Phase 1", "distance of the seed orbit to the target")
+    radius_m: Positive = text(4.0, "III", "distance of the seed orbit to the target")
     ring_elevations_deg: Elevations = text(
-        (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
+        (15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings"
     )
-    ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
+    ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III", "views in each seed ring")
     ring_radii_m: tuple[Positive, ...] = not_in_paper(
         (), "the same for each seed ring; empty: `radius_m` for all", added=True
     )
@@ -141,9 +141,9 @@ class SeedConfig(Section):
 class PoolConfig(Section):
     """Phase 2: two-band candidate pool and its feasibility filters."""
 
-    radius_m: Positive = text(3.5, "III, Phase 2", "distance of the candidates to the target")
+    radius_m: Positive = text(3.5, "III", "distance of the candidates to the target")
     lateral_elevations_deg: Elevations = text(
-        (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
+        (10.0, 15.0, 25.0, 35.0), "III", "elevations of the dense lower band"
     )
     lateral_count: Count = code(
         120,
@@ -151,7 +151,7 @@ class PoolConfig(Section):
         "candidates in the lower band; each lower ring gets more of them (by inverse rank)",
     )
     upper_elevations_deg: Elevations = text(
-        (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
+        (35.0, 45.0, 55.0), "III", "elevations of the sparse upper band"
     )
     upper_count: Count = code(50, "mission file", "candidates in the upper band, evenly over its rings")
     min_altitude_m: float = not_in_paper(
@@ -196,7 +196,7 @@ class StopConfig(Section):
     )
     criterion: Literal["both", "budget", "knn", "predicted"] = text(
         "both",
-        "III, Phase 2",
+        "III",
         "what ends Phase 2 besides the budget: both (the paper's) or knn, d95 of the sparse cloud; predicted, the dense cloud's "
         "predicted completeness (not in the paper)",
     )

@@ -60,8 +60,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--against",
-            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle, orbit, orbit-two; "
-            "where the target has to be looked for orbit-reaimed and orbit-two-reaimed, too).",
+            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle and "
+            "orbits).",
         ),
     ] = None,
     workers: Workers = None,
