@@ -29,9 +29,7 @@ class SeedConfig(Section):
     """Phase 1: stratified ring orbit."""
 
     radius_m: Positive = text(4.0, "III", "distance of the seed orbit to the target")
-    ring_elevations_deg: Elevations = text(
-        (15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings"
-    )
+    ring_elevations_deg: Elevations = text((15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings")
     ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III", "views in each seed ring")
     ring_radii_m: tuple[Positive, ...] = not_in_paper(
         (), "the same for each seed ring; empty: `radius_m` for all", added=True
@@ -150,9 +148,7 @@ class PoolConfig(Section):
         "mission file",
         "candidates in the lower band; each lower ring gets more of them (by inverse rank)",
     )
-    upper_elevations_deg: Elevations = text(
-        (35.0, 45.0, 55.0), "III", "elevations of the sparse upper band"
-    )
+    upper_elevations_deg: Elevations = text((35.0, 45.0, 55.0), "III", "elevations of the sparse upper band")
     upper_count: Count = code(50, "mission file", "candidates in the upper band, evenly over its rings")
     min_altitude_m: float = not_in_paper(
         1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"

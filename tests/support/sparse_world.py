@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from PIL import Image
 
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
@@ -37,12 +34,6 @@ def ring_captures(count: int, radius_m: float = 4.0, start: int = 0, turn_deg: f
         viewpoint = Viewpoint(name, tuple(position), np.degrees(azimuth), np.degrees(elevation), "seed")
         captures.append(Capture(name, viewpoint, look_at(position, TARGET), image))
     return captures
-
-
-def write_photographs(folder: Path, captures: list[Capture]) -> None:
-    """Save their images by name."""
-    for capture in captures:
-        Image.fromarray(capture.image).save(folder / capture.name)
 
 
 class LabelledPoints:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,8 +102,6 @@ def test_without_a_file_the_shipped_policy_is_flown() -> None:
 
 
 def test_a_missing_file_is_named() -> None:
-    config = replace(
-        MissionConfig(), gate=replace(MissionConfig().gate, kind="learned", learned_policy="no.json")
-    )
+    config = MissionConfig().with_values({"gate.kind": "learned", "gate.learned_policy": "no.json"})
     with pytest.raises(UserError, match=r"no\.json"):
         make_gate(config)

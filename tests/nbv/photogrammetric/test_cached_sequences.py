@@ -6,7 +6,7 @@ import types
 
 import numpy as np
 import pytest
-from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
+from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
@@ -53,11 +53,6 @@ def bits(reports):
     return hasher.hexdigest()
 
 
-def files(sparse, folder, images):
-    sparse.export_sparse(folder, images)
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
 @pytest.fixture(scope="module")
 def plain():
     """Reports of missions without a store, by the captures after the seeds."""
@@ -95,22 +90,6 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     entries[3].unlink()
     assert bits(fly(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
-
-
-@pytest.mark.slow
-def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
-    filled(store)
-    plain = reconstructor()
-    fly(plain, LATER)
-    known = reconstructor(store=store)
-    fly(known, LATER)
-    write_photographs(tmp_path, SEEDS + LATER)
-    assert files(known, tmp_path / "known", tmp_path) == files(plain, tmp_path / "plain", tmp_path)
-    poses, expected = known._mapped().world_camera_poses(), plain._mapped().world_camera_poses()
-    assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
-
-
-# -- clouds and metrics ---------------------------------------------------------------------------------
 
 
 def test_a_glimpse_leaves_nothing_behind(monkeypatch):

@@ -1,9 +1,8 @@
-"""Eq. 1 to 8 on states small enough to work out by hand."""
+"""The scorers' equations on states small enough to work out by hand; `test_golden_scorers` has the authors' numbers."""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum
 from nbv.scorers import PAPER_SCORERS, box_points, rank_candidates
-from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
-from nbv.scorers.scorer import angular_penalty, movement, novelty
+from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance
+from nbv.scorers.scorer import angular_penalty, novelty
 from nbv.types import PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
@@ -48,17 +47,6 @@ def test_novelty() -> None:  # Eq. 2
     np.testing.assert_array_equal(novelty(candidates, np.zeros((0, 3)), 2.0), 1.0)
 
 
-def test_movement() -> None:  # Eq. 3
-    candidates = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
-    pool = replace(pool_at(candidates), headings_rad=np.array([np.pi / 2, -3.0]))
-    state = replace(state_of(TARGET[None], [[0]], candidates), vehicle_position_m=np.zeros(3))
-    got = movement(pool, replace(state, vehicle_heading_rad=3.0), 10.0)
-    turn = 2 * np.pi - 6.0  # the shorter way from 3.0 to -3.0
-    np.testing.assert_allclose(
-        got, [0.7 * 0.5 + 0.3 * (3.0 - np.pi / 2) / np.pi, 0.3 * turn / np.pi], atol=1e-12
-    )
-
-
 def test_angular_penalty() -> None:  # Eq. 4
     candidates = ring([0.0, 5.0, 20.0, 90.0])
     visited = ring([0.0], radius=4.0)  # another radius, the same direction
@@ -68,24 +56,9 @@ def test_angular_penalty() -> None:  # Eq. 4
     np.testing.assert_array_equal(angular_penalty(candidates, np.zeros((0, 3)), TARGET, 20.0), 0.0)
 
 
-def test_weakness() -> None:  # Eq. 6
-    # Points on a line, 0 .. 20 mm apart more and more: neighbour distances are known.
-    points = np.column_stack([np.cumsum(np.arange(21.0)), np.zeros(21), np.zeros(21)])
-    lengths = np.array([2, 3, 6, 9] + [6] * 17)
-    config = BAwareConfig(density_neighbours=1)
-    spacing = np.array([1.0, 1.0, *np.arange(2.0, 21.0)])
-    np.testing.assert_allclose(mean_neighbour_distance(points, 1), spacing)
-    low, high = np.percentile(spacing, [5, 95])
-    rho = np.clip((spacing - low) / (high - low), 0, 1)
-    tau = np.array([4 / 6, 3 / 6, 0, 0] + [0] * 17)
-    box = observed(points, [0, *np.cumsum(lengths)], [], points)
-    np.testing.assert_allclose(weakness(box, config), 0.6 * tau + 0.4 * rho)
-    errors = np.linspace(0.2, 1.4, 21)
-    head = replace(config, alpha_track=0.5, alpha_density=0.3, alpha_reprojection=0.2)
-    np.testing.assert_allclose(
-        weakness(replace(box, reprojection_error_px=errors), head),
-        0.5 * tau + 0.3 * rho + 0.2 * percentile_scaled(errors),
-    )
+def test_the_nearest_neighbour_alone_may_be_the_density() -> None:  # Eq. 6
+    on_a_line = np.column_stack([[0.0, 1.0, 3.0], np.zeros(3), np.zeros(3)])
+    np.testing.assert_allclose(mean_neighbour_distance(on_a_line, 1), [1.0, 1.0, 2.0])
 
 
 def test_geometry_gain() -> None:  # Eq. 7
@@ -96,21 +69,6 @@ def test_geometry_gain() -> None:  # Eq. 7
     # A second ray at 40 degrees: the nearest counts.
     gain = geometry_gain(candidates, observed(point, [0, 2], [0, 1], ring([0.0, 40.0])), BAwareConfig())
     np.testing.assert_allclose(gain[0], [0, 0, 0.5, 0.5, 0, 1], atol=1e-9)
-
-
-def test_repair() -> None:  # Eq. 8
-    # Three points near the target, far apart in observation: gains are read off geometry_gain.
-    points = TARGET + np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-    box = observed(points, [0, 1, 2, 3], [0, 1, 2], ring([0.0, 20.0, 60.0]))
-    candidates = ring([10.0, 70.0])
-    gain = geometry_gain(candidates, box, BAwareConfig())
-    assert 0.1 < gain.min() < gain.max() <= 1.0  # neither all 0 nor all 1
-    visible = np.array([[1, 1], [1, 0], [0, 1]], dtype=bool)
-    weak = np.array([1.0, 0.5, 0.25])
-    arguments = (candidates, box, BAwareConfig())
-    expected = [(gain[0, 0] + 0.5 * gain[1, 0]) / 1.75, (gain[0, 1] + 0.25 * gain[2, 1]) / 1.75]
-    np.testing.assert_allclose(repair(visible, weak, *arguments), expected, atol=1e-12)
-    np.testing.assert_array_equal(repair(visible, np.zeros(3), *arguments), 0.0)
 
 
 @settings(max_examples=25)

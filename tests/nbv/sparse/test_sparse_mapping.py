@@ -202,6 +202,3 @@ def test_photographs_of_the_wrong_size_are_a_users_mistake():
     for capture in (small, dataclasses.replace(SEEDS[0], image=None)):
         with pytest.raises(UserError, match=r"view_00\.png"):
             reconstructor(LabelledPoints(SEEDS)).bootstrap([capture])
-
-
-# ------------------------------------------------------------------------------------------------ pairs, files

@@ -281,6 +281,7 @@ def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> 
     campaign = run(tmp_path / "run", sampler=sampler, space=space, budget=8, initial=5, replicates=2)
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 8
+    assert trials[0].values == campaign.settings.default_values()
     assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
     searching = [t for t in trials if t.why["phase"] not in ("default", "verification")]
     assert len(searching) >= 2

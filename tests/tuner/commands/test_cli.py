@@ -34,6 +34,7 @@ RUN = ["campaign", "run", "--rock", "boulder"]
         (["campaign", "run", "--rock", "mushroom"], "held out"),
         (["campaign", "run", "--rock", "slab-20000"], "held out"),
         (["rocks", "show", "pebble-3"], "pebble-3"),
+        (["rocks", "generate", "--family", "pebble", "--seed", "3"], "no family 'pebble'"),
         (["campaign", "resume", "nowhere"], "nowhere"),
         (["campaign", "status", "nowhere"], "nowhere"),
         (["evaluate", "nowhere"], "nowhere"),
@@ -164,6 +165,11 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
         assert code == 2 and "--fidelity foreign:run" in err
         assert gatetune("campaign", *arguments, "--fidelity", "foreign:run")[0] == 0
     assert gatetune("campaign", "status", "runs/campaign")[0] == 0  # looking runs nothing
+
+
+def test_a_drawn_rock_is_named(gatetune):
+    code, out, _ = gatetune("rocks", "generate", "--family", "overhang", "--seed", "3")
+    assert code == 0 and "overhang-3 (train)" in out
 
 
 def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):

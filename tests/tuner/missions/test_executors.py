@@ -14,7 +14,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from in_process import InProcessExecutor
 
 import tuner.missions.executors as executors
 from nbv.config import MissionConfig
@@ -67,14 +66,6 @@ def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor,
     trial = run_jobs(executor, [job(tmp_path, "once-hang")])["0000"]
     thread.join()
     return trial
-
-
-def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
-    with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
-        outcomes = run_jobs(executor, [job(tmp_path, "a", 0), job(tmp_path, "b", 1)])
-        assert {o.status for o in outcomes.values()} == {"ok"} and len(outcomes) == 2
-        here = run_jobs(InProcessExecutor(), [job(tmp_path / "here", "a", 0)])
-        assert here["0000"].metrics == outcomes["0000"].metrics
 
 
 def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:

@@ -14,16 +14,8 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData, Goal
-from tuner.samplers.base import SAMPLERS, make_sampler
+from tuner.samplers.base import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
-
-
-@pytest.mark.parametrize("name", list(SAMPLERS))
-def test_starts_at_the_papers_values_and_stays_inside(name: str) -> None:
-    history = synthetic.play(make_sampler(name, synthetic.sampler_settings(0, 4)), 9, 0.05, 0)
-    assert history[0].values == synthetic.DEFAULT
-    assert all(p.contains(o.values[p.path]) for o in history for p in synthetic.SPACE.parameters)
-    assert len({tuple(o.values.values()) for o in history}) == 9
 
 
 def test_pending_missions_push_the_next_proposal_away() -> None:
