@@ -57,10 +57,10 @@ class Plugin:
 
     @property
     def origin(self) -> str:
-        """``mine 0.1.0``, or the module that registered it."""
-        return (
-            f"{self.distribution} {self.version}" if self.distribution else self.reference.partition(":")[0]
-        )
+        """``mine 0.1.0``, or what registered it: a module, or ``NAME=COMMAND``."""
+        if self.distribution:
+            return f"{self.distribution} {self.version}"
+        return self.asked if "=" in self.asked else self.reference.partition(":")[0]
 
     @property
     def label(self) -> str:
@@ -149,6 +149,8 @@ def use(text: str) -> None:
         return
     file = Path(text).expanduser()
     if file.suffix == ".py":
+        if not file.is_file():
+            raise UserError(f"--plugin {text}: there is no such file")
         folder = str(file.resolve().parent)
         if folder not in sys.path:
             sys.path.append(folder)  # last: what lies beside it hides nothing
@@ -156,6 +158,8 @@ def use(text: str) -> None:
     already, before = text in sys.modules, len(_registered)
     try:
         module = importlib.import_module(text)
+    except UserError:  # of what it registers
+        raise
     except Exception as error:  # whatever another's module raises
         raise UserError(f"plug-in {text} cannot be imported ({type(error).__name__}: {error})") from error
     if file.suffix == ".py" and not (module.__file__ and file.samefile(module.__file__)):
@@ -203,7 +207,7 @@ def plugins(group: str) -> dict[str, Plugin]:
         earlier = found.setdefault(plugin.name, plugin)
         if earlier is not plugin and earlier.reference != plugin.reference:
             raise UserError(
-                f"two {group} are called {plugin.name!r}: {earlier.label} and {plugin.label}; uninstall one"
+                f"two {group} are called {plugin.name!r}: {earlier.label} and {plugin.label}; rename or uninstall one"
             )
     return found
 
@@ -212,7 +216,7 @@ def beside(own: Collection[str], group: str) -> dict[str, Plugin]:
     """`plugins` beside our ``own``; `UserError` where one has a name of ours."""
     found = plugins(group)
     for taken in own & found.keys():
-        raise UserError(f"{found[taken].label} has the name of one that is built in; uninstall it")
+        raise UserError(f"{found[taken].label} has the name of one that is built in; rename or uninstall it")
     return found
 
 

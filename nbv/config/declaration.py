@@ -132,7 +132,7 @@ class Declaration:
         """Raise `UserError`, which begins with the path, where ``value`` is none of the choices or beyond a bound."""
         allowed = self.choices if self.names is None else self.names()
         if isinstance(value, str) and value not in allowed and (self.names is not None or self.choices):
-            more = ", or a plug-in once it is installed" if self.plugins else ""
+            more = ", or a plug-in that is installed or named with gatetune --plugin" if self.plugins else ""
             raise UserError(f"{self.path} is {value!r}; allowed: {', '.join(allowed)}{more}")
         bounds = _bounds(self.kind)
         if bounds is not None and value is not None:

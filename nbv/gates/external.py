@@ -73,11 +73,11 @@ class ExternalGate(Gate):
             process.stdin.flush()
             return msgspec.json.decode(process.stdout.readline(), type=Answer)
         except (OSError, msgspec.DecodeError) as error:
-            why = str(error)
+            late = overdue.finished.is_set()
+            overdue.cancel()
+            why = f"killed after {ANSWER_S:g} s" if late else str(error)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                why = f"exit status {process.wait(1.0)}"
-            if overdue.finished.is_set():
-                why = f"killed after {ANSWER_S:g} s"
+                why = why if late else f"exit status {process.wait(1.0)}"
             said = f"gate {self.config.gate.kind!r} of {' '.join(self.command)} gave no usable answer ({why})"
             raise MissionFailure("plugin_failed", said) from error
         finally:

@@ -31,7 +31,7 @@ HEIGHT_M, HIGHEST_SHAPE_M = (0.8, 3.0), 2.0
 MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
 VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
 ANY = "any"  # any-FAMILY is a fresh rock of it in every replicate, any one of each family
-_NAME = re.compile(r"([a-z]+)-(\d{1,9})")
+_NAME = re.compile(r"([a-z]+(?:-[a-z]+)*)-(\d{1,9})")
 
 
 def _boulder(p: Floats, rng: np.random.Generator, seed: int) -> Floats:

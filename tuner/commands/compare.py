@@ -115,7 +115,7 @@ def compare(
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
     plan = curves.comparison_plan(asked, chosen)
-    if rocks:
+    if rocks or families or set_:  # else the targets and views fit
         with working("looking at the targets"):
             curves.require_room(places, asked.base)
     executor = local_executor(fidelity, workers, timeout_s)
@@ -130,8 +130,10 @@ def compare(
     title, head, rows = share_table(document)
     show_table(head, rows, title, right=3)
     output.print(document["verdict"], style="bold")
-    for reason, times in run.failures.items():
-        output.print(f"failed {times} times: {reason}", style="red")
+    if document["score_0"]:
+        output.print("These count with a score of 0:", style="red")
+    for said in document["score_0"]:
+        output.print(f"- {said}")
     output.print(f"report: {out / 'report.html'}")
     answer_json(document)
 

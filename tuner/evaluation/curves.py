@@ -23,10 +23,11 @@ from nbv.photographs import PhotographSet
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
-from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, drawn_by
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
+from tuner.missions.registry import EXTERNAL, PHOTOGRAPHS
 from tuner.problem.baselines import PLAN, baseline, ending_at, sees_ground_truth, with_sections_of
 
 BY_HEIGHT, STOPPED = "orbit-by-height", "-stopped"  # derived from the missions of others
@@ -66,11 +67,15 @@ class Suite:
 
     def __post_init__(self) -> None:
         if list(self.numbers) != sorted(set(self.numbers)) or not self.numbers:
-            raise UserError(f"numbers of photographs must rise; these are {list(self.numbers)}")
+            raise UserError(
+                f"numbers of photographs must rise, as in 12:48:2 or 16,24,32; these are {list(self.numbers)}"
+            )
         if self.numbers[0] < self.base.seed.total:
             raise UserError(
                 f"the first number is {self.numbers[0]}, below the {self.base.seed.total} seeds; begin there or later"
             )
+        if self.fidelity in (EXTERNAL, PHOTOGRAPHS):
+            raise UserError(f"compare runs no {self.fidelity} missions by name; leave --fidelity out")
         if not 0.0 < self.share <= 1.0 or not 0.0 < self.score <= 100.0:
             raise UserError(f"share {self.share:g} must be in (0, 1] and score {self.score:g} in (0, 100]")
 
@@ -98,8 +103,7 @@ class Suite:
 def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tuple[str, ...]:
     """Return the first ``count`` held-out rocks of the families, in turn; `UserError` where a family does not exist."""
     for family in families:
-        if drawn_by(family) is None:
-            raise UserError(f"there is no family {family!r} of rocks; there are {', '.join(FAMILIES)}")
+        generated_recipe(family, HELD_OUT_FROM)
     names = [f"{family}-{HELD_OUT_FROM + k}" for k in range(count) for family in families]
     return tuple(names[:count])
 
@@ -161,8 +165,8 @@ class Series:
 
     name: str
     photographs: Floats  # (K, R)
-    scores: Floats  # (K, R) F-score at 48 mm in percent; 0 where the mission failed
-    failed: int = 0  # missions
+    scores: Floats  # (K, R) F-score at 48 mm in percent; 0 without a model, and where the mission failed
+    failed: tuple[Trial, ...] = ()
 
     @property
     def sees_ground_truth(self) -> bool:
@@ -183,9 +187,9 @@ class Series:
         return float(self.mean_photographs(of)[np.argmax(reached)]) if share and reached.any() else None
 
     def at(self, number: float, values: Floats) -> Floats:
-        """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion."""
+        """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion; NaN beyond them."""
         mean = self.mean_photographs(np.arange(values.shape[1]))
-        return np.array([np.interp(number, mean, own) for own in values.T])
+        return np.array([np.interp(number, mean, own, left=np.nan, right=np.nan) for own in values.T])
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
@@ -205,7 +209,7 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]
     ]
     taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
     ended = flown[:1] if source in of else flown
-    failed = sum(t.status == "failed" for missions in ended for own in missions.values() for t in own)
+    failed = tuple(t for missions in ended for own in missions.values() for t in own if t.status == "failed")
     if name == BY_HEIGHT:
         heights_m = [_believed_height_m(target, suite.base) for target in targets]
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(heights_m)
@@ -229,6 +233,32 @@ def _read(trial: Trial, number: int) -> tuple[float, float, float]:
     return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
+def what_scores_0(series: Sequence[Series], targets: Sequence[str]) -> list[str]:
+    """Return a sentence for each cause: missions that failed, and targets of which a strategy had no model yet."""
+    said = []
+    for one in series:
+        of_reason: dict[str, list[Trial]] = {}
+        for trial in one.failed:
+            of_reason.setdefault(trial.reason, []).append(trial)
+        for reason, failed in of_reason.items():
+            of = _named([trial.rock for trial in failed], targets)
+            first = f"{failed[0].strategy} on {failed[0].rock}: {failed[0].message}"
+            missions = f"{len(failed)} mission{'s' if len(failed) > 1 else ''}"
+            said.append(f"{_flown_as(one.name)}: {missions} failed ({reason}) on {of}; {first}.")
+        lacking = (one.scores == 0.0) & ~np.isin(targets, [trial.rock for trial in one.failed])
+        if lacking.any():
+            of = _named([target for target, own in zip(targets, lacking.T) if own.any()], targets)
+            numbers = one.photographs[lacking]
+            span = " to ".join(dict.fromkeys(f"{n:g}" for n in (numbers.min(), numbers.max())))
+            said.append(f"{one.name}: no model yet with {span} photographs on {of}.")
+    return list(dict.fromkeys(said))
+
+
+def _named(some: Sequence[str], targets: Sequence[str]) -> str:
+    names = dict.fromkeys(some)
+    return f"all {len(names)} targets" if len(names) == len(targets) > 1 else ", ".join(names)
+
+
 def _believed_height_m(target: str, config: MissionConfig) -> float:
     """What a vehicle is told before it flies."""
     if is_photographed(target):
@@ -244,6 +274,7 @@ class Finding:
     needed: float | None  # mean photographs; None: the share is not reached
     ratio: Interval  # with its 95 % interval, paired over targets
     reached: float  # the largest share
+    fewest: bool  # whether its first setting does, so that it may need fewer
 
 
 def interval_text(values: Interval, form: str = ".2f") -> str:
@@ -287,7 +318,8 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
                 lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
             )
             ratio = (needed / base, *drawn)
-        return Finding(one.name, needed, ratio, float((one.scores >= score).mean(axis=1).max()))
+        reached = (one.scores >= score).mean(axis=1)
+        return Finding(one.name, needed, ratio, float(reached.max()), bool(reached[0] >= share - 1e-9))
 
     return [finding(one) for one in series]
 
@@ -298,22 +330,28 @@ def share_compared(reference: Series, share: float, score: float) -> float:
     return share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
 
 
-def verdict(findings: Sequence[Finding], reference: str, asked: float, share: float, score: float) -> str:
+def verdict(
+    findings: Sequence[Finding], reference: str, asked: float, share: float, score: float
+) -> list[str]:
     """Return the outcome in a sentence for each strategy; ``share`` as `share_compared` has it of the one ``asked`` for."""
     base = next(finding for finding in findings if finding.name == reference)
     most = (
         f"{reference} brings at most {100 * base.reached:.0f} % of the targets to an F-score of {score:g} %"
     )
-    if share == 0.0 or base.needed is None:
-        return (
-            f"{most}: nothing can be compared with it; ask for a smaller --score, or name another --against."
-        )
+    if base.needed is None:
+        nothing = f"{most}: nothing can be compared with it"
+        return [f"{nothing}; ask for a smaller --score, or name another --against."]
     said = []
     if share < asked:
         said.append(f"{most}, not the {100 * asked:g} % asked for; {100 * share:g} % are compared instead.")
     said.append(
-        f"{reference} needs {base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an F-score of {score:g} %."
+        f"{reference} needs {_at_most(base)}{base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an "
+        f"F-score of {score:g} %."
     )
+    if base.fewest:
+        said.append(
+            "It was not tried with fewer: it is fair only with a higher --score or fewer first --numbers."
+        )
     for f in findings:
         ratio, low, high = f.ratio
         if ratio is None:
@@ -321,26 +359,39 @@ def verdict(findings: Sequence[Finding], reference: str, asked: float, share: fl
         elif f.name != reference:
             shown = "too few targets for an interval"
             if low is not None and high is not None:
-                shown = "fewer" if high < 1.0 else "more" if low > 1.0 else "no difference is shown"
-            needs = f"{f.name} needs {interval_text(f.ratio)} times as many photographs as {reference}"
+                shown = "no difference is shown"
+                if high < 1.0 and not base.fewest:
+                    shown = "fewer"
+                elif low > 1.0 and not f.fewest:
+                    shown = "more"
+            needs = f"{f.name} needs {_at_most(f)}{interval_text(f.ratio)} times as many photographs as {reference}"
             said.append(f"{needs}: {shown}.")
-    return " ".join(said)
+    return said
+
+
+def _at_most(finding: Finding) -> str:
+    return "at most " if finding.fewest else ""
 
 
 def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[dict[str, Any]]:
-    """Return each strategy at an equal mean number of photographs: F-score, what it gains on the reference, share at ``score``."""
+    """Return each strategy at an equal mean number of photographs: F-score, what it gains on the reference, share at ``score``.
+
+    Without strategies none of whose settings takes so few, or so many; without gains where the reference is one of these.
+    """
     theirs, rows = reference.at(number, reference.scores), []
     for one in series:
         scores = one.at(number, one.scores)
-        reached = one.at(number, (one.scores >= score).astype(float))
+        if np.isnan(scores).any():
+            continue
         rows.append(
             {
                 "strategy": one.name,
                 "photographs": number,
                 "f_score": mean_interval(scores),
-                "gain": mean_interval(scores - theirs),
-                "share": float(reached.mean()),
-                "failed": one.failed,
+                "gain": NO_INTERVAL if np.isnan(theirs).any() else mean_interval(scores - theirs),
+                "share": float(one.at(number, (one.scores >= score).astype(float)).mean()),
+                "failed": len(one.failed),
+                "score_0": int((scores == 0.0).sum()),
             }
         )
     return rows

@@ -112,6 +112,8 @@ class EvaluationPlan:
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
+        except UserError as error:  # such as a plug-in that is not installed
+            raise UserError(f"{path}: {error}") from error
 
     def jobs(self, directory: Path) -> list[MissionJob]:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""

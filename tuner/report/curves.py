@@ -21,6 +21,7 @@ from tuner.evaluation import curves
 from tuner.evaluation.curves import Series, Suite
 from tuner.missions.job import Trial
 from tuner.report import style
+from tuner.report.labels import MISSING
 from tuner.report.pages import write_page
 
 AT_NUMBERS = (16, 20, 24, 32, 40)
@@ -37,6 +38,7 @@ def write_comparison(
     base = next(one for one in series if one.name == reference)
     share = curves.share_compared(base, suite.share, suite.score)
     findings = curves.at_share(series, base, share, suite.score)
+    said = curves.verdict(findings, reference, suite.share, share, suite.score)
     numbers = [n for n in AT_NUMBERS if suite.numbers[0] <= n <= suite.numbers[-1]] or [suite.numbers[-1]]
     document: dict[str, Any] = json_ready(
         {
@@ -46,7 +48,8 @@ def write_comparison(
             "ground_truth": [one.name for one in series if one.sees_ground_truth],
             "reference": reference,
             "share": share,
-            "verdict": curves.verdict(findings, reference, suite.share, share, suite.score),
+            "score_0": curves.what_scores_0(series, suite.targets),
+            "verdict": " ".join(said),
             "at_share": findings,
             "at_number": [row for n in numbers for row in curves.at_number(series, base, n, suite.score)],
         }
@@ -54,9 +57,12 @@ def write_comparison(
     write_atomic(directory / "comparison.json", json.dumps(document, indent=1))
     _write_csv(
         directory / "curves.csv",
-        ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share"),
+        ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share", "score_0"),
         (
-            (one.name, k, one.photographs[k].mean(), *curves.mean_interval(row), (row >= suite.score).mean())
+            (
+                *(one.name, k, one.photographs[k].mean(), *curves.mean_interval(row)),
+                *((row >= suite.score).mean(), (row == 0.0).sum()),
+            )
             for one in series
             for k, row in enumerate(one.scores)
         ),
@@ -78,7 +84,8 @@ def write_comparison(
         "curves.html.j2",
         title="Planners against orbits",
         sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs; † sees the true surface",
-        verdict=document["verdict"],
+        verdict=said,
+        score_0=document["score_0"],
         figure=style.embed(figure),
         tables=[share_table(document), _number_table(document)],
     )
@@ -89,10 +96,12 @@ def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequen
     """Return title, head and rows of what each strategy needs for the share."""
     share, score = 100 * document["share"], document["settings"]["score"]
     title = f"Photographs until {share:g} % of the targets have {score:g} %, and their ratio to {document['reference']}"
+    if not share:
+        title = f"Largest share of targets that have {score:g} %"
     rows = [
         (
             _marked(document, f["name"]),
-            "never" if f["needed"] is None else f"{f['needed']:.1f}",
+            "never" if f["needed"] is None else f"{'≤ ' if f['fewest'] else ''}{f['needed']:.1f}",
             curves.interval_text(f["ratio"]),
             f"{100 * f['reached']:.0f} %",
         )
@@ -106,14 +115,14 @@ def _number_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequ
         (
             f"{_marked(document, row['strategy'])}, {row['photographs']}",
             curves.interval_text(row["f_score"]),
-            curves.interval_text(row["gain"], "+.2f"),
+            curves.interval_text(row["gain"], "+.2f") or MISSING,
             f"{100 * row['share']:.0f} %",
-            row["failed"],
+            str(row["score_0"]),
         )
         for row in document["at_number"]
     ]
     at = f"share at {document['settings']['score']:g} %"
-    head = ("strategy, photographs", "F-score, %", f"less {document['reference']}", at, "failed")
+    head = ("strategy, photographs", "F-score, %", f"less {document['reference']}", at, "score 0")
     return "At equal number of photographs", head, rows
 
 
@@ -151,7 +160,8 @@ def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
             _panel(axis, title, series, values, of)
         for axis in axes[len(panels) :]:
             axis.set_visible(False)
-        figure.supxlabel("photographs (mean)", fontsize=9.5)
+        for axis in axes[max(0, len(panels) - columns) : len(panels)]:
+            axis.set_xlabel("photographs (mean)")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 

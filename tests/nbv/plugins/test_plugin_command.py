@@ -43,6 +43,9 @@ def test_a_written_package_installs_and_its_test_passes(kind, tmp_path):
 def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatch):
     with pytest.raises(UserError, match="cannot name a plug-in"):
         gatetune("plugin", "init", "Mine!")
+    for taken in ("random", "pool"):
+        with pytest.raises(UserError, match=f"'{taken}' is the name of a strategy or section"):
+            gatetune("plugin", "init", taken, "--out", tmp_path / taken)
     with pytest.raises(UserError, match="exists"):
         gatetune("plugin", "init", "mine", "--out", tmp_path)
     monkeypatch.setattr(metadata, "entry_points", lambda group: [])

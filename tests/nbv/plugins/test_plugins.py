@@ -107,8 +107,9 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
             "is no scorer: an object without main_term, weights, rank",
         ),
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
-        ([("covis", "mine_package:LOW")], {"gate.kind": "b"}, "has the name of one that is built in"),
-        ([], {"gate.kind": "mine"}, "or a plug-in once it is installed"),
+        ([("covis", "mine_package:LOW")], {"gate.kind": "covis"}, "has the name of one that is built in"),
+        ([("random", "mine_package:LOW")], {"gate.kind": "random"}, "has the name of one that is built in"),
+        ([], {"gate.kind": "mine"}, "or a plug-in that is installed or named with gatetune --plugin"),
         ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
         (
             [("mine-low", "mine_package:LOW")],
@@ -205,6 +206,13 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         plugins.asked()
     with pytest.raises(UserError, match="cannot be imported"):
         plugins.use("no_such_module")
+    with pytest.raises(UserError, match=r"--plugin no_such\.py: there is no such file"):
+        plugins.use("no_such.py")
+    (tmp_path / "faceless.py").write_text(
+        "from nbv.plugins import register\nregister('scorers', 'a', object())\n"
+    )
+    with pytest.raises(UserError, match=r"^scorer 'a' of faceless is no scorer: an object without main_term"):
+        plugins.use(str(tmp_path / "faceless.py"))
     (tmp_path / "registers_nothing.py").write_text("")
     with pytest.raises(UserError, match="registers_nothing registers nothing"):
         plugins.use(str(tmp_path / "registers_nothing.py"))
@@ -252,12 +260,12 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": None}', "names no view of the pool"),
         ('{"scores": 3}', "no usable answer (Expected `array | null`, got `int`"),
         ("[1, 2]", "no usable answer (Expected `object`, got `array`"),
-        ("time.sleep(60)", "no usable answer (killed after 2 s)"),
+        ("time.sleep(60)", "no usable answer (killed after 5 s)"),
         ("sys.exit(3)", "no usable answer (exit status 3)"),
     ],
 )
 def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, said):
-    monkeypatch.setattr(external, "ANSWER_S", 2.0)
+    monkeypatch.setattr(external, "ANSWER_S", 5.0)
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")

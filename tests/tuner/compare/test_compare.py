@@ -1,6 +1,7 @@
 """``gatetune compare``: curves equal those that research measured, tables, resume, and mistakes in one line."""
 
 import csv
+import html
 import json
 import shlex
 from pathlib import Path
@@ -20,12 +21,15 @@ from tuner.evaluation.curves import (
     SUITES,
     Series,
     Suite,
+    all_series,
     at_number,
     at_share,
     comparison_plan,
     share_compared,
     verdict,
+    what_scores_0,
 )
+from tuner.missions.job import Trial
 from tuner.problem.baselines import baseline, ending_at
 
 MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
@@ -126,7 +130,10 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     planner = str(tmp_path / "picky_planner.py")
     run = CliRunner().invoke(app, ["--plugin", planner, "compare", *map(str, asked)])
     assert run.exit_code == 0, run.output
-    assert "plugin_failed" in run.output and "returned NaN or infinity for" in run.output
+    said = " ".join(run.output.split())
+    assert (
+        "picky: 1 mission failed (plugin_failed) on slab-20000; picky on slab-20000: scorer 'picky'" in said
+    )
     failed = [
         m
         for m in (tmp_path / "run/missions/picky").iterdir()
@@ -134,7 +141,10 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     ]
     told = json.loads((tmp_path / "run/comparison.json").read_text())
     assert [mission.name for mission in failed] == ["01_slab-20000_r0"]
-    assert {r["failed"] for r in told["at_number"] if r["strategy"] == "picky"} == {len(failed)}
+    assert {(r["failed"], r["score_0"]) for r in told["at_number"] if r["strategy"] == "picky"} == {(1, 1)}
+    assert html.escape(told["score_0"][0]) in (tmp_path / "run/report.html").read_text()
+    curve = [r for r in csv.DictReader((tmp_path / "run/curves.csv").open()) if r["strategy"] == "picky"]
+    assert [row["score_0"] for row in curve] == ["1", "1"]
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
     last = {r["target"]: float(r["f_score_percent"]) for r in rows if r["strategy"] == "picky"}
     assert [target for target, score in last.items() if score == 0.0] == ["slab-20000"], "no other scores 0"
@@ -144,6 +154,7 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     ("arguments", "said"),
     [
         (["--numbers", "24,12"], "numbers of photographs must rise"),
+        (["--numbers", "12:8:2"], "numbers of photographs must rise, as in 12:48:2"),
         (["--numbers", "many"], "must be FIRST:LAST:STEP"),
         (["--numbers", "6:20:2"], "below the 12 seeds"),
         (["--strategy", "orbit-stopped"], "orbit-stopped: only a planner"),
@@ -151,13 +162,17 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
             ["--strategy", "random-stopped", "--rock", "slab", "--fidelity", "photogrammetric"],
             "only a planner",
         ),
-        (["--strategy", "no-such"], "unknown strategy 'no-such'"),
-        (["--family", "cube"], "there is no family 'cube' of rocks"),
+        (["--strategy", "no-such"], "unknown strategy 'no-such'.* or named with gatetune --plugin"),
+        (["--family", "cube"], "there is no family 'cube' of rocks; choose from boulder, .*, mesa"),
+        (["--fidelity", "external"], "runs no external missions by name"),
+        (["--fidelity", "no-such"], "unknown fidelity 'no-such'"),
+        (["--campaign", "no-such"], "no-such holds no campaign"),
         (["--suite", "rocks-9"], "there is no suite 'rocks-9'"),
         (["--suite", "rocks-1", "--targets", "12"], "not those of the suite rocks-1"),
         (["--against", "covis"], "is not among the strategies"),
         (["--share", "2"], "share 2 must be in"),
         (["--rock", "slab", "--set", "pool.radius_m=0.5"], "slab reaches .* m from its middle"),
+        (["--targets", "1", "--set", "pool.radius_m=0.5"], "boulder-20000 reaches .* m from its middle"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(arguments, said, tmp_path):
@@ -180,13 +195,14 @@ def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
     assert (found["ring"].needed, found["mine"].needed, ratio) == (30.0, 20.0, 20 / 30)
     assert low <= ratio <= high <= 1.0
     assert found["ring"].ratio == (1.0, 1.0, 1.0), "paired with itself nothing varies"
-    said = verdict(list(found.values()), "ring", 0.75, 0.75, 98.0)
+    said = " ".join(verdict(list(found.values()), "ring", 0.75, 0.75, 98.0))
     assert said.startswith(
         "ring needs 30.0 photographs for 75 % of the targets to reach an F-score of 98 %. "
     )
     assert "mine needs 0.67 [" in said and "] times as many photographs as ring: " in said
     assert said.endswith("never never does so: it brings at most 0 % of them there.")
-    assert "nothing can be compared with it" in verdict(list(found.values()), "never", 0.75, 0.0, 98.0)
+    (said,) = verdict(list(found.values()), "never", 0.75, 0.0, 98.0)
+    assert "nothing can be compared with it" in said
     rows = {row["strategy"]: row for row in at_number([ring, mine], ring, 15, 98.0)}
     assert rows["mine"]["f_score"][0] == pytest.approx((62.25 + 99) / 2) and rows["mine"]["share"] == 0.625
     assert rows["ring"]["gain"] == (0.0, 0.0, 0.0)
@@ -197,12 +213,42 @@ def test_a_share_that_the_reference_never_has_is_replaced_by_one_that_it_has():
     mine = series("mine", (10, 20, 30), [[50, 50, 50], [99, 99, 50], [99, 99, 99]])
     share = share_compared(ring, 0.75, 98.0)
     assert share == 0.65 and share_compared(mine, 0.75, 98.0) == 0.75
-    said = verdict(at_share([ring, mine], ring, share, 98.0), "ring", 0.75, share, 98.0)
+    said = " ".join(verdict(at_share([ring, mine], ring, share, 98.0), "ring", 0.75, share, 98.0))
     assert said.startswith(
         "ring brings at most 67 % of the targets to an F-score of 98 %, not the 75 % asked for; 65 % are compared instead. "
         "ring needs 30.0 photographs for 65 %"
     )
     assert "mine needs 0.67 times as many photographs as ring: too few targets for an interval." in said
+
+
+def test_a_strategy_says_nothing_of_numbers_that_it_never_takes():
+    ring = series("ring", (18, 20, 30), [[99, 99, 99, 50] * 2, [99, 99, 99, 50] * 2, [99] * 8])
+    mine = series("mine", (12, 20, 30), [[50, 99, 50, 50] * 2, [99] * 8, [99] * 8])
+    rows = at_number([ring, mine], ring, 16, 98.0)
+    assert [(row["strategy"], row["gain"]) for row in rows] == [("mine", (None, None, None))]
+    findings = at_share([ring, mine], ring, 0.75, 98.0)
+    said = verdict(findings, "ring", 0.75, 0.75, 98.0)
+    assert said[0].startswith("ring needs at most 18.0 photographs") and "not tried with fewer" in said[1]
+    assert said[2].startswith("mine needs 1.11 [") and not said[2].endswith(": fewer.")
+
+
+def test_what_has_no_model_yet_scores_0_and_is_said():
+    suite = Suite(("slab", "boulder"), numbers=(12, 16, 20, 24))
+
+    def ended(rock, begins):
+        curve = [[n, 90.0 + n / 10, 95.0] for n in range(begins, 25)]
+        return Trial(
+            rock=rock,
+            replicate=0,
+            strategy="covis",
+            status="ok",
+            measured_then={"metrics": {"curve": curve}},
+        )
+
+    (found,) = all_series(suite, ["covis"], [ended("slab", 12), ended("boulder", 22)])
+    assert found.scores.tolist() == [[91.2, 0.0], [91.6, 0.0], [92.0, 0.0], [92.4, 92.4]]
+    said = what_scores_0([found], suite.targets)
+    assert said == ["covis: no model yet with 12 to 20 photographs on boulder."]
 
 
 def test_a_suite_is_named_by_all_its_settings():
