@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -67,16 +66,16 @@ class Ledger:
         self._shown = shown = str(directory / JOURNAL_FILE)
         # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
         begun = not create and (read_only or (directory / "missions").exists())
-        self._storage = open_journal(directory, must_exist=begun, heal=not read_only)
+        storage = open_journal(directory, must_exist=begun, heal=not read_only)
         direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
 
         try:
             if begun:
-                self._study = optuna.load_study(study_name=settings.name, storage=self._storage)
+                self._study = optuna.load_study(study_name=settings.name, storage=storage)
             else:
                 self._study = optuna.create_study(
                     study_name=settings.name,
-                    storage=self._storage,
+                    storage=storage,
                     direction=direction,
                     load_if_exists=not create,
                 )
@@ -122,10 +121,6 @@ class Ledger:
         finally:
             self._alone = False
 
-    def batch(self) -> contextlib.AbstractContextManager[None]:
-        """Enter several missions, or their ends, in one synchronised write, which happens when the context ends."""
-        return self._storage.batch()
-
     def start(
         self,
         proposal: Proposal,
@@ -147,7 +142,6 @@ class Ledger:
             "why": proposal.metadata,
             "code": code,
         }
-        entry = json.loads(json.dumps(entry))  # as every storage gives it back
         params = {
             name: kind.to_external_repr(float(kind.to_internal_repr(proposal.values[name])))
             for name, kind in self._distributions.items()
@@ -184,11 +178,11 @@ class Ledger:
             raise UserError(
                 f"the ledger {self._shown} holds the trials of another study, too; restore it from a copy"
             )
-        with self.batch():  # the attributes before the state: finished trials are frozen
-            if value is not None and second is not None and limit is not None:
-                told.set_constraint(second.metric, math.inf if also is None else second.sign * (limit - also))
-            told.set_user_attr(_END, end)
-            self._study.tell(number, value, TrialState.FAIL if value is None else TrialState.COMPLETE)
+        # The attributes before the state: finished trials are frozen, and what a kill leaves of an end is entered again.
+        if value is not None and second is not None and limit is not None:
+            told.set_constraint(second.metric, math.inf if also is None else second.sign * (limit - also))
+        told.set_user_attr(_END, end)
+        self._study.tell(number, value, TrialState.FAIL if value is None else TrialState.COMPLETE)
         return self._trial(self._study.get_trials(deepcopy=False)[number])
 
     def _checksum(
@@ -232,10 +226,13 @@ class Ledger:
             instance = Instance(entry["rock"], entry["condition"])
             if instance not in self._instances:
                 raise KeyError
+            second, limited = end.pop("second", None), self._settings.second
             return Trial(
                 number=row.number,
                 values=row.params,
                 raw=value,
+                outcome=self._settings.objective.oriented(value),
+                second=None if limited is None else limited.oriented(second),
                 run=self._directory,
                 directory=mission_directory(row.number, instance, int(entry["replicate"])),
                 started=row.datetime_start,
@@ -250,17 +247,15 @@ class Ledger:
             ) from error
 
     def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
-        """Return the finished missions as the samplers and the surrogate see them."""
-        objective, second = self._settings.objective, self._settings.second
+        """Return the finished missions, which samplers and the surrogate learn from."""
         asked = self.trials() if trials is None else trials
         again = repeated(asked)
-        found = [t.observation(objective, t.raw, second) for t in asked if t.status]
-        return [dataclasses.replace(o, repeat=True) if o.number in again else o for o in found]
+        return [dataclasses.replace(t, repeat=True) if t.number in again else t for t in asked if t.status]
 
     def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
-            t.observation(self._settings.objective, None)
+            dataclasses.replace(t, outcome=None, second=None)
             for i, t in enumerate(trials)
             if not t.status or i >= known
         ]

@@ -40,7 +40,6 @@ MAX_CONSECUTIVE_REPEATS = 12
 SIMPLIFICATIONS = 5  # of the recommendation at the end, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
-_TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
 FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
 SHARE = 4  # of the workers' number: proposals of one batch, and as many are kept
 MAX_BATCH = 256
@@ -123,8 +122,6 @@ class _Session:
         self._simplified = collections.deque[Proposal]()
         finished = campaign.status().finished >= campaign.settings.budget
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
-        if not finished:
-            campaign.settings.problem.trust(campaign.identity)
         self.prefetch = ProposalPrefetch(campaign)
 
     def run(self, stop: Stop) -> CampaignSummary:
@@ -220,38 +217,25 @@ class _Session:
         return self._failures_in_row >= MAX_CONSECUTIVE_FAILURES
 
     def next_jobs(self, free: int) -> list[MissionJob]:
-        """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
-        most = min(free, _TOGETHER if self._prefetches else 1)
-        batch, refused, found = list[_Prepared](), list[Trial](), None
-        while not batch:
-            with self._ledger.batch():
-                while len(batch) < most and len(refused) < _TOGETHER and not self._stop.is_set():
-                    found = self._to_retry.popleft() if self._to_retry else self._next_trial()
-                    if found is None:
-                        break
-                    if isinstance(
-                        found, Trial
-                    ):  # refused by the configuration: a failure for which nothing ran
-                        refused.append(found)
-                    else:
-                        batch.append(found)
-            for trial in refused:
-                self._count(trial)
-            refused.clear()
-            if found is None or self._stop.is_set():
+        """Return the next mission to launch, which is in the ledger."""
+        while not self._stop.is_set():
+            found = self._to_retry.popleft() if self._to_retry else self._next_trial()
+            if found is None:
                 break
-        self._in_flight |= {job.id: trial for trial, job in batch}
-        return [job for _, job in batch]
+            if isinstance(found, _Prepared):
+                self._in_flight[found.job.id] = found.trial
+                return [found.job]
+            self._count(found)  # refused by the configuration: a failure for which nothing ran
+        return []
 
     def launched(self, job: MissionJob) -> None:
         self._emit("launched", self._in_flight[job.id])
 
     def ended(self, trials: Sequence[Trial]) -> None:
-        """Enter all missions that have ended, then count them: only what is on disk counts."""
-        with self._ledger.batch():
-            entered = [found for trial in trials if (found := self._finish(trial)) is not None]
-        for trial in entered:
-            self._count(trial)
+        """Enter the missions that have ended and count them: only what is on disk counts."""
+        for trial in trials:
+            if (entered := self._finish(trial)) is not None:
+                self._count(entered)
 
     @property
     def _prefetches(self) -> bool:

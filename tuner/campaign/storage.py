@@ -6,9 +6,8 @@ import contextlib
 import gc
 import json
 import sys
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
@@ -17,58 +16,6 @@ from nbv.errors import UserError
 from nbv.safe_files import open_to_write, read_bytes, write_atomic
 
 JOURNAL_FILE = "study.journal"
-
-
-class Journal(JournalStorage):
-    """Optuna's journal, of which several records may be appended at once."""
-
-    def __init__(self, path: Path) -> None:
-        self._records = _Records(str(path), _JournalLock(str(path)))
-        super().__init__(self._records)
-
-    def batch(self) -> contextlib.AbstractContextManager[None]:
-        """Collect what is written inside: this process sees it at once, the disk has it in one write at the end."""
-        return self._records.batch()
-
-
-class _Records(JournalFileBackend):
-    _held: list[dict[str, Any]] | None = None
-    _first = _seen = 0  # number of the first record held; how many of them have been read
-
-    def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        if self._held is None:
-            super().append_logs(logs)
-        else:
-            self._held += json.loads(json.dumps(logs))
-
-    def read_logs(self, log_number_from: int) -> Generator[dict[str, Any], None, None]:
-        if self._held is None or not self._seen:
-            self._first = log_number_from
-            for record in super().read_logs(log_number_from):
-                self._first += 1
-                yield record
-        if self._held is not None:
-            new, self._seen = self._held[self._seen :], len(self._held)
-            yield from new
-
-    @contextlib.contextmanager
-    def batch(self) -> Iterator[None]:
-        """Collect records for one write; inside another ``batch`` they join that one's write."""
-        if self._held is not None:
-            yield
-            return
-        self._held, self._seen = [], 0
-        try:
-            yield
-        finally:
-            held, self._held = self._held, None
-            if held:
-                self.append_logs(held)
-                # Read back: nobody else may have written.
-                if list(super().read_logs(self._first)) != held:
-                    raise UserError(
-                        "another process writes to this campaign's study; let only one run at a time"
-                    )
 
 
 class _JournalLock(JournalFileSymlinkLock):
@@ -83,7 +30,7 @@ class _JournalLock(JournalFileSymlinkLock):
         self._path.unlink(missing_ok=True)
 
 
-def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True) -> Journal:
+def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True) -> JournalStorage:
     """Open the journal of the campaign in ``directory``.
 
     ``must_exist``: whether the file has to be there already. ``heal``: whether to cut off a last line that is torn or
@@ -100,7 +47,7 @@ def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True
             # Nobody writes now: a lock file here was left by a killed process.
             path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
-            return Journal(path)
+            return JournalStorage(JournalFileBackend(str(path), _JournalLock(str(path))))
     except UserError:
         raise
     except OSError as error:

@@ -64,7 +64,8 @@ def _missions_of(
         if values is None or not t.status:
             continue
         raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
-        own.append(dataclasses.replace(t, values=values).observation(objective, raw))
+        outcome = objective.oriented(raw)
+        own.append(dataclasses.replace(t, values=values, raw=raw, outcome=outcome, second=None))
     measured = sum(o.feasible for o in own)
     if measured < MIN_OBSERVATIONS:
         raise UserError(

@@ -12,7 +12,6 @@ from typing import Any, Literal
 
 from nbv import plugins
 from nbv.checksums import CHECKSUM, require_checksum
-from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
@@ -98,21 +97,19 @@ class MissionJob:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class Trial(Observation):
     """One mission, of a campaign or an evaluation: what was asked for, where it stands, how it ended.
 
-    What it measured is in its ``mission.json`` alone, and read when it is asked for.
+    A campaign's samplers and surrogate are given the trials themselves, and know them as observations. What a mission measured
+    is in its ``mission.json`` alone, and read when it is asked for.
     """
 
-    rock: str
-    replicate: int
+    number: int = 0  # in a campaign
+    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
     directory: str = ""  # of the mission, in ``run`` unless it is absolute
     run: Path = Path()
-    condition: str = IDEAL
-    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
     config_digest: str = ""
     status: Literal["", "ok", "degraded", "failed"] = ""  # empty while it is in flight
-    reason: str = ""  # snake_case code, e.g. "worker_died: signal 6", "timeout", "seed_model_failed"
     message: str = ""
     wall_s: float = 0.0
     rock_sha256: str = ""  # of the rock that was run, where the mission says so
@@ -122,10 +119,7 @@ class Trial:
     job_id: str = ""
     strategy: str = ""  # in an evaluation
     # In a campaign:
-    number: int = 0
     why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
-    raw: float | None = None  # the objective as measured; None while in flight and where the mission failed
-    second: float | None = None  # the second objective, likewise
     code: str = ""  # digest of what runs it, see `tuner.campaign.reproducibility_check`
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
@@ -145,11 +139,6 @@ class Trial:
         if not self.status:
             return "running"
         return "failed" if self.raw is None else "complete"
-
-    @functools.cached_property
-    def instance(self) -> Instance:
-        """The instance in which it runs."""
-        return Instance(self.rock, self.condition)
 
     @property
     def photographs_taken(self) -> tuple[Instance, int, str, float | None]:
@@ -195,26 +184,6 @@ class Trial:
     def value(self, key: str) -> float | None:
         """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
         return self.measured(Objective(key))
-
-    def observation(
-        self, objective: Objective, raw: float | None, second: Objective | None = None
-    ) -> Observation:
-        """Return this mission as samplers and surrogates see it.
-
-        ``objective``: says which way ``raw`` is better. ``raw``: the objective as measured; None where the mission
-        failed or has none.
-        """
-        return Observation(
-            self.number,
-            self.values,
-            self.rock,
-            self.replicate,
-            None if raw is None else objective.sign * raw,
-            raw,
-            self.reason,
-            None if second is None or self.second is None else second.sign * self.second,
-            self.condition,
-        )
 
     @property
     def infrastructure_failure(self) -> bool:

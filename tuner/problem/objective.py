@@ -95,6 +95,10 @@ class Objective:
         """+1 when larger is better, else -1."""
         return 1.0 if self.direction == "maximise" else -1.0
 
+    def oriented(self, raw: float | None) -> float | None:
+        """Return a metric as measured so that larger is better; None where there is none."""
+        return None if raw is None else self.sign * raw
+
     def measure(self, metrics: Mapping[str, Any]) -> float | None:
         """Return the metric as measured, a share (`reached`) as 100 or 0; None where it is absent or not a finite number."""
         if share := reached(self.metric):

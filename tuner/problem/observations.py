@@ -6,7 +6,7 @@ import collections
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
@@ -36,7 +36,7 @@ class Observation:
     # Oriented so that larger is better; None: in flight, or failed, i.e. infeasible.
     outcome: float | None = None
     raw: float | None = None  # the metric as measured
-    reason: str = ""  # why it failed
+    reason: str = ""  # why it failed, in snake_case: "worker_died: signal 6", "timeout", "seed_model_failed"
     # Outcome of a second objective, oriented alike; None: none asked for, or missing.
     second: float | None = None
     condition: str = IDEAL  # its name
@@ -69,27 +69,8 @@ class Proposal:
         return None if self.rock is None else Instance(self.rock, self.condition)
 
 
-class Mission(Protocol):
-    """What a block is chosen by: a ledger's trial or an observation."""
-
-    @property
-    def values(self) -> Mapping[str, Any]:
-        """Tuned parameters."""
-        ...
-
-    @property
-    def instance(self) -> Instance:
-        """Rock and condition."""
-        ...
-
-    @property
-    def replicate(self) -> int:
-        """Number of the draw."""
-        ...
-
-
 def next_block(
-    instances: Sequence[InstanceLike], replicates: int, missions: Sequence[Mission], proposal: Proposal
+    instances: Sequence[InstanceLike], replicates: int, missions: Sequence[Observation], proposal: Proposal
 ) -> tuple[Instance, int]:
     """Return the instance and the replicate of the next mission where the sampler left them open.
 
