@@ -85,6 +85,7 @@ def evaluate(
     conditions: Sequence[str] | None = None,
     fidelity: str = "photogrammetric",
     directory: str | Path | None = None,
+    mission: str | Path | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
 ) -> EvaluationRun:
@@ -101,16 +102,20 @@ def evaluate(
         Names or files; by default the campaign's.
     directory
         By default ``evaluation`` in the campaign's; missions that are there are not run again.
+    mission
+        Of a campaign over a mission file: that file, whose program may run.
 
     Raises
     ------
     UserError
         The campaign has no recommendation, or was tuned on one of the rocks.
     """
-    source = campaign if isinstance(campaign, Campaign) else Campaign.open(Path(campaign), read_only=True)
-    source.allow_program(named=False)
+    if mission is not None or not isinstance(campaign, Campaign):
+        where = campaign.directory if isinstance(campaign, Campaign) else Path(campaign)
+        campaign = Campaign.open(where, read_only=True, mission=None if mission is None else Path(mission))
+    campaign.settings.problem.require_named(mission is not None)
     asked = held_out(
-        source,
+        campaign,
         rocks=rocks,
         replicates=replicates,
         strategies=strategies,
@@ -118,8 +123,8 @@ def evaluate(
         fidelity=fidelity,
     )
     out = None if directory is None else Path(directory)
-    with local_executor(asked.plan.fidelity, workers, timeout_s, source.settings.mission) as executor:
-        return asked.run(source.directory / "evaluation", executor, out=out)[0]
+    with local_executor(asked.plan.fidelity, workers, timeout_s, campaign.settings.mission) as executor:
+        return asked.run(campaign.directory / "evaluation", executor, out=out)[0]
 
 
 def reproduce(

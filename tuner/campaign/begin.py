@@ -66,10 +66,9 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
                 with contextlib.suppress(OSError):  # not empty: somebody else's
                     directory.rmdir()
             raise
-        settings.problem.trust(identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
-    return Campaign(directory, settings, ledger, identity)
+    return Campaign(directory, settings, ledger)
 
 
 def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
@@ -97,7 +96,7 @@ def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
             write_settings(directory, tree)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
-    return Campaign(directory, settings, campaign.ledger, campaign.identity)
+    return Campaign(directory, settings, campaign.ledger)
 
 
 def _is_leftover(path: Path) -> bool:

@@ -85,11 +85,8 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
 class Campaign:
     """One run directory: `begin_campaign` makes it, `open` looks at it, `run_campaign` fills it."""
 
-    def __init__(
-        self, directory: Path, settings: CampaignSettings, ledger: Ledger, identity: str = ""
-    ) -> None:
+    def __init__(self, directory: Path, settings: CampaignSettings, ledger: Ledger) -> None:
         self.directory = directory
-        self.identity = identity
         self.settings = settings
         self.ledger = ledger
         self.learned = self._read_learned() if settings.sources else None
@@ -125,13 +122,13 @@ class Campaign:
         fidelity
             The ``"module:function"`` that the caller allows ``campaign.yaml`` to name.
         mission
-            The mission file that the caller allows it to run.
+            The mission file whose program the caller allows it to run.
 
         Raises
         ------
         UserError
             No campaign there, other settings, a ledger that is missing or belongs elsewhere, a fidelity that is neither
-            registered nor allowed, a mission file's program that is neither allowed nor was begun here.
+            registered nor allowed, a mission file whose program is not allowed.
         """
         stored, identity, digest = read_settings(directory)
         if mission is not None:
@@ -146,6 +143,7 @@ class Campaign:
                 )
         if not read_only:
             refuse_code_of_file(settings.fidelity, fidelity, str(directory / SETTINGS_FILE))
+            settings.problem.require_named(mission is not None)
         if settings.base_config().digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
@@ -155,20 +153,7 @@ class Campaign:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
             ledger = Ledger(directory, settings, identity, read_only=read_only)
-        campaign = Campaign(directory, settings, ledger, identity)
-        if not read_only:
-            campaign.allow_program(named=mission is not None, unchanged=False)
-        return campaign
-
-    def allow_program(self, *, named: bool, unchanged: bool = True) -> None:
-        """Raise `UserError` where neither the caller ``named`` the program of the missions nor the user began this here.
-
-        ``unchanged``: nor where the program is another one by now; a session asks about that itself.
-        """
-        if named:
-            self.settings.problem.trust(self.identity)
-        else:
-            self.settings.problem.require_trusted(self.identity, unchanged=unchanged)
+        return Campaign(directory, settings, ledger)
 
     # -- looking ---------------------------------------------------------------------------------------------
 

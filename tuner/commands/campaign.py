@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as _json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -309,10 +310,9 @@ def run_and_report(
                 accept_changes=accept_changes,
             )
         if summary.stopped == "interrupted":  # and the prompt is back at once
-            again, page = (
-                f"gatetune {command} {campaign.directory}" for command in ("campaign resume", "mission view")
-            )
-            output.print(f"go on with: {again}\nits page so far: {page}", soft_wrap=True)
+            where = shlex.join([str(campaign.directory), *settings.problem.options()])
+            output.print(f"go on with: gatetune campaign resume {where}", soft_wrap=True)
+            output.print(f"its page so far: gatetune mission view {campaign.directory}", soft_wrap=True)
             raise typer.Exit(130)
         show_recommendation(summary.recommendation, campaign)
         output.print(

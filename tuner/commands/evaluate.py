@@ -145,7 +145,7 @@ def _open(directory: Path, mission: Path | None) -> Campaign:
     from tuner.campaign.campaign import Campaign
 
     source = Campaign.open(directory, read_only=True, mission=mission)
-    source.allow_program(named=mission is not None)
+    source.settings.problem.require_named(mission is not None)
     return source
 
 

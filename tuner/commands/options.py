@@ -89,9 +89,7 @@ EventsAsJson = Annotated[
 ]
 MissionAllowed = Annotated[
     Path | None,
-    typer.Option(
-        help="Of a campaign that was not begun here: the mission file whose program you allow to run."
-    ),
+    typer.Option(help="Of a campaign over a mission file: that file, whose program you allow to run."),
 ]
 
 

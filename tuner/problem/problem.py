@@ -83,11 +83,8 @@ class Problem(abc.ABC):
     def photographs(self, values: Mapping[str, Any]) -> int:
         """Return how many photographs a mission takes at most; 0 where that is not known before it runs."""
 
-    def trust(self, identity: str) -> None:  # noqa: B027  code of this program needs no trust
-        """Note that the user wants the campaign of this identity to run what its problem names."""
-
-    def require_trusted(self, identity: str, *, unchanged: bool) -> None:  # noqa: B027  likewise
-        """Raise `UserError` where the user did not begin the campaign here; ``unchanged``: with the program as it is."""
+    def require_named(self, named: bool) -> None:  # noqa: B027  code of this program needs no trust
+        """Raise `UserError` where missions run a program that the user has not ``named``: a run directory may be anybody's."""
 
     def require_measured(  # noqa: B027  what missions of this program measure is known before
         self, objectives: Sequence[Objective], measured: Mapping[str, Any]
@@ -121,7 +118,7 @@ class Problem(abc.ABC):
         """Return what configurations are made from, and its name."""
 
     def options(self) -> list[str]:
-        """Return the options of ``gatetune campaign run`` that a settings file may not replace."""
+        """Return the options of commands that run missions which a settings file may not replace."""
         return []
 
     @abc.abstractmethod

@@ -361,7 +361,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     """
     best, status, s = facts.recommendation, facts.status, facts.settings
     problem, word = s.problem, s.problem.instance_word
-    run = shlex.quote(str(facts.campaign.directory))
+    run = shlex.join([str(facts.campaign.directory), *problem.options()])
     resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
     if s.draws_rocks:  # as many of every family as are worth an interval
         evaluate += "".join(f" --rock {rock}" for rock in s.rocks)

@@ -10,7 +10,6 @@ from typing import Any
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.missions.external.mission_file import ExternalConfig, MissionFile, external_config
-from tuner.missions.external.program import require_trusted, trust
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
 from tuner.problem.baselines import TUNED
 from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
@@ -54,7 +53,6 @@ class MissionFileProblem(Problem):
                 raise UserError(f"{rock!r} {why}; {m.path} has {', '.join(m.instances)} to tune on")
 
     def fidelity(self, asked: str) -> str:
-        """Return ``external``."""
         if asked not in (DEFAULT_FIDELITY, EXTERNAL):
             raise UserError(
                 "--fidelity is of missions over rocks; a mission file says itself how its mission runs"
@@ -69,13 +67,13 @@ class MissionFileProblem(Problem):
         """Return 0: a mission file does not say."""
         return 0
 
-    def trust(self, identity: str) -> None:
-        """Note it outside the run directory."""
-        trust(identity, self.mission)
-
-    def require_trusted(self, identity: str, *, unchanged: bool) -> None:
-        """Look for that note."""
-        require_trusted(identity, self.mission, program=unchanged)
+    def require_named(self, named: bool) -> None:
+        """Ask for the mission file's name."""
+        if not named:
+            raise UserError(
+                f"the campaign asks to run the program of {self.mission.path}; if you trust it, name it: "
+                f"--mission {self.mission.path}"
+            )
 
     def require_measured(self, objectives: Sequence[Objective], measured: Mapping[str, Any]) -> None:
         """Raise `UserError` with the metrics that the mission has instead."""

@@ -1,8 +1,4 @@
-"""The program of an own mission: a request goes in, a result comes out; it has a time limit, and leaves no process behind.
-
-A run directory may come from anybody, and names a mission file. What the user began, or named on the command line, is
-noted outside it, under ``GATETUNE_HOME``, by the campaign's identity: no other program is run.
-"""
+"""The program of an own mission: a request goes in, a result comes out; it has a time limit, and leaves no process behind."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ import ctypes
 import hashlib
 import json
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -21,9 +16,8 @@ from typing import Annotated, Any, BinaryIO
 import msgspec
 import psutil
 
-from nbv.cache import home
 from nbv.errors import UserError
-from nbv.safe_files import RESULT_NODES, open_to_write, parse_json, read_json, read_text, write_atomic
+from nbv.safe_files import RESULT_NODES, open_to_write, parse_json, read_text
 from tuner.missions.external.mission_file import MissionFile
 
 LOG_FILE = "mission.log"
@@ -185,36 +179,3 @@ def numbers(tree: Mapping[str, Any], prefix: str = "") -> tuple[dict[str, Any], 
         else:
             others[f"{prefix}{name}"] = value
     return found, others
-
-
-def trust(identity: str, mission: MissionFile) -> None:
-    """Note that the user wants the campaign to run this mission's program as it is now."""
-    path = _note(identity)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, json.dumps([str(mission.path), mission.sha256, mission.program]))
-    except OSError as error:
-        raise UserError(
-            f"cannot write {path}: {error.strerror}; set GATETUNE_HOME to a writable folder"
-        ) from error
-
-
-def require_trusted(identity: str, mission: MissionFile, *, program: bool) -> None:
-    """Raise `UserError` where the campaign was not begun here with this mission file, and this ``program`` if asked."""
-    try:
-        known = read_json(_note(identity))
-    except UserError:
-        known = None
-    why = ""
-    if not isinstance(known, list) or known[:2] != [str(mission.path), mission.sha256]:
-        why = f"the campaign was not begun here and asks to run the program of {mission.path}"
-    elif program and known[2:] != [mission.program]:
-        why = f"the program of {mission.path} changed since the campaign ran it"
-    if why:
-        raise UserError(f"{why}; if you trust it, name it: --mission {mission.path}")
-
-
-def _note(identity: str) -> Path:
-    if not re.fullmatch(r"[0-9a-f]{1,64}", identity):
-        raise UserError(f"{identity!r} is not a campaign's identity; restore campaign.yaml")
-    return home() / "trusted" / f"{identity}.json"
