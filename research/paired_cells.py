@@ -14,7 +14,7 @@ def difference_text(difference: PairedDifference | None, decimals: int, *, bold:
     """``+1.2 [−0.3, +2.7]``, bold where the interval excludes zero; ``0 exactly`` if no pair differs."""
     if difference is None:
         return MISSING
-    if difference.exactly_zero:
+    if difference.wins == difference.losses == 0:  # no pair differs at all
         return EXACTLY_ZERO
     i = difference.interval
     text = format_number(i.mean, decimals, signed=True)
@@ -22,7 +22,7 @@ def difference_text(difference: PairedDifference | None, decimals: int, *, bold:
         return text
     bounds = (format_number(bound, decimals, signed=True) for bound in (i.low, i.high))
     text = f"{text} [{', '.join(bounds)}]"
-    return f"**{text}**" if bold and i.excludes_zero else text
+    return f"**{text}**" if bold and (i.low > 0 or i.high < 0) else text
 
 
 def mean_text(interval: Interval | None, decimals: int) -> str:

@@ -92,7 +92,11 @@ app.command(
     name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
 )(evaluate.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
-app.add_typer(mission.app, name="mission", help="Run one mission; explain its decisions; draw its figures.")
+app.add_typer(
+    mission.app,
+    name="mission",
+    help="Run one mission; explain its decisions; walk around in it; missions of your own.",
+)
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
     photographs.app, name="photographs", help="Sets of real photographs: import them; how few are enough?"

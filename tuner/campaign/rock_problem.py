@@ -118,7 +118,6 @@ class RockProblem(Problem):
         return min(found, default=0)
 
     def fidelity(self, asked: str) -> str:
-        """Return the one asked for."""
         return asked
 
     def code(self) -> str:

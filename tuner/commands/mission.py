@@ -1,4 +1,4 @@
-"""``gatetune mission run|explain|figures|view``, and ``init|check`` for own missions."""
+"""``gatetune mission run|explain|view``, and ``init|check`` for own missions."""
 
 from __future__ import annotations
 
@@ -199,7 +199,6 @@ def _view_campaign(directory: Path) -> None:
 @app.command()
 def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder; the mission is called after it.")],
-    shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
 ) -> None:
     """Write a working skeleton of a mission of your own, which packs real data with `xz`.
 
@@ -207,7 +206,7 @@ def init(
     """
     from tuner.missions.external.skeleton_files import write_skeleton
 
-    for path in write_skeleton(folder, shell=shell):
+    for path in write_skeleton(folder):
         output.print(f"wrote {path}")
 
 

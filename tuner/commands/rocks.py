@@ -1,4 +1,4 @@
-"""``gatetune rocks list|show|import|generate``."""
+"""``gatetune rocks list|show|import``."""
 
 from __future__ import annotations
 
@@ -91,29 +91,3 @@ def import_(
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")
-
-
-@app.command()
-def generate(
-    family: Annotated[str, typer.Option(help="boulder, slab, overhang, cleft, stack or breccia.")],
-    seed: Annotated[
-        int, typer.Option(help="Below 10000: training; below 20000: validation; others are held out.")
-    ],
-) -> None:
-    """Draw a rock from a family; commands take its name, FAMILY-SEED, as any rock's.
-
-    Example: gatetune rocks generate --family overhang --seed 17
-    """
-    from nbv.cache import Store
-    from nbv.rocks import describe, load_rock
-    from nbv.rocks.families import generated_recipe
-
-    name = generated_recipe(family, seed).name
-    with working(f"drawing {name}"):
-        drawn = load_rock(name, Store())
-    facts = describe(drawn)
-    width_m, depth_m, height_m = facts.extents_m
-    output.print(
-        f"{name} ({drawn.split}): {drawn.difficulty}; {width_m:.2f} x {depth_m:.2f} x {height_m:.2f} m, "
-        f"{100 * facts.overhang_fraction:.0f} % overhanging"
-    )

@@ -211,11 +211,6 @@ class Interval:
     missions: int
     method: str
 
-    @property
-    def excludes_zero(self) -> bool:
-        """Whether 0 lies outside the interval."""
-        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
-
 
 def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN_ROCKS) -> Interval | None:
     """Mean over rocks of the mean over replicates; None without any value.
@@ -254,11 +249,6 @@ class PairedDifference:
     def bounds(self) -> tuple[float, float | None, float | None]:
         """The mean and the bounds of its interval."""
         return self.interval.mean, self.interval.low, self.interval.high
-
-    @property
-    def exactly_zero(self) -> bool:
-        """Whether no pair differs at all."""
-        return self.wins == self.losses == 0
 
 
 def paired_difference(

@@ -130,7 +130,6 @@ class LocalProcessExecutor(Executor):
 
     @property
     def capacity(self) -> int:
-        """The number of workers."""
         return self._workers
 
     def begin(self) -> None:
@@ -138,7 +137,6 @@ class LocalProcessExecutor(Executor):
         self._server = self._server or self._start_server()
 
     def submit(self, job: MissionJob) -> None:
-        """Start ``job``."""
         if job.id in self._attempts:
             raise ValueError(f"job {job.id} is already in flight")
         clear_traces(job)
@@ -146,7 +144,6 @@ class LocalProcessExecutor(Executor):
         self._order({"op": "run", "job": job.to_dict()})
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
-        """Return the trials that end within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and self._attempts:
             left = deadline - time.monotonic()
@@ -158,7 +155,6 @@ class LocalProcessExecutor(Executor):
         return ready
 
     def cancel_all(self) -> None:
-        """Kill all missions in flight."""
         self._stop_server()
         self._attempts.clear()
         self._ready.clear()

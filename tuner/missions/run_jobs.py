@@ -61,11 +61,9 @@ class JobList:
         self.launched, self._on_end = on_launch, on_end
 
     def next_jobs(self, free: int) -> list[MissionJob]:
-        """The next ones."""
         return [self.waiting.popleft() for _ in range(min(free, len(self.waiting)))]
 
     def ended(self, trials: Sequence[Trial]) -> None:
-        """Count them."""
         for trial in trials:
             self.open -= not trial.infrastructure_failure
             self._on_end(trial)

@@ -1,4 +1,4 @@
-"""The table of all reports: on a page by the macro of ``macros.html.j2``, on the terminal and in Markdown by its methods."""
+"""The table of all reports: on a page by the macro of ``macros.html.j2``, on the terminal by its method."""
 
 from __future__ import annotations
 
@@ -59,18 +59,6 @@ class Table:
         yield from _whole(self.columns, rows, width, self.title)
         if self.caption:
             yield Text(self.caption, style="dim italic")
-
-    def markdown(self) -> str:
-        """The table in Markdown, best values in bold."""
-        lines = ["| " + " | ".join(self.columns) + " |", "|---|" + "---:|" * (len(self.columns) - 1)]
-        for row in self.rows:
-            texts = [
-                "<br>".join((f"**{cell.text}**" if cell.best else cell.text, *cell.below))
-                for cell in row.cells
-            ]
-            texts += [""] * (len(self.columns) - 1 - len(texts))
-            lines.append("| " + " | ".join((row.name, *texts)) + " |")
-        return "\n".join(lines)
 
 
 def _whole(

@@ -36,7 +36,7 @@ def test_closed_forms() -> None:
     # pooled variance 2, two per rock: error = sqrt(2 * (1/2 + 1/2)) / 2
     assert fixed.high == pytest.approx(3.5 + stats.t.ppf(0.975, 2) * np.sqrt(2) / 2)
     single = mean_interval({"a": [1.0], "b": [2.0]})
-    assert single is not None and single.method == "none" and single.low is None and not single.excludes_zero
+    assert single is not None and single.method == "none" and single.low is None
     assert mean_interval({}) is None and mean_interval({"a": []}) is None
 
 
@@ -51,4 +51,4 @@ def test_pairs() -> None:
     assert worse is not None and (worse.wins, worse.losses) == (1, 2)
     assert paired_difference({("x", 0): 1.0}, reference, True) is None
     same = paired_difference(reference, reference, True)
-    assert same is not None and same.exactly_zero
+    assert same is not None and same.wins == same.losses == 0

@@ -103,7 +103,6 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
     assert "Hyb-H = B-aware" in table_i(facts.tables["whole"], "").columns
     for width in (60, 80):
         assert max(map(len, printed(table_by_strategy(facts.summary, ""), width).splitlines())) <= width
-    assert table_by_strategy(facts.summary, "").markdown().count("| Hyb-H = B-aware |") == 1
     assert "B-aware took the same photographs as Hyb-H in every mission." in [v.text for v in facts.verdicts]
     page = write_comparison_report(facts, tmp_path, paper=True).read_text()
     assert (

@@ -108,7 +108,6 @@ class DaskExecutor(Executor):
         return self._rocks[job.rock]
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
-        """Return the trials that end within ``timeout_s``."""
         done = self._ended(timeout_s)
         answers = self._answers([attempt.future for attempt in done])
         return [self._trial_of(attempt, *answer) for attempt, answer in zip(done, answers)]

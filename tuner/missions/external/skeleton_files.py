@@ -12,13 +12,8 @@ from matplotlib import cbook
 
 from nbv.safe_files import write_new_folder
 
-_RUN = {
-    False: "function: mission:run          # module:function in this folder, or a command: [./mission.sh]",
-    True: "command: [sh, mission.sh]      # run in this folder, or a function: module:name",
-}
 
-
-def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
+def write_skeleton(folder: Path) -> list[Path]:
     """Write mission file, mission and data into a new or empty folder; return what was written.
 
     The data are 16-bit measurements that come with Matplotlib: two halves of an elevation model (USGS, Jacksboro
@@ -26,14 +21,11 @@ def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
 
     Raises `UserError`: there is something in ``folder``, or it cannot be written.
     """
-    source, program = (
-        resources.files(__package__).joinpath("skeleton"),
-        "mission.sh" if shell else "mission.py",
-    )
-    text = source.joinpath("mission.yaml").read_text("utf-8").replace("RUN", _RUN[shell])
+    source = resources.files(__package__).joinpath("skeleton")
+    text = source.joinpath("mission.yaml").read_text("utf-8")
     contents: dict[str, str | bytes] = {
         "mission.yaml": text.replace("NAME", json.dumps(folder.resolve().name)),
-        program: source.joinpath(program).read_text("utf-8"),
+        "mission.py": source.joinpath("mission.py").read_text("utf-8"),
         **_measurements(),
     }
     return write_new_folder(folder, contents)
