@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from nbv.checksums import CHECKSUM, require_checksum, with_checksum
+from nbv.checksums import CHECKSUM, checksum_of, require_checksum
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_text
@@ -99,7 +99,8 @@ class MissionResult:
 
     def to_json(self) -> str:
         """JSON text with a checksum; non-finite numbers become null."""
-        return json.dumps(with_checksum(json_ready(self)), indent=1)
+        tree = json_ready(self)
+        return json.dumps({**tree, CHECKSUM: checksum_of(tree)}, indent=1)
 
     @staticmethod
     def from_json(text: str, source: str = "the mission result") -> MissionResult:

@@ -75,10 +75,8 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         earlier=learned,
         budget=settings.budget,
         trusted_default=settings.trusted_default,
-        at_least=settings.at_least,
-        is_share=settings.second is not None and settings.second.is_share,
         defaults=settings.default_missions,
-        exact=settings.exact,
+        goal=settings.goal,
     )
 
 
@@ -174,8 +172,7 @@ class Campaign:
 
     def goal(self, history: Sequence[Observation] | None = None) -> Goal:
         """Return what is asked for after ``history`` (None: all missions), which may say that a cost cannot be computed."""
-        s, history = self.settings, self.history() if history is None else history
-        return Goal(s.objective, s.second, s.limit, s.exact.agreed(history))
+        return self.settings.goal.after(self.history() if history is None else history)
 
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""

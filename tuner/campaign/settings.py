@@ -35,11 +35,12 @@ from tuner.problem.instances import (
     require_rocks,
     training_rock,
 )
-from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of, least_outcome
+from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
+from tuner.recommendation.inputs import Goal
 from tuner.samplers.base import SAMPLERS
 from tuner.samplers.design import initial_design_size
 
@@ -321,9 +322,9 @@ class CampaignSettings(Section):
         return DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
 
     @property
-    def at_least(self) -> float | None:
-        """The limit as an outcome of the second objective, larger is better."""
-        return None if self.second is None or self.limit is None else least_outcome(self.second, self.limit)
+    def goal(self) -> Goal:
+        """The objectives and the limit, before any mission has run."""
+        return Goal(self.objective, self.second, self.limit, self.exact)
 
     @property
     def blocks(self) -> int:

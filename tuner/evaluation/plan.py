@@ -141,12 +141,7 @@ class EvaluationPlan:
         condition = next(c for c in self.conditions if c.name == instance.condition)
         owner = self._owners[strategy]
         config = self.strategies[owner]  # of the same mission, whatever else differs
-        name = (
-            Path(instance.rock).stem
-            if instance.condition == IDEAL
-            else f"{Path(instance.rock).stem}_{condition.name}"
-        )
-        folder = f"{self.rocks.index(instance.rock):02d}_{name}_r{replicate}"
+        folder = f"{self.rocks.index(instance.rock):02d}_{instance.file_name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
             config if condition.name == IDEAL else under(builtin(config), condition),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
@@ -44,6 +44,10 @@ class Goal:
     exact: DeterministicMetrics = field(
         default_factory=DeterministicMetrics
     )  # what the configuration decides
+
+    def after(self, history: Sequence[Observation]) -> Goal:
+        """Return the goal once missions have ended, which may say that a cost cannot be computed."""
+        return replace(self, exact=self.exact.agreed(history))
 
     @property
     def _second_is_modelled(self) -> bool:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from nbv.config.registry import Registry
-from tuner.problem.deterministic_metrics import DeterministicMetrics
 from tuner.problem.instances import Instance, InstanceLike, instances_of
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.recommendation.inputs import Goal
 from tuner.samplers.design import sobol_point
 
 if TYPE_CHECKING:
@@ -64,12 +65,8 @@ class SamplerSettings:
     earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
-    at_least: float | None = None  # limit of the second objective, larger is better; None: there is none
-    is_share: bool = False  # of rocks: the second objective
     defaults: int = 1  # missions of the default that come first
-    exact: DeterministicMetrics = field(
-        default_factory=DeterministicMetrics
-    )  # what of the objectives the configuration decides
+    goal: Goal = field(default_factory=lambda: Goal(Objective()))
 
     @property
     def instances(self) -> tuple[Instance, ...]:

@@ -17,11 +17,11 @@ from tuner.acquisition.constrained import (
 )
 from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
-from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.instances import are_drawn, rocks_of
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
+from tuner.recommendation.inputs import Goal
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
@@ -77,25 +77,25 @@ class GPSampler:
         """
         s, proposals, running = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
-        both = (
-            s.at_least is not None and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
+        goal = s.goal.after(history)
+        both = goal.at_least is not None and (
+            sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
         )
-        exact = s.exact.agreed(history)
         models: tuple[Outcome, ...] = ()
         constraint: Constraint | None = None
         modelled, drawn = 0, list[Values]()
         while len(proposals) < count:
             number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._design(number, exact.second)
+                proposal = self._design(number, goal)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
                 metadata = {"sampler": self.name, "phase": "exploration"}
                 proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
-                if not models and both and s.at_least is not None:
-                    models = two_models(s.space, history, s.instances, self.model, exact)
-                    constraint = Constraint(models[1], s.at_least, s.is_share)
+                if not models and both and goal.at_least is not None and goal.second is not None:
+                    models = two_models(s.space, history, s.instances, self.model, goal.exact)
+                    constraint = Constraint(models[1], goal.at_least, goal.second.is_share)
                 elif not models:
                     models = (InstanceMeanGP(s.space, history, s.instances, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
@@ -143,12 +143,12 @@ class GPSampler:
             model, history, running, s.replicates, gain, last=last, constraint=constraint, exact=exact
         )
 
-    def _design(self, number: int, limited: DeterministicMetric | None) -> Proposal:
-        """Return a mission of the design; unless it is the default, none that is known to break a limit of ``limited``."""
+    def _design(self, number: int, goal: Goal) -> Proposal:
+        """Return a mission of the design; unless it is the default, none that is known to break the limit."""
         if number < self.settings.defaults:
             return initial_proposal(self.settings, number, self.name)
         number -= self.settings.defaults - 1
-        skipped, least = 0, self.settings.at_least
+        skipped, limited, least = 0, goal.exact.second, goal.at_least
         proposal = self._design_point(number)
         while limited is not None and least is not None and skipped < MOST_SKIPPED:
             if limited.outcome(proposal.values) >= least:

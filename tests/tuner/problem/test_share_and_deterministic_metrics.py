@@ -67,7 +67,7 @@ def test_few_rocks_cannot_show_a_share() -> None:
     with pytest.raises(UserError, match="3 rocks cannot show what 95 % of rocks reach, 16 can"):
         settings_of(["slab", "vesicular", "cavern"])
     settings = settings_of(["any-slab"])
-    assert settings.at_least == pytest.approx(95.0) and settings.exact.first is not None
+    assert settings.goal.at_least == pytest.approx(95.0) and settings.exact.first is not None
     with pytest.raises(UserError, match="a share is above 0 and below 1"):
         second = {"metric": "P(observable.f_score_48mm>=98)", "direction": "maximise"}
         settings_of(["any-slab"], objective="photographs", second=second, limit=100.0)

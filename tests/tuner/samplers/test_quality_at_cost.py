@@ -67,7 +67,7 @@ settings = functools.partial(fake_campaigns.settings, space=SPACE, sampler="gp",
 def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
     with pytest.raises(UserError, match="limit of 25 photographs is below the 26 that"):  # 24 seeds, 2 views
         settings(limit=25.0)
-    assert settings(limit=26.0).at_least == -26.5
+    assert settings(limit=26.0).goal.at_least == -26.5
     with pytest.raises(UserError, match="a limit is of a second objective"):
         settings(second=None, limit=40.0)
 
