@@ -91,6 +91,8 @@ def parameters_page() -> str:
     lines += ["", "## Parameters by section", "", "|name|default|meaning|source|", "|-|-|-|-|"]
     section = ""
     for p in parameters().values():
+        if p.path in ("preset", "condition"):  # their names, which their files and options set
+            continue
         if p.section != section:
             section = p.section
             lines.append(f"|**{section}**|")

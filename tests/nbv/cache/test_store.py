@@ -15,18 +15,6 @@ def file_of(store, key, kind="*"):
     return path
 
 
-def test_an_entry_comes_back_as_it_was(tmp_path):
-    store = Store(tmp_path)
-    arrays = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "names": np.array(["x", "yy"])}
-    store.put("features", "ab12", arrays)
-    found = store.get("features", "ab12")
-    assert found is not None
-    assert set(found) == {"a", "names"}
-    np.testing.assert_array_equal(found["a"], arrays["a"])
-    assert found["a"].dtype == np.float32
-    assert store.get("features", "ab13") is None
-
-
 @pytest.mark.parametrize("damage", ["flip", "truncate", "empty"])
 def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     store = Store(tmp_path)
