@@ -39,6 +39,7 @@ ORBITS: dict[str, dict[str, Any]] = {
 }
 PLANNED: dict[str, dict[str, Any]] = {
     "adaptive": {"gate.kind": "predicted"},
+    "Hyb-H": {"gate.kind": "hyb-h"},
     "random views": {"gate.kind": "random"},
     "greedy oracle": {
         "gate.kind": "greedy-oracle",
