@@ -127,11 +127,14 @@ class GeometricReconstructor(Reconstructor):
         """Register whichever match enough points of the model, each opening the way for others: these, and those left."""
         assert self._tracks is not None, "bootstrap comes first"
         joined, waiting, progress = list[Capture](), list(captures), True
+        # A view has a hundred of the landmarks that stand for thousands of features: fifteen of them in points of two views
+        # are too many to ask where rendered photographs register.
+        point_views = 2 if self._config.scene.match_angle_deg < 180.0 else 1
         while progress:
             progress = False
             for capture in tuple(waiting):
                 needed = self._config.sparse.min_inliers if self._tracks.n_views else 0
-                if self._tracks.add(*self._detect(capture), needed) >= needed:
+                if self._tracks.add(*self._detect(capture), needed, point_views) >= needed:
                     joined.append(capture)
                     waiting = [c for c in waiting if c is not capture]
                     progress = True

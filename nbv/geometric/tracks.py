@@ -38,11 +38,13 @@ class Tracks:
         other._labels[:, :n] = self._labels[:, :n]
         return other
 
-    def add(self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0) -> int:
+    def add(
+        self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0, point_views: int = 1
+    ) -> int:
         """Add a view: the landmarks (K,) that it detects, and unit directions (K, 3) from them to the camera.
 
-        Returns its matches, detections that match one of a point; a point takes two views, once there are two. A view with fewer
-        matches than ``needed`` is not added.
+        Returns its matches, detections that match one of a point; a point takes ``point_views`` views, once there are as many. A
+        view with fewer matches than ``needed`` is not added.
         """
         m, capacity = self.n_views, self._labels.shape[1]
         here = directions.astype(np.float32, copy=False)
@@ -57,7 +59,7 @@ class Tracks:
         joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
         joined[track[linked], new[linked]] = True
         lengths = np.bincount(track * len(landmarks) + new, minlength=joined.size).reshape(joined.shape)
-        matches = int((joined & (lengths >= min(2, m))).any(axis=0).sum())
+        matches = int((joined & (lengths >= min(point_views, m))).any(axis=0).sum())
         if matches < needed:
             return matches
         self.n_views = m + 1
