@@ -102,9 +102,11 @@ def compare(
         fidelity,
         {**curves.BASE, **parse_overrides(set_ or [])},
     )
-    if suite is not None and asked.to_dict() != curves.SUITES[suite].to_dict():
+    if suite is not None and asked != curves.SUITES[suite]:
+        published = curves.SUITES[suite].to_dict()
+        changed = [name for name, value in asked.to_dict().items() if value != published[name]]
         raise UserError(
-            f"these settings are not those of the suite {suite}; leave --suite out, or what changes it"
+            f"these settings are not those of the suite {suite} ({', '.join(changed)}); leave --suite out, or what changes it"
         )
     if campaign is not None:
         from tuner.campaign.campaign import Campaign

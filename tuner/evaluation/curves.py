@@ -136,7 +136,9 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     base, configs = suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():
         source, most = _flown_as(name), ending_at(base, suite.numbers[-1])
-        planned = baseline(source).config(most) if given is None else with_sections_of(given, PLAN, base)
+        if given is None:
+            own = baseline(source, (BY_HEIGHT,))
+        planned = own.config(most) if given is None else with_sections_of(given, PLAN, base)
         measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
         if name.endswith(STOPPED) and not measured_throughout:
             raise UserError(f"{name}: only a planner, in missions without photographs, predicts as it goes")
@@ -147,7 +149,7 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
             if planned.adaptive_budget:
                 config = ending_at(planned, n)
             elif given is None:
-                config = baseline(source).orbit(base, n)
+                config = own.orbit(base, n)
             else:
                 config = planned.with_values({"seed.count": n})
             configs[f"{source}-{n}"] = config
@@ -350,7 +352,7 @@ def verdict(
     )
     if base.fewest:
         said.append(
-            "It was not tried with fewer: it is fair only with a higher --score or fewer first --numbers."
+            "It was not tried with fewer; ask for a higher --score, or begin --numbers with a smaller one."
         )
     for f in findings:
         ratio, low, high = f.ratio

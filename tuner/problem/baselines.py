@@ -146,15 +146,16 @@ PLANNER = ("gate", "covis", "b_aware", "matchable", "shared", "plugins")  # sect
 PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
 
 
-def baseline(name: str) -> Baseline:
-    """The baseline called ``name``; `UserError` where there is none."""
+def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
+    """The baseline called ``name``; `UserError` where there is none, which lists those that there are ``also``."""
     if name not in BASELINES and name in gate_kinds():
         return Baseline(name, name, "a plug-in's planner")
     if name not in BASELINES:
-        close = difflib.get_close_matches(name, BASELINES, n=1)
+        known = (*BASELINES, *also)
+        close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         raise UserError(
-            f"unknown strategy {name!r}; {hint}there are {', '.join(BASELINES)}; "
+            f"unknown strategy {name!r}; {hint}there are {', '.join(known)}; "
             "a plug-in must be installed, or named with gatetune --plugin"
         )
     return BASELINES[name]

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nbv.mission.result import json_ready
+from nbv.provenance import provenance
 from nbv.rocks.families import generated_name
 from nbv.safe_files import write_atomic
 from nbv.types import Floats, Ints
@@ -43,6 +44,7 @@ def write_comparison(
     document: dict[str, Any] = json_ready(
         {
             "suite": suite.name,
+            "provenance": provenance(),
             "settings": suite.to_dict(),
             "strategies": list(strategies),
             "ground_truth": [one.name for one in series if one.sees_ground_truth],
@@ -83,7 +85,8 @@ def write_comparison(
         directory / "report.html",
         "curves.html.j2",
         title="Planners against orbits",
-        sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs; † sees the true surface",
+        sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
+        provenance=document["provenance"],
         verdict=said,
         score_0=document["score_0"],
         figure=style.embed(figure),

@@ -90,7 +90,11 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
         strategies
     )
     page = (tmp_path / "run/report.html").read_text()
-    assert "greedy-oracle †" in page and told["verdict"].partition(". ")[0] in page
+    assert (
+        "greedy-oracle †" in page
+        and told["provenance"]["revision"] in page
+        and told["verdict"].partition(". ")[0] in page
+    )
     assert (tmp_path / "run/curves.png").stat().st_size > 10_000
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
     missions = sorted((tmp_path / "run/missions").rglob("mission.json"))
@@ -142,7 +146,7 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     told = json.loads((tmp_path / "run/comparison.json").read_text())
     assert [mission.name for mission in failed] == ["01_slab-20000_r0"]
     assert {(r["failed"], r["score_0"]) for r in told["at_number"] if r["strategy"] == "picky"} == {(1, 1)}
-    assert html.escape(told["score_0"][0]) in (tmp_path / "run/report.html").read_text()
+    assert told["score_0"][0] in html.unescape((tmp_path / "run/report.html").read_text())
     curve = [r for r in csv.DictReader((tmp_path / "run/curves.csv").open()) if r["strategy"] == "picky"]
     assert curve[-1]["score_0"] == "1"
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
@@ -168,7 +172,8 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
         (["--fidelity", "no-such"], "unknown fidelity 'no-such'"),
         (["--campaign", "no-such"], "no-such holds no campaign"),
         (["--suite", "rocks-9"], "there is no suite 'rocks-9'"),
-        (["--suite", "rocks-1", "--targets", "12"], "not those of the suite rocks-1"),
+        (["--suite", "rocks-1", "--targets", "12"], r"not those of the suite rocks-1 \(targets\)"),
+        (["--strategy", "orbit-by-hight"], "did you mean orbit-by-height"),
         (["--against", "covis"], "is not among the strategies"),
         (["--share", "2"], "share 2 must be in"),
         (["--rock", "slab", "--set", "pool.radius_m=0.5"], "slab reaches .* m from its middle"),
