@@ -28,7 +28,7 @@ class Coverage:
 
 
 class Oracle(Protocol):
-    """What an oracle gate may ask of the ground truth, be that a surface or the tracks of photographs."""
+    """What an oracle gate may ask of the ground truth."""
 
     @property
     def config(self) -> MissionConfig:

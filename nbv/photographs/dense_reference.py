@@ -90,10 +90,8 @@ class ReferenceMaker:
                 partial(self._fused, members, config, near_m, said),
                 code=__name__,
                 inputs=[
-                    [
-                        (v.name, v.sha256, self.source.masks[v.name].sha256 if v.masked else "")
-                        for v in members
-                    ],
+                    [(v.name, v.sha256, v.masked) for v in members],
+                    np.array([read_mask(self.folder, v.name, self.camera) for v in members if v.masked]),
                     np.array([v.camera_from_world for v in members]),
                     self.camera,
                     config,
@@ -174,11 +172,6 @@ def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> Poin
     return kept
 
 
-def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
-    """(N,) from points (N, 3) to the nearest of the cloud."""
-    return nearest_neighbours(cloud.points_m, points_m)[0]
-
-
 def halves_agreement(
     whole: PointCloud, halves: Sequence[PointCloud], height_m: float
 ) -> tuple[HalvesAgreement, Floats]:
@@ -187,8 +180,9 @@ def halves_agreement(
     Thresholds are shares of the object's height. Also (N,) the distance of each point of ``whole`` to the worse half's cloud.
     """
     first, second = halves
-    missing = [distances_to(half, whole.points_m) for half in halves]
-    wrong = [distances_to(first, second.points_m), distances_to(second, first.points_m)]
+    pairs = ((first, whole), (second, whole), (first, second), (second, first))
+    distances_m = [nearest_neighbours(to.points_m, of.points_m)[0] for to, of in pairs]
+    missing, wrong = distances_m[:2], distances_m[2:]
     completeness, precision = (
         tuple(
             float(np.mean([100 * np.mean(d < fraction * height_m) for d in both]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import io
 import math
 import os
@@ -27,32 +26,21 @@ from nbv.errors import UserError
 from nbv.safe_files import expanded, read_bytes, require
 from nbv.types import Bools
 
-PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-HEIC = (".heic", ".heif", ".hif")
-FORMATS = ("JPEG", "PNG", "TIFF")  # whatever the suffix; of several pictures in a JPEG file the first counts
+PLAIN = (".jpg", ".jpeg", ".png")
+OTHERS = (".tif", ".tiff", ".heic", ".heif", ".hif")
+FORMATS = ("JPEG", "PNG")  # whatever the suffix; of several pictures in a JPEG file the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
-MAX_MASK_BYTES = 64 * 2**20
 MAX_PIXELS = 200_000_000
 DARKEST = 64  # of 255: the brightest pixel is below it where bits are shifted, such as 12 in 16
 _DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
 # What says that another lens, zoom or part of the sensor took a photograph.
-_LENS_TAGS = (
-    Base.LensMake,
-    Base.LensModel,
-    Base.LensSerialNumber,
-    Base.LensSpecification,
-    Base.BodySerialNumber,
-    Base.FocalLength,
-    Base.DigitalZoomRatio,
-    Base.FocalLengthIn35mmFilm,
-    Base.FocalPlaneXResolution,
-    Base.FocalPlaneYResolution,
-)
+_LENS_TAGS = [tag for tag in Base if re.match("Lens|BodySerial|Focal|DigitalZoom", tag.name)]
 # What cameras write into a text that they do not know, without spaces and punctuation.
 _UNKNOWN = re.compile(
     r"0*(mm)?f?0*|1|unknown.*|undefined|unspecified|none|null|na|notavailable|nolens.*|default"
 )
+_CONVERT = "convert such files: mogrify -format jpg -quality 97 *.heic *.tif"
 _FRAMES = "of a video take frames first: ffmpeg -i VIDEO -vf fps=2 frames/%04d.jpg"
 Turn = Image.Transpose
 # By EXIF's orientation, how stored pixels come upright.
@@ -82,7 +70,7 @@ class SourcePhotograph:
     device: str  # make, model, lens, zoom: whatever tells cameras apart; "" where unknown
     focal_35_mm: float | None  # focal length of a camera with 36 x 24 mm film and the same view
     time: str | None
-    gps: tuple[float, float, float | None] | None  # None: no altitude
+    gps: tuple[float, float, float] | None  # latitude and longitude in degrees, altitude in metres
 
     @property
     def upright_size_px(self) -> tuple[int, int]:
@@ -110,8 +98,7 @@ def read_folder(
     """The photographs in a folder and its subfolders, in the order in which they were taken, and notes on what was left out.
 
     Masks are left out: the folder ``masks``, one of that name, and files named as the mask of a photograph beside them. Every
-    file is decoded once. `UserError` where there is no such folder, nothing or far too much in it, a video, HEIC without its
-    library, or a damaged file.
+    file is decoded once. `UserError` where there is no such folder, nothing or far too much in it, HEIC or TIFF, or a damaged file.
     """
     folder = expanded(folder)
     paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
@@ -126,7 +113,7 @@ def read_folder(
     if damaged:
         raise UserError(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
-            f"{', ...' if len(damaged) > 3 else ''}; copy them again, or move them out of the folder"
+            f"{', ...' if len(damaged) > 3 else ''}; mend them, or move them out of the folder"
         )
     unique = {photograph.sha256: photograph for photograph in reversed(found)}
     if len(unique) < len(found):
@@ -178,14 +165,14 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
         folders[:] = sorted(f for f in folders if f[0] != "." and f not in of_masks)
         files += [Path(root, name) for name in sorted(names) if name[0] != "." and Path(root, name).is_file()]
     lower = {str(p).lower() for p in files}
-    paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC and not _is_mask(p, lower)]
+    paths = [p for p in files if p.suffix.lower() in PLAIN and not _is_mask(p, lower)]
+    if other := next((p for p in files if p.suffix.lower() in OTHERS), None):
+        raise UserError(f"{other} is neither JPEG nor PNG; {_CONVERT}, or move them out of the folder")
     if not paths:
         raise UserError(
-            f"there are no photographs in {folder} or the folders in it; give JPEG, PNG, TIFF or HEIC files; {_FRAMES}"
+            f"there are no photographs in {folder} or the folders in it; give JPEG or PNG files; {_FRAMES}"
         )
     require(len(paths), MOST, f"the number of photographs in {folder}")
-    if any(p.suffix.lower() in HEIC for p in paths):
-        _load_heic()
     if others := Counter(p.suffix.lower() or "no suffix" for p in files if p not in set(paths)):
         notes.append(
             f"left out {sum(others.values())} masks and files of other kinds ({', '.join(sorted(others))})"
@@ -196,14 +183,7 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
 def _is_mask(path: Path, lower: set[str]) -> bool:
     """Whether a photograph lies beside it that has its name but for ``_mask`` or a second suffix."""
     base = str(path.with_suffix("")).lower()
-    return base in lower or (base.endswith("_mask") and any(base[:-5] + s in lower for s in PLAIN + HEIC))
-
-
-def _load_heic() -> None:
-    try:
-        importlib.import_module("pillow_heif").register_heif_opener()
-    except ImportError as error:
-        raise UserError("HEIC needs another library; install it: pip install 'gatetune[heic]'") from error
+    return base in lower or (base.endswith("_mask") and any(base[:-5] + s in lower for s in PLAIN))
 
 
 @contextmanager
@@ -211,13 +191,12 @@ def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
     data = read_bytes(path, MAX_FILE_BYTES)
     if not data:
         raise UserError("empty")
-    heic = data[4:8] == b"ftyp"  # a telephone may call it .jpg
-    if heic:
-        _load_heic()
+    if data[4:8] == b"ftyp":  # a telephone may call it .jpg
+        raise UserError(f"it is HEIC; {_CONVERT}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of size, which is looked at here, and of odd EXIF
-            with Image.open(io.BytesIO(data), formats=(*FORMATS, "HEIF") if heic else FORMATS) as picture:
+            with Image.open(io.BytesIO(data), formats=FORMATS) as picture:
                 require(picture.width * picture.height, MAX_PIXELS, f"the number of pixels of {path.name}")
                 yield picture, data
     except UserError:
@@ -240,20 +219,13 @@ def _read(path: Path) -> SourcePhotograph:
         width, height = picture.size
         exif = picture.getexif()
         details: Mapping[int, Any] = {**exif, **exif.get_ifd(IFD.Exif)}  # TIFF/EP has no block of EXIF's
-        gps: Mapping[int, Any] = exif.get_ifd(IFD.GPSInfo)
         orientation = exif.get(Base.Orientation, 1)
         device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (Base.Make, Base.Model)).strip()
         date = _DATE_TEXT.match(str(details.get(Base.DateTimeOriginal) or exif.get(Base.DateTime) or ""))
-        if picture.format == "TIFF" and orientation in _TURNS:  # which Pillow has turned, and nothing else
-            raise UserError(
-                f"a TIFF of EXIF's orientation {orientation}; turn it: mogrify -auto-orient *.tif"
-            )
         picture.draft("RGB", (width // 8, height // 8))  # reads all of the file, decodes little of it
         peak = int(np.asarray(_eight_bit(picture)).max())
-        if picture.format in ("PNG", "TIFF") and peak < DARKEST:
-            raise UserError(
-                f"no pixel is brighter than {peak} of 255, as with 12 bits in 16: mogrify -evaluate multiply 16 *.tif"
-            )
+        if peak < DARKEST:
+            raise UserError(f"no pixel is brighter than {peak} of 255, as with 12 bits in 16; brighten it")
         if picture.has_transparency_data and np.asarray(picture.convert("RGBA"))[..., 3].min() < 255:
             raise UserError(
                 "it has transparent parts: mogrify -alpha off, and --masks with what was transparent"
@@ -268,7 +240,7 @@ def _read(path: Path) -> SourcePhotograph:
         device=", ".join(filter(None, (device, *lens))),
         focal_35_mm=_number(_told(details.get(Base.FocalLengthIn35mmFilm))),
         time="{}-{}-{}T{}".format(*date.groups()) if date else None,
-        gps=_position(gps),
+        gps=_position(exif.get_ifd(IFD.GPSInfo)),
     )
 
 
@@ -292,21 +264,18 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) and number > 0 else None
 
 
-def _position(gps: Mapping[int, Any]) -> tuple[float, float, float | None] | None:
-    """Latitude and longitude in degrees and altitude in metres from EXIF's GPS block; an altitude of 0 is none."""
+def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
+    """Latitude, longitude and altitude from EXIF's GPS block; None where one is missing, and an altitude of 0 is."""
     try:
-        degrees = [
-            sum(float(part) / 60**power for power, part in enumerate(gps[tag]))
-            * (-1 if str(gps.get(tag - 1)).strip("\0 ").upper() in ("S", "W", "SOUTH", "WEST") else 1)
-            for tag in (2, 4)
-        ]
+        latitude, longitude = (sum(float(part) / 60**k for k, part in enumerate(gps[tag])) for tag in (2, 4))
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return None
+    north, east = (-1 if str(gps.get(tag)).strip("\0 ").upper()[:1] in ("S", "W") else 1 for tag in (1, 3))
+    up = -1 if gps.get(5) in (1, 3, b"\x01", b"\x03") else 1  # below sea level, below the ellipsoid
     altitude = _number(gps.get(6))
-    below = gps.get(5) in (1, 3, b"\x01", b"\x03")  # sea level, the ellipsoid
-    altitude = -altitude if altitude is not None and below else altitude
-    on_earth = any(degrees) and abs(degrees[0]) <= 90 and abs(degrees[1]) <= 180
-    return (degrees[0], degrees[1], altitude) if on_earth else None
+    if altitude is None or not math.isfinite(latitude + longitude):
+        return None
+    return north * latitude, east * longitude, up * altitude
 
 
 def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:
@@ -327,12 +296,10 @@ def files_of_photographs(
     files: Iterable[str],
     photographs: Sequence[SourcePhotograph],
     what: str,
-    *,
-    endings: Sequence[str] = ("",),
 ) -> dict[str, str]:
     """Which of ``files`` is of which photograph, by the photograph's name.
 
-    A file has the photograph's name, with suffix or without and in any case, plus one of ``endings``. Where there are folders,
+    A file has the photograph's name, with suffix or without and in any case. Where there are folders,
     those belong together whose paths have most names in common, counted from the end. `UserError` where two files of ``what`` fit
     one photograph equally well, or one file fits two.
     """
@@ -352,10 +319,10 @@ def files_of_photographs(
         for key in {path[-1], path[-1].rpartition(".")[0]} if path else ():
             by_key[key].append(file)
     found: dict[str, str] = {}
-    for ending, whole in ((e, w) for e in endings for w in (True, False)):
+    for whole in (True, False):
         new: dict[str, str] = {}
         for name, (*folder, base) in of_mine.items():
-            key = (base if whole else base.rpartition(".")[0]) + ending
+            key = base if whole else base.rpartition(".")[0]
             pairs = ((file, (of_file[file][:-1], tuple(folder))) for file in by_key[key] if name not in found)
             fit = [f for f, pair in pairs if all(common[pair] == most[side] for side in enumerate(pair))]
             fit = [file for file in fit if file not in found.values()]
@@ -375,30 +342,23 @@ def _parts(path: str) -> tuple[str, ...]:
     return PurePosixPath(unicodedata.normalize("NFC", path.replace("\\", "/")).casefold()).parts
 
 
-@dataclass(frozen=True)
-class Mask:
-    """A file with a mask."""
+def read_mask(path: Path) -> Bools:
+    """(H, W) True on the object: what is white, 255 or 1, or, where not all is opaque, what is.
 
-    path: Path
-    sha256: str
-
-    def read(self) -> Bools:
-        """(H, W) True on the object: what is white, 255 or 1, or, where not all is opaque, what is.
-
-        `UserError` where the file is damaged, or holds values that are neither black nor white.
-        """
-        try:
-            with _opened(self.path) as (picture, _):
-                pixels = np.asarray(_eight_bit(picture, "RGBA"))
-        except UserError as error:
-            raise UserError(f"mask {self.path} cannot be read: {error}") from error
-        values = pixels[..., :3].max(axis=2) if pixels[..., 3].min() == 255 else pixels[..., 3]
-        if 1 < (top := int(values.max())) < 128:
-            raise UserError(f"mask {self.path} is nowhere brighter than {top}; make it 0 and 255, or 0 and 1")
-        return np.asarray(values > top / 2)
+    `UserError` where the file is damaged, or holds values that are neither black nor white.
+    """
+    try:
+        with _opened(path) as (picture, _):
+            pixels = np.asarray(_eight_bit(picture, "RGBA"))
+    except UserError as error:
+        raise UserError(f"mask {path} cannot be read: {error}") from error
+    values = pixels[..., :3].max(axis=2) if pixels[..., 3].min() == 255 else pixels[..., 3]
+    if 1 < (top := int(values.max())) < 128:
+        raise UserError(f"mask {path} is nowhere brighter than {top}; make it 0 and 255, or 0 and 1")
+    return np.asarray(values > top / 2)
 
 
-def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Mask]:
+def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> dict[str, Path]:
     """Masks by the photographs' names: ``NAME.png``, ``NAME_mask.png`` or ``NAME.jpg.png``, in folders as the photographs.
 
     `UserError` where there is no such folder, no mask of any photograph in it, or nothing tells whether one is turned.
@@ -408,8 +368,9 @@ def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> d
         raise UserError(f"there is no folder of masks {folder}; check --masks")
     taken = {p.path.resolve() for p in photographs}
     paths = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() == ".png" and p.resolve() not in taken]
-    files = {str(p.relative_to(folder)): p for p in paths}
-    found = files_of_photographs(files, photographs, str(folder), endings=("", "_mask"))
+    # Without "_mask", unless there is such a file, too.
+    files = {re.sub("_mask.png$", ".png", str(p.relative_to(folder)), flags=re.I): p for p in reversed(paths)}
+    found = files_of_photographs(files, photographs, str(folder))
     if not found:
         raise UserError(
             f"no mask in {folder} is of a photograph; call them like the photographs: {photographs[0].path.stem}.png"
@@ -421,7 +382,4 @@ def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> d
                 f"{photograph.path.name} is turned by EXIF (orientation {photograph.orientation}), and nothing tells whether "
                 "its mask is; turn photographs and masks upright: mogrify -auto-orient"
             )
-    return {
-        name: Mask(files[file], hashlib.sha256(read_bytes(files[file], MAX_MASK_BYTES)).hexdigest())
-        for name, file in found.items()
-    }
+    return {name: files[file] for name, file in found.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from PIL import Image
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.photographs.folder import Mask, Progress, SourcePhotograph, read_pixels, shrunk_size, transposed
+from nbv.photographs.folder import Progress, SourcePhotograph, read_mask, read_pixels, shrunk_size, transposed
 from nbv.types import Bools
 
 SAME_RATIO = 0.02  # of sides, relative
@@ -27,7 +28,7 @@ class ImportSource:
     progress: Progress
     store: Store | None = None  # keeps features, pairs, models and clouds, so that an import can go on
     upright: bool = True  # turned as EXIF says
-    masks: Mapping[str, Mask] = field(default_factory=dict)
+    masks: Mapping[str, Path] = field(default_factory=dict)
 
     @cached_property
     def by_name(self) -> dict[str, SourcePhotograph]:
@@ -51,18 +52,17 @@ class ImportSource:
     def mask(self, name: str) -> Bools | None:
         """(H, W) True on the object; None where no mask was given. Its sides tell whether it was drawn on a photograph turned as EXIF says.
 
-        `UserError` where they have another ratio, and as `Mask.read`.
+        `UserError` where they have another ratio, and as `read_mask`.
         """
         if name not in self.masks:
             return None
-        mask, photograph = self.masks[name], self.by_name[name]
-        inside = mask.read()
+        photograph, inside = self.by_name[name], read_mask(self.masks[name])
         height, width = inside.shape
         sizes = (photograph.upright_size_px, photograph.size_px)
         alike = [abs(width / height * size[1] / size[0] - 1) < SAME_RATIO for size in sizes]
         if not any(alike):
             raise UserError(
-                f"mask {mask.path} is {width} x {height}, its photograph {sizes[0][0]} x {sizes[0][1]}; "
+                f"mask {self.masks[name]} is {width} x {height}, its photograph {sizes[0][0]} x {sizes[0][1]}; "
                 "give masks with the photographs' ratio of sides"
             )
         turns = photograph.turns(upright=self.upright, turned=alike[0])

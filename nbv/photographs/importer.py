@@ -139,12 +139,7 @@ def import_photographs(
             reference_error_m=float(np.median(error_m)),
             halves=agreement,
             weak=weak_sectors(reference, height),
-            notes=(
-                *notes,
-                *solved_notes,
-                *frame.notes,
-                *scale.notes,
-            ),
+            notes=(*notes, *solved_notes, *frame.notes, *scale.notes),
             source_folder=str(folder),
         )
         write_colmap(model, pinhole, work / SPARSE)

@@ -16,7 +16,7 @@ from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.evaluation import Evaluation
-from nbv.gates import Oracle
+from nbv.gates import GroundTruthOracle, Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
@@ -24,7 +24,6 @@ from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
-from nbv.photographs.oracle import TrackOracle
 from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.safe_files import write_atomic
@@ -86,8 +85,9 @@ class PhotographFidelity(CloudFidelity):
         }
 
     def oracle(self) -> Oracle:
-        """The tracks of the reference model."""
-        return TrackOracle(self.photographs, self.viewpoints, self.context.config)
+        """The surface of the reference, as the set's camera sees it."""
+        rock = self.context.rock
+        return GroundTruthOracle(rock.vertices_m, rock.faces, self.vehicle_config)
 
     def evaluate(self, cloud: Cloud) -> Evaluation:
         """Compare the cloud with the dense reference."""

@@ -17,7 +17,7 @@ import pycolmap
 
 from nbv.errors import UserError
 from nbv.geometry.frames import invert_rigid
-from nbv.photographs.folder import MIRRORED, SourcePhotograph, files_of_photographs
+from nbv.photographs.folder import MIRRORED, files_of_photographs
 from nbv.photographs.import_source import SAME_RATIO, ImportSource
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
@@ -58,9 +58,7 @@ def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, Impo
             "Export > Export Cameras as Colmap; OpenSfM: bin/opensfm export_colmap DATASET)"
         )
     try:
-        images = [str(frame["file_path"]) for frame in tree["frames"]]
-        files = files_of_photographs(images, source.photographs, str(path))
-        model = _transforms(tree, {file: source.by_name[name] for name, file in files.items()})
+        model = _transforms(tree)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(
@@ -134,75 +132,52 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
         raise UserError(
             f"there is no COLMAP model in {folder}; it has cameras, images and points3D, .bin or .txt"
         )
-    if any(p.stat().st_size > _MAX_MODEL_BYTES for p in folder.glob(f"*{ends[0]}")):
-        raise UserError(f"the COLMAP model in {folder} is larger than 2 GB; leave --model out")
     model = pycolmap.Reconstruction()
     try:
         with tempfile.TemporaryDirectory() as alone:  # without rigs and frames: every image has its pose
-            for path in (
-                p
-                for name in ("cameras", "images", "points3D")
-                if (p := folder / f"{name}{ends[0]}").is_file()
-            ):
-                if ends[0] == ".bin":
+            for name in ("cameras", "images", "points3D"):
+                path = folder / f"{name}{ends[0]}"
+                if path.suffix == ".bin" and name != "cameras" and path.is_file():
                     _check_counts(path)
                 (Path(alone) / path.name).symlink_to(path.resolve())
             model.read(alone)
         for image in model.images.values():
             _ = image.name  # which need not be UTF-8
-    except UnicodeDecodeError as error:
-        raise UserError(
-            f"the COLMAP model in {folder} has an image whose name is not UTF-8 ({error.object!r}); rename the photograph, "
-            "and export it again"
-        ) from error
     except Exception as error:  # COLMAP's own of what they meet in a file
-        reason = str(error).strip().splitlines() or ["damaged"]
-        raise UserError(f"the COLMAP model in {folder} cannot be read: {reason[-1][:120]}") from error
+        reason = (str(error).strip().splitlines() or ["damaged"])[-1]
+        if isinstance(error, UnicodeDecodeError):
+            reason = f"an image's name is not UTF-8 ({error.object!r}); rename the photograph"
+        raise UserError(
+            f"the COLMAP model in {folder} cannot be read: {reason[:160]}; export it again"
+        ) from error
     return model
 
 
 def _check_counts(path: Path) -> None:
-    """Walk through one of COLMAP's binary files; ValueError where it counts more than it holds, which COLMAP would allocate."""
+    """Walk through COLMAP's binary images or points; `ValueError` where it counts more than it holds, which COLMAP would allocate."""
     data = read_bytes(path, _MAX_MODEL_BYTES)
 
     def counted(at: int, bytes_each: int) -> int:
         return at + 8 + bytes_each * struct.unpack_from("<Q", data, at)[0]
 
-    def camera(at: int) -> int:
-        model = pycolmap.CameraModelId(struct.unpack_from("<i", data, at + 4)[0])
-        return at + 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params)
-
-    walks = {
-        "cameras": camera,
-        "images": lambda at: counted(data.find(b"\0", at + 64) % (len(data) + 1) + 1, 24),
-        "points3D": lambda at: counted(at + 43, 8),
-    }
     try:
         at = 8
         for _ in range(struct.unpack_from("<Q", data)[0]):
-            at = walks[path.stem](at)
+            if path.stem == "images":  # a name that ends in 0, and features
+                at = counted(data.index(b"\0", at + 64) + 1, 24)
+            else:
+                at = counted(at + 43, 8)
             if at > len(data):
-                raise IndexError
-    except (IndexError, struct.error) as error:
+                raise ValueError
+    except (ValueError, struct.error) as error:
         raise ValueError(f"{path.name} counts more than its {len(data)} bytes hold") from error
 
 
-def _transforms(
-    tree: Mapping[str, Any], photographs: Mapping[str, SourcePhotograph]
-) -> pycolmap.Reconstruction:
-    """NeRF's ``transforms.json``: model_from_camera with OpenGL's axes (y up, z backward).
-
-    ``photographs`` by the names that the file has for them give the size of frames without ``w`` and ``h``.
-    """
+def _transforms(tree: Mapping[str, Any]) -> pycolmap.Reconstruction:
+    """NeRF's ``transforms.json``: model_from_camera with OpenGL's axes (y up, z backward)."""
     model = pycolmap.Reconstruction()
     for number, frame in enumerate(tree["frames"], start=1):
         values, name = _values(tree, frame), str(frame["file_path"])
-        if not {"w", "h"} <= values.keys():
-            if (photograph := photographs.get(name)) is None:
-                continue
-            if photograph.orientation != 1:
-                raise ValueError(f"{name} has no w and h, and EXIF turns it; add them")
-            values["w"], values["h"] = photograph.size_px
         camera = _camera(values)
         camera.camera_id = number
         matrix = np.array(frame["transform_matrix"], dtype=float)

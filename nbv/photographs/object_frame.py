@@ -75,12 +75,10 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
             f"only {100 * looking:.0f} % of the photographs look at one place: are there two objects? "
             "put the photographs of each into a folder of its own"
         )
-    notes = []
+    word = "from the control points"
     if up is None:
         up, word = _up(model, np.array([source.up(name) for name in model.names]))
-        notes.append(f"up: {word}")
-    else:
-        notes.append("up: from the control points")
+    notes = [f"up: {word}"]
     # Up is z, and the first camera stands in the direction of x.
     turn = Rotation.align_vectors(np.eye(3)[[2, 0]], [up, model.centers[0] - center], weights=[np.inf, 1])[0]
     rotation = turn.as_matrix()
@@ -197,7 +195,7 @@ def _in_masks(model: SolvedModel, source: ImportSource, center: Floats) -> Bools
             members, pixels = model.of_view(view)
             inside[members], masked[members] = mask[pixels], True
             white.append(mask.mean())
-    folder = next(iter(source.masks.values())).path.parent
+    folder = next(iter(source.masks.values())).parent
     if set(white) in ({0.0}, {1.0}):
         raise UserError(
             f"the masks in {folder} are {'white' if white[0] else 'black'} everywhere; make them white on the object and "

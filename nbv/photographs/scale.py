@@ -16,7 +16,7 @@ from pyproj.exceptions import CRSError, ProjError
 from scipy.stats import t as student
 
 from nbv.errors import UserError
-from nbv.geometry.frames import align_umeyama
+from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.photographs.folder import files_of_photographs
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import ScaleSource
@@ -63,17 +63,6 @@ class ControlPoints:
     system: str  # as the file has it
     crs: CRS | None  # None: metres of the user's own
     marks: Mapping[Position, Sequence[tuple[str, float, float]]]
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """A model laid over places in metres."""
-
-    scale: float  # metres per unit of the model
-    up: Floats  # (3,) in the model's frame
-    rms_m: float
-    error: float  # relative, of the scale
-    level: bool  # the places are of about one height
 
 
 def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
@@ -164,6 +153,27 @@ def find_scale(
     return Scale("length", height_m) if height_m is not None else _from_gps(model, source)
 
 
+def _from_gps(model: SolvedModel, source: ImportSource) -> Scale:
+    gps = {row: at for row, name in enumerate(model.names) if (at := source.by_name[name].gps) is not None}
+    if len(gps) < max(4, len(model.names) // 2):
+        return Scale(
+            "none", notes=("scale: no GPS with altitude; thresholds are shares of the object's height",)
+        )
+    places = [(longitude, latitude, up_m) for latitude, longitude, up_m in gps.values()]
+    try:
+        fit, rms_m, off = _fitted(model.centers[list(gps)], _metres(CRS(GEOGRAPHIC), places)[0])
+    except ValueError as error:
+        return Scale("none", notes=(f"scale: none; the places of the photographs by GPS {error}",))
+    told = f"GPS, {rms_m:.2f} m rms to the cameras, scale to about {_percent(off)}"
+    if off > WORST_ERROR:
+        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
+    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
+
+
+def _percent(error: float) -> str:
+    return f"{np.clip(100 * error, 0.01, 99):.2g} %"
+
+
 def _from_control_points(model: SolvedModel, source: ImportSource, points: ControlPoints) -> Scale:
     path = points.path
     row = {name: index for index, name in enumerate(model.names)}
@@ -198,55 +208,29 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             "give marks in pixels of these photographs"
         )
     try:
-        fit = _fitted(np.array(found), *_metres(points.crs, expected))
+        places_m, up = _metres(points.crs, expected)
+        fit, rms_m, off = _fitted(np.array(found), places_m)
     except ValueError as error:
         raise UserError(f"{path}: the control points {error}") from error
-    reading = _reading(points)
-    if fit.error > WORST_ERROR:
+    reading = "metres of your own"
+    if points.crs is not None:
+        reading = f"{points.system} ({points.crs.name}), heights in {_height_unit(points.crs)[0]}"
+    told = f"{rms_m:.3f} m rms, scale to about {_percent(off)}; read as {reading}"
+    if off > WORST_ERROR:
         raise UserError(
-            f"{path} does not fit the model: {fit.rms_m:.2f} m rms, read as {reading}, scale to about "
-            f"{_percent(fit.error)}; check that reading and that the marks are in pixels of these photographs, or give --height-m "
-            "in place of the control points"
+            f"{path} does not fit the model: {told}; check that reading and that the marks are in pixels of these photographs, "
+            "or give --height-m in place of the control points"
         )
-    if fit.level and fit.up @ (model.centers.mean(axis=0) - np.mean(found, axis=0)) < 0:
+    up_in_model, sight = fit.rotation.T @ up, model.centers.mean(axis=0) - np.mean(found, axis=0)
+    heights_m, extent_m = (places_m @ up).std(), np.linalg.norm(places_m.std(axis=0))
+    if heights_m < LEVEL * extent_m and up_in_model @ sight < 0:
         raise UserError(
             f"{path} does not fit the model: read as {reading}, the cameras are below the control points; "
             "X is east (longitude), Y north, Z up"
         )
-    sure = fit.error < SURE_ERROR
-    told = f"{len(found)} control points, {fit.rms_m:.3f} m rms, scale to about {_percent(fit.error)}; read as {reading}"
-    note = f"scale{' and up' if sure else ''}: {told}"
-    return Scale("control points", None, fit.scale, fit.up if sure else None, (note,))
-
-
-def _reading(points: ControlPoints) -> str:
-    """How the places of a file are understood."""
-    crs = points.crs
-    if crs is None:
-        return "metres of your own"
-    name = points.system if crs.name in ("unknown", points.system) else f"{points.system} ({crs.name})"
-    return f"{name}, heights in {_height_unit(crs)[0]}"
-
-
-def _from_gps(model: SolvedModel, source: ImportSource) -> Scale:
-    places = {row: at for row, name in enumerate(model.names) if (at := source.by_name[name].gps) is not None}
-    gps = {row: (at[1], at[0], at[2]) for row, at in places.items() if at[2] is not None}
-    fewest = max(4, len(model.names) // 2)
-    if len(gps) < fewest:
-        why = "GPS has no altitude" if len(places) >= fewest else "none given"
-        return Scale("none", notes=(f"scale: {why}; thresholds are shares of the object's height",))
-    try:
-        fit = _fitted(model.centers[list(gps)], *_metres(CRS(GEOGRAPHIC), list(gps.values())))
-    except ValueError as error:
-        return Scale("none", notes=(f"scale: none; the places of the photographs by GPS {error}",))
-    told = f"GPS, {fit.rms_m:.2f} m rms to the cameras, scale to about {_percent(fit.error)}"
-    if fit.error > WORST_ERROR:
-        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
-    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
-
-
-def _percent(error: float) -> str:
-    return f"{np.clip(100 * error, 0.01, 99):.2g} %"
+    sure = off < SURE_ERROR
+    note = f"scale{' and up' if sure else ''}: {len(found)} control points, {told}"
+    return Scale("control points", None, fit.scale, up_in_model if sure else None, (note,))
 
 
 def _height_unit(crs: CRS) -> tuple[str, float]:
@@ -277,29 +261,19 @@ def _metres(crs: CRS | None, places: Sequence[Position]) -> tuple[Floats, Floats
     return found, above[0] - found[0]
 
 
-def _fitted(found: Floats, places_m: Floats, up: Floats) -> _Fit:
-    """The similarity that brings ``found`` (N, 3) to its places (N, 3), where ``up`` (3,) is up.
+def _fitted(found: Floats, places_m: Floats) -> tuple[Similarity, float, float]:
+    """The similarity from ``found`` (N, 3) to their places (N, 3), its rms in metres, and the relative error of its scale.
 
-    The error of the scale is the larger one of its 95 % interval, were residuals independent, and of residuals over extent, which
-    holds the rest: heights that are all wrong by one factor shrink a model by less. `ValueError` where the points coincide or lie
-    on one line.
+    That is the larger one of its 95 % interval, were residuals independent, and of residuals over extent, which holds the rest:
+    heights that are all wrong by one factor shrink a model by less. `ValueError` where the points coincide or lie on one line.
     """
-    x, y = found - found.mean(axis=0), places_m - places_m.mean(axis=0)
-    count, size_m = len(x), float(np.sqrt((y**2).sum(axis=1).mean()))
-    if not (np.ptp(x, axis=0).max() > 1e-9 and size_m > 1e-6):
+    extent = [np.linalg.svd(points - points.mean(axis=0), compute_uv=False) for points in (found, places_m)]
+    if min(singular[0] for singular in extent) < 1e-9:
         raise ValueError("coincide")
-    extent = np.linalg.svd(y, compute_uv=False)
-    if extent[1] < 0.02 * extent[0]:
+    if extent[1][1] < 0.02 * extent[1][0]:
         raise ValueError("lie on one line")
-    places_from_model = align_umeyama(y, x)
-    squares = float(((places_from_model.apply(x) - y) ** 2).sum())
-    free = 3 * count - 7
-    own = np.sqrt(squares / free / count) / size_m * float(student.ppf(0.975, free))
-    rms_m = float(np.sqrt(squares / count))
-    return _Fit(
-        places_from_model.scale,
-        places_from_model.rotation.T @ up,
-        rms_m,
-        float(max(rms_m / size_m, own)),
-        bool((y @ up).std() < LEVEL * size_m),
-    )
+    fit = align_umeyama(places_m, found)
+    squares, free = float(((fit.apply(found) - places_m) ** 2).sum()), 3 * len(found) - 7
+    own = np.sqrt(squares / free) * student.ppf(0.975, free)
+    rest = np.sqrt(squares)
+    return fit, float(rest / np.sqrt(len(found))), float(max(own, rest) / np.linalg.norm(extent[1]))

@@ -1,15 +1,13 @@
 """What a glTF file has that trimesh passes over or misreads without a word: refused, or told where it is colour alone.
 
-trimesh reads the scene, the buffers, Draco and the pictures.
+trimesh reads the scene, the buffers and the pictures.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from nbv.errors import UserError
 from nbv.rocks.mesh import UnusableMesh
 from nbv.safe_files import MIB, parse_json, require
 
@@ -18,17 +16,16 @@ MAX_VALUES = 5_000_000
 MAX_NODES = 20_000  # a few seconds
 MAX_ELEMENTS = 200_000_000  # of all accessors, before memory is taken
 _FAN, _REPEAT, _FLOAT, _BYTE = 6, 10497, 5126, 5121
-_DRACO, _MOVED = "KHR_draco_mesh_compression", "KHR_texture_transform"
-_GLOSS = "KHR_materials_pbrSpecularGlossiness"
-_READ = {_DRACO, _MOVED, "KHR_mesh_quantization", "EXT_texture_webp"}
-_WITHOUT = "not read; write it without: gltfpack -noq -i IN.glb -o OUT.glb"
+_MOVED, _GLOSS = "KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"
+_READ = {_MOVED, "KHR_mesh_quantization", "EXT_texture_webp"}
+_WITHOUT = "not read; export it plainly, as from Blender, or run gltfpack -noq -i IN.glb -o OUT.glb"
 
 
 def checked_gltf(content: bytes, source: str, notes: list[str]) -> tuple[str, int, bool]:
     """Why the colours of a ``.glb`` or ``.gltf`` file are not read ("": they are), its number of textures, and whether they repeat.
 
     ``notes`` gets what else is not read. Textures that do not repeat beyond 0 to 1 are clamped or mirrored there. `UnusableMesh`
-    where it is no glTF, or its shape would be misread; `UserError` where it is too large, or its decoder is not installed.
+    where it is no glTF, or its shape would be misread; `UserError` where it is too large.
     """
     start, end = 0, len(content)
     if content[:4] == b"glTF":
@@ -58,10 +55,8 @@ def _check_shape(
     used = needed.union(header.get("extensionsUsed", ()), *packed)
     others = sorted(name for name in used - _READ if "materials" not in name)
     for name in others:
-        if "meshopt" in name:
-            raise UnusableMesh(f"is compressed with the glTF extension {name}, which is {_WITHOUT}")
-        if name in needed:
-            raise UnusableMesh(f"needs the glTF extension {name}, which is not read; export it without")
+        if name in needed or "meshopt" in name or "draco" in name:
+            raise UnusableMesh(f"needs the glTF extension {name}, which is {_WITHOUT}")
     if others:
         notes.append(f"glTF extensions that are not read: {', '.join(others)}")
     if any("sparse" in accessor for accessor in accessors):
@@ -72,10 +67,6 @@ def _check_shape(
         raise UnusableMesh("has fans of triangles, which are not read; export single triangles")
     if any(p.get("targets") for p in primitives) or header.get("skins"):
         notes.append("skins and morph targets are not read: the mesh is as it is stored")
-    if any(_DRACO in p.get("extensions", ()) for p in primitives) and not importlib.util.find_spec("DracoPy"):
-        raise UserError(
-            f"{source} is compressed with Draco, whose decoder is an extra; install it: pip install 'gatetune[draco]'"
-        )
     total = sum(int(a["count"]) * len(a["type"]) for a in accessors)  # len: 4 to 6, for 1 to 16 numbers
     require(total, MAX_ELEMENTS, f"the number of elements that {source} tells of")
     nodes, scenes = header.get("nodes", ()), header.get("scenes", ())

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import io
-import logging
 import re
 import zipfile
 from dataclasses import dataclass
-from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -48,7 +46,7 @@ def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
     """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
 
     `UnusableMesh` where the file is unreadable, empty, without faces, not finite or far too large; `UserError` for an archive or a
-    texture that is far too large, and where an extra is not installed.
+    texture that is far too large.
     """
     size = path.stat().st_size
     if size == 0:
@@ -110,49 +108,39 @@ def coarsest_step(points: Floats) -> float:
 
     Of the latter only where the vertices are four times as many as a coordinate's values, and a hundred: 0 otherwise.
     """
-    coarsest = 0.0
+    steps = [0.0]
     for column in points.T[:, (np.abs(points) <= MAX_COORDINATE).all(axis=1)]:
         values = np.unique(column)
-        single = values.astype(np.float32)
-        if len(values) and (single == values).all():
-            coarsest = max(coarsest, float(np.spacing(np.abs(single).max())))
         gaps = np.diff(values)
+        if len(values) and (values.astype(np.float32) == values).all():
+            steps.append(float(np.spacing(np.float32(np.abs(values).max()))))
         if len(points) >= max(100, 4 * len(values)) and len(gaps) > 1:
             counts = gaps / gaps.min()
-            coarsest = max(
-                coarsest, float(gaps.min()) if np.abs(counts - np.rint(counts)).max() < 1e-3 else 0.0
-            )
-    return coarsest
+            if np.abs(counts - np.rint(counts)).max() < 1e-3:
+                steps.append(float(gaps.min()))
+    return max(steps)
 
 
 def _load(path: Path, notes: list[str]) -> tuple[Any, _Colors]:
     """The file's scene as trimesh reads it, and what reads the colours of its parts."""
     kind, content = path.suffix.lower(), path.read_bytes()
-    files, options = _SideFiles(path.parent, pictures=kind not in GLTF), dict[str, Any]()
+    files = _SideFiles(path.parent, pictures=kind not in GLTF)
     unread, textures, repeats = "", 0, True
     if kind in GLTF:
         unread, textures, repeats = checked_gltf(content, str(path), notes)
     elif kind == ".obj":
         content = _readable_obj(content, notes)
     elif kind == ".ply":
-        unread, textures = _unread_in_ply(content)
-        options = {"fix_texture": textures > 0}  # it would part vertices from their colours
-    heard, log = BufferingHandler(1000), logging.getLogger("trimesh")
-    log.addHandler(heard)
+        unread = _unread_in_ply(content)
     try:
+        # In PLY files `fix_texture` would part vertices from their colours.
+        options = {"fix_texture": False, "skip_materials": True} if kind == ".ply" else {}
         scene = trimesh.load_scene(
             io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
         )
     except Exception as error:  # loaders raise whatever their parsers do
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise UnusableMesh(f"cannot be read: {reason}") from error
-    finally:
-        log.removeHandler(heard)
-    for message in (record.getMessage() for record in heard.buffer):
-        if message.startswith("failed to process extension"):
-            raise UnusableMesh(
-                f"cannot be read: {message.removeprefix('failed to process extension ')[:160]}"
-            )
     parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
     plain = [part for part in parts if _picture(part) is None]
     if len(parts) - len(plain) < textures and not unread:
@@ -179,16 +167,15 @@ def _readable_obj(content: bytes, notes: list[str]) -> bytes:
     return content
 
 
-def _unread_in_ply(content: bytes) -> tuple[str, int]:
-    """Why trimesh does not read a PLY file's colours as they are meant ("": it does), and how many textures it names."""
+def _unread_in_ply(content: bytes) -> str:
+    """Why trimesh does not read a PLY file's colours as they are meant; "" where it does."""
     header = content[: content.find(b"end_header")]
-    textures = len(re.findall(rb"^comment[ \t]+TextureFile", header, re.M | re.I))
-    if textures > 1:
-        return f"{textures} textures: export it as GLB or OBJ", textures
+    if re.search(rb"^comment[ \t]+TextureFile", header, re.M | re.I):
+        return "a texture of a PLY file: export it as GLB or OBJ"
     for kind, name in re.findall(rb"^property[ \t]+(\S+)[ \t]+((?:diffuse_)?red)[ \t\r]*$", header, re.M):
         if kind not in (b"uchar", b"uint8") or name != b"red":
-            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue", textures
-    return "", textures
+            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue"
+    return ""
 
 
 class _SideFiles:

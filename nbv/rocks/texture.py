@@ -27,17 +27,14 @@ def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
 def linear_image(image: Image.Image) -> Linear:
     """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored.
 
-    `ValueError` where it is of no format that textures have (some of Pillow's start other programs), or its pixels have 32 bits;
+    `ValueError` where it is of no format that textures have (some of Pillow's start other programs), or its pixels have more than 8
     `UserError` for more pixels than `MAX_PIXELS`, before they are unpacked.
     """
     if image.format not in (*FORMATS, None):
         raise ValueError(f"{image.format} is no format of textures")
-    if image.mode in ("I", "F"):
-        raise ValueError("its pixels have 32 bits; export it with 8 or 16")
+    if image.mode[0] in "IF":
+        raise ValueError("its pixels have 16 or 32 bits; export it with 8")
     require(image.width * image.height, MAX_PIXELS, "the texture's number of pixels")
-    if image.mode.startswith("I;16"):
-        grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
-        return linear_from_srgb(np.repeat(grey[:, :, None], 3, axis=2))
     table = linear_from_srgb(np.arange(256) / 255.0)
     return table[np.asarray(image.convert("RGB"))]
 

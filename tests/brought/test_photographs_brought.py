@@ -169,7 +169,9 @@ def test_a_part_of_the_sensor_is_a_camera_of_its_own(tmp_path: Path) -> None:
     for index in range(8):
         size = (300, 200) if index % 2 else (240, 160)
         save(
-            Image.fromarray(np.full((*size[::-1], 3), 30 * index, np.uint8)), tmp_path / f"{index}.jpg", index
+            Image.fromarray(np.full((*size[::-1], 3), 70 + 20 * index, np.uint8)),
+            tmp_path / f"{index}.jpg",
+            index,
         )
     found, ids = _cameras(source_of(tmp_path, max_size_px=120))
     assert sorted(set(ids)) == sorted(found) == [1, 2]
@@ -183,7 +185,6 @@ def test_a_part_of_the_sensor_is_a_camera_of_its_own(tmp_path: Path) -> None:
         ("S", "W", 40.5, (-40.5, -10.0)),
         ("S\0\0", "w", 40.5, (-40.5, -10.0)),
         ("South", "E", 40.5, (-40.5, 10.0)),
-        ("N", "E", 120.0, None),  # no latitude
         ("N", "E", float("nan"), None),
     ],
 )
@@ -192,6 +193,7 @@ def test_where_exif_says_a_photograph_was_taken(
 ) -> None:
     told = _position({1: north, 2: (degrees, 0.0, 0.0), 3: east, 4: (10.0, 0.0, 0.0), 6: 7.0})
     assert told == (position and (*position, 7.0))
+    assert _position({1: north, 2: (degrees, 0.0, 0.0), 3: east, 4: (10.0, 0.0, 0.0), 6: 0.0}) is None
 
 
 def frames() -> list[dict]:
@@ -234,7 +236,7 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
             ("PINHOLE", [80 / np.tan(0.5), 80 / np.tan(0.5), 81, 59]),
         ),
         ({**CAMERA, "frame": {"fl_x": 120.0}}, ("PINHOLE", [120, 120, 81, 59])),
-        ({k: v for k, v in CAMERA.items() if k not in "wh"}, ("PINHOLE", [130, 131, 81, 59])),
+        ({k: v for k, v in CAMERA.items() if k not in "wh"}, "'w' is missing"),
         ({**CAMERA, "distortion_model": None, "orthographic": False}, ("PINHOLE", [130, 131, 81, 59])),
         (
             {**CAMERA, "camera_type": "PERSPECTIVE"},
@@ -279,13 +281,6 @@ def test_projection_models_of_transforms_json(tmp_path: Path, camera: dict, true
     assert np.allclose(model.cameras[0].img_from_cam(rays), expected.img_from_cam(rays), atol=1e-9)
 
 
-def test_transforms_json_without_sizes_of_turned_photographs(tmp_path: Path) -> None:
-    source = source_of(ball.write_photographs(tmp_path / "photographs", orientation=6))
-    path = tmp_path / "transforms.json"
-    path.write_text(json.dumps({"fl_x": 130.0, "frames": frames()}))
-    assert "has no w and h, and EXIF turns it; add them" in refusal(read_model, path, source)
-
-
 def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_path: Path) -> None:
     source = source_of(ball.write_photographs(tmp_path / "photographs"))
     mirrored = frames()
@@ -304,7 +299,7 @@ def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_pat
     ("file", "change", "words"),
     [
         ("cameras.bin", lambda b: b[:16] + bytes(16) + b[32:], "a camera of 0 x 0 px"),
-        ("images.bin", lambda b: b.replace(b"view_03", b"vi\xe9w_03"), "name is not UTF-8"),
+        ("images.bin", lambda b: b.replace(b"view_03", b"vi\xe9w_03"), "an image's name is not UTF-8"),
         (
             "points3D.bin",
             lambda b: struct.pack("<Q", 10**8),
@@ -359,7 +354,7 @@ def test_one_name_in_two_folders_of_a_model(tmp_path: Path) -> None:
     assert np.allclose(model.centers[at], ball.positions_m()[2])
     for side in ("left", "right"):
         shutil.copytree(both / side, tmp_path / "masks" / side)
-    assert find_masks(tmp_path / "masks", source.photographs)["left_view_02"].path.parent.name == "left"
+    assert find_masks(tmp_path / "masks", source.photographs)["left_view_02"].parent.name == "left"
 
 
 def test_a_damaged_database_of_matches_is_made_anew(tmp_path: Path) -> None:
@@ -380,11 +375,13 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
     eps = io.BytesIO()
     Image.fromarray((deep >> 8).astype(np.uint8)).save(eps, "EPS")
     cases = {
-        "float.tif": (Image.fromarray((deep / 4095).astype(np.float32)), "nothing says what is white"),
-        "int.tif": (Image.fromarray(deep.astype(np.int32)), "nothing says what is white"),
-        "twelve.tif": (Image.fromarray(deep), "brighter than 11 of 255, as with 12 bits in 16"),
-        "full.tif": (Image.fromarray(deep * 16), None),
-        "eps.heic": (eps.getvalue(), "cannot identify|HEIC needs another library"),
+        "float.tif": (
+            Image.fromarray((deep / 4095).astype(np.float32)),
+            "float.tif is neither JPEG nor PNG; convert",
+        ),
+        "twelve.png": (Image.fromarray(deep), "brighter than 11 of 255, as with 12 bits in 16"),
+        "full.png": (Image.fromarray(deep * 16), None),
+        "eps.heic": (eps.getvalue(), "eps.heic is neither JPEG nor PNG; convert such files"),
         "eps.jpg": (eps.getvalue(), "cannot identify"),
         "bmp.png": (Image.fromarray(deep.astype(np.uint8)), "cannot identify"),
     }
@@ -392,13 +389,15 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
         folder = tmp_path / name.replace(".", "_")
         folder.mkdir()
         for index in range(8):
-            save(Image.fromarray(np.full((8, 8, 3), 30 * index, np.uint8)), folder / f"{index}.jpg", index)
+            save(
+                Image.fromarray(np.full((8, 8, 3), 70 + 20 * index, np.uint8)), folder / f"{index}.jpg", index
+            )
         if isinstance(content, bytes):
             (folder / name).write_bytes(content)
         else:
             content.save(folder / name, "BMP" if name == "bmp.png" else None)
         if words is not None:
-            assert any(known in refusal(read_folder, folder, silent) for known in words.split("|"))
+            assert words in refusal(read_folder, folder, silent)
             continue
         whole = source_of(folder, max_size_px=64).pixels("full")
         assert (whole[..., 0] == (deep * 16) >> 8).all()
@@ -411,14 +410,3 @@ def test_photographs_with_transparent_parts_are_refused(tmp_path: Path) -> None:
         Image.fromarray(rgba).save(tmp_path / f"{index}.png")
     words = "3 of 9 photographs in .* 0.png .it has transparent parts: mogrify -alpha off, and --masks with what was"
     assert re.search(words, refusal(read_folder, tmp_path, silent))
-
-
-def test_tiff_that_exif_turns_is_refused(tmp_path: Path) -> None:
-    """Pillow turns TIFF upright as it reads it, and no other format."""
-    picture = Image.fromarray(np.arange(48 * 64, dtype=np.uint8).reshape(48, 64))
-    for index in range(8):
-        save(Image.fromarray(np.full((8, 8, 3), 30 * index, np.uint8)), tmp_path / f"{index}.jpg", index)
-    picture.save(tmp_path / "one.tif", tiffinfo={274: 1})
-    assert (source_of(tmp_path).pixels("one")[..., 0] == np.asarray(picture)).all()
-    picture.save(tmp_path / "one.tif", tiffinfo={274: 6})
-    assert "a TIFF of EXIF's orientation 6; turn it: mogrify" in refusal(read_folder, tmp_path, silent)

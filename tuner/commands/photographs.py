@@ -35,7 +35,7 @@ _MIDDLE = 2  # of the thresholds
 
 @app.command("import")
 def import_(
-    folder: Annotated[Path, typer.Argument(help="Photographs of one object: JPEG, PNG, TIFF or HEIC.")],
+    folder: Annotated[Path, typer.Argument(help="Photographs of one object: JPEG or PNG.")],
     name: Annotated[str, typer.Option(help="Name of the set, which commands take in place of a rock.")],
     model: Annotated[
         Path | None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +71,14 @@ def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
     assert "ffmpeg -i VIDEO" in refusal(tmp_path / "clip.mp4")
 
 
-def test_heic_without_its_library_names_the_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "9.heic").write_bytes(b"\0\0\0\x18ftypheic")
-    monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    assert refusal(folder).endswith("install it: pip install 'gatetune[heic]'")
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("9.heic", "is neither JPEG nor PNG"), ("9.tif", "is neither"), ("9.jpg", "it is HEIC")],
+)
+def test_heic_and_tiff_are_told_how_to_be_converted(folder: Path, name: str, says: str) -> None:
+    (folder / name).write_bytes(b"\0\0\0\x18ftypheic")
+    message = refusal(folder)
+    assert name in message and says in message and "mogrify -format jpg -quality 97 *.heic *.tif" in message
 
 
 def test_too_few_and_copies(folder: Path) -> None:
