@@ -51,9 +51,7 @@ class Plugin:
     distribution: str = ""  # empty: registered in this process
     version: str = ""
     part: Any = field(default=None, repr=False)  # where it was registered
-    asked: str = (
-        ""  # what brings it into another process (`use`); empty: it is installed, or cannot be brought
-    )
+    asked: str = ""  # what `use` is told in another process; empty: it is installed, or cannot be brought
 
     @property
     def origin(self) -> str:

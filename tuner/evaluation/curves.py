@@ -347,7 +347,7 @@ def verdict(
     if share < asked:
         said.append(f"{most}, not the {100 * asked:g} % asked for; {100 * share:g} % are compared instead.")
     said.append(
-        f"{reference} needs {_at_most(base)}{base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an "
+        f"{reference} needs {'at most ' if base.fewest else ''}{base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an "
         f"F-score of {score:g} %."
     )
     if base.fewest:
@@ -366,13 +366,9 @@ def verdict(
                     shown = "fewer"
                 elif low > 1.0 and not f.fewest:
                     shown = "more"
-            needs = f"{f.name} needs {_at_most(f)}{interval_text(f.ratio)} times as many photographs as {reference}"
-            said.append(f"{needs}: {shown}.")
+            times = f"{'at most ' if f.fewest else ''}{interval_text(f.ratio)}"
+            said.append(f"{f.name} needs {times} times as many photographs as {reference}: {shown}.")
     return said
-
-
-def _at_most(finding: Finding) -> str:
-    return "at most " if finding.fewest else ""
 
 
 def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[dict[str, Any]]:
