@@ -142,6 +142,11 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
         measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
         if name.endswith(STOPPED) and not measured_throughout:
             raise UserError(f"{name}: only a planner, in missions without photographs, predicts as it goes")
+        least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
+        if planned.adaptive_budget and seeds > least:
+            raise UserError(
+                f"{name} begins with {seeds} seeds, which --numbers must allow: {least} are too few"
+            )
         if measured_throughout:
             configs[source] = ending_at(planned, suite.numbers[-1])
             continue

@@ -291,6 +291,10 @@ def test_a_recommendation_is_measured_as_all_others_are():
     tuned = preset("campaign").with_values(
         {"dense.agreeing_views": 6, "gate.d95_m": 0.4, "pool.max_altitude_m": 1.5}
     )
+    with pytest.raises(
+        UserError, match="tuned begins with 24 seeds, which --numbers must allow: 22 are too few"
+    ):
+        comparison_plan(Suite((ROCK,), numbers=(12, 22)), {"tuned": tuned})
     plan = comparison_plan(suite, {"tuned": tuned, "random": None}).strategies
     assert plan["tuned"].gate == tuned.gate and plan["tuned"].pool == tuned.pool
     for section in ("dense", "sparse", "evaluation", "target", "telemetry"):
