@@ -1,6 +1,7 @@
 """Shapes that are no rocks and that nothing was fitted to: solids of trimesh, put together, 1.6 m high.
 
-`SEEN` were looked at while the prediction was mended, `KEPT` only once it was.
+`SEEN` were looked at while the prediction was mended, `KEPT` only once it was; `LATER` were drawn when `KEPT` had shown what is
+open from above, and looked at once.
 """
 
 from __future__ import annotations
@@ -282,6 +283,162 @@ def star() -> list[Part]:
     return [rod((0, 0, 0.8), end, 0.14) for end in ends]
 
 
+def armchair() -> list[Part]:
+    return [
+        box((0.9, 1.0, 0.5), (0, 0, 0.3)),
+        box((0.2, 1.0, 1.6), (-0.45, 0, 0.8)),
+        *(box((0.9, 0.18, 0.9), (0, y, 0.45)) for y in (-0.5, 0.5)),
+    ]
+
+
+def hourglass() -> list[Part]:
+    return [
+        profile(
+            (0, 0),
+            (0.6, 0),
+            (0.6, 0.1),
+            (0.45, 0.4),
+            (0.08, 0.8),
+            (0.45, 1.2),
+            (0.6, 1.5),
+            (0.6, 1.6),
+            (0, 1.6),
+        )
+    ]
+
+
+def mushroom() -> list[Part]:
+    return [
+        profile((0, 0), (0.25, 0), (0.18, 0.4), (0.2, 0.95), (0.75, 0.9), (0.8, 1.05), (0.55, 1.4), (0, 1.6))
+    ]
+
+
+def sofa() -> list[Part]:
+    return [
+        box((0.8, 1.8, 0.5), (0, 0, 0.3)),
+        box((0.25, 1.8, 1.2), (-0.5, 0, 0.6)),
+        *(box((0.9, 0.2, 0.8), (0, y, 0.4)) for y in (-0.95, 0.95)),
+    ]
+
+
+def cross() -> list[Part]:
+    return [
+        box((0.3, 0.3, 1.6), (0, 0, 0.8)),
+        box((0.3, 1.2, 0.3), (0, 0, 1.1)),
+        box((0.7, 0.7, 0.15), (0, 0, 0.07)),
+    ]
+
+
+def spool() -> list[Part]:
+    return [
+        moved(creation.cylinder(0.8, 0.2, sections=48), (0, 0, 0.1)),
+        moved(creation.cylinder(0.35, 1.4, sections=48), (0, 0, 0.8)),
+        moved(creation.cylinder(0.8, 0.2, sections=48), (0, 0, 1.5)),
+    ]
+
+
+def barrel() -> list[Part]:
+    return [
+        profile(
+            (0, 0),
+            (0.5, 0),
+            (0.62, 0.5),
+            (0.65, 0.8),
+            (0.62, 1.1),
+            (0.5, 1.6),
+            (0.45, 1.6),
+            (0.45, 1.55),
+            (0, 1.55),
+        )
+    ]
+
+
+def castle() -> list[Part]:
+    wall = [profile((0, 0), (0.6, 0), (0.6, 1.35), (0.45, 1.35), (0.45, 1.05), (0, 1.05))]
+    return [
+        *wall,
+        *(
+            box((0.16, 0.22, 0.3), (0.52 * np.cos(a), 0.52 * np.sin(a), 1.45), np.rad2deg(a))
+            for a in np.deg2rad(np.arange(0, 360, 45))
+        ),
+    ]
+
+
+def car() -> list[Part]:
+    wheels = [
+        rod((x, y - 0.09, 0.25), (x, y + 0.09, 0.25), 0.25) for x in (-0.55, 0.55) for y in (-0.45, 0.45)
+    ]
+    return [box((1.9, 0.8, 0.5), (0, 0, 0.5)), box((1.0, 0.7, 0.5), (-0.1, 0, 0.95)), *wheels]
+
+
+def boat() -> list[Part]:
+    hull = profile(
+        (0, 0), (0.35, 0.05), (0.6, 0.35), (0.7, 0.9), (0.64, 0.9), (0.54, 0.4), (0.3, 0.15), (0, 0.12)
+    )
+    hull.apply_scale((1.3, 0.75, 1.0))
+    return [hull, rod((0, 0, 0.1), (0, 0, 1.6), 0.05)]
+
+
+def ladder() -> list[Part]:
+    return [
+        rod((-0.35, 0, 0), (-0.35, 0.5, 1.6), 0.06),
+        rod((0.35, 0, 0), (0.35, 0.5, 1.6), 0.06),
+        rod((-0.35, 1.0, 0), (-0.35, 0.5, 1.6), 0.06),
+        rod((0.35, 1.0, 0), (0.35, 0.5, 1.6), 0.06),
+        *(
+            rod((-0.35, 0.5 * k / 5, 1.6 * k / 5), (0.35, 0.5 * k / 5, 1.6 * k / 5), 0.05)
+            for k in range(1, 5)
+        ),
+    ]
+
+
+def rocket() -> list[Part]:
+    return [
+        profile((0, 0.2), (0.3, 0.2), (0.35, 0.7), (0.3, 1.2), (0, 1.6)),
+        *(
+            box((0.45, 0.05, 0.5), (0.4 * np.cos(a), 0.4 * np.sin(a), 0.25), np.rad2deg(a))
+            for a in np.deg2rad((0, 90, 180, 270))
+        ),
+    ]
+
+
+def umbrella() -> list[Part]:
+    return [
+        profile((0, 1.25), (0.75, 1.05), (0.78, 1.1), (0.5, 1.4), (0, 1.6)),
+        rod((0, 0, 0), (0, 0, 1.4), 0.05),
+        box((0.5, 0.5, 0.1), (0, 0, 0.05)),
+    ]
+
+
+def funnel() -> list[Part]:
+    return [
+        profile(
+            (0, 0),
+            (0.4, 0),
+            (0.4, 0.08),
+            (0.12, 0.15),
+            (0.12, 0.6),
+            (0.75, 1.6),
+            (0.68, 1.6),
+            (0.06, 0.65),
+            (0, 0.65),
+        )
+    ]
+
+
+def fence() -> list[Part]:
+    posts = [box((0.1, 0.16, 1.6), (0, y, 0.8)) for y in np.linspace(-0.9, 0.9, 6)]
+    return [*posts, *(box((0.06, 2.0, 0.14), (0.06, 0, z)) for z in (0.4, 1.2))]
+
+
+def crown() -> list[Part]:
+    return [
+        box((1.2, 0.3, 0.7), (0, 0, 0.35)),
+        *(rod((x, 0, 0.6), (1.2 * x, 0, 1.6), 0.1) for x in (-0.5, -0.17, 0.17, 0.5)),
+        box((0.5, 1.1, 0.3), (0, 0, 0.15)),
+    ]
+
+
 SEEN = (
     table,
     chair,
@@ -318,7 +475,25 @@ KEPT = (
     gear,
     star,
 )
-SHAPES: dict[str, Callable[[], list[Part]]] = {make.__name__: make for make in (*SEEN, *KEPT)}
+LATER = (
+    armchair,
+    hourglass,
+    mushroom,
+    sofa,
+    cross,
+    spool,
+    barrel,
+    castle,
+    car,
+    boat,
+    ladder,
+    rocket,
+    umbrella,
+    funnel,
+    fence,
+    crown,
+)
+SHAPES: dict[str, Callable[[], list[Part]]] = {make.__name__: make for make in (*SEEN, *KEPT, *LATER)}
 
 
 def load_shape(name: str, store: object = None) -> Rock:

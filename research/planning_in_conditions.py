@@ -101,9 +101,7 @@ def mission(
         path = "observable.f_score_48mm"
         score = result.metric(f"registered.{path}" if "registered" in result.metrics else path)
     if evaluated.model is not None:
-        told = predict(
-            evaluated.model.points_m, evaluated.model.camera_centers_m, evaluated.believed
-        ).f_score_percent
+        told = predict(evaluated.model, evaluated.believed).f_score_percent
     photographs, registered = int(costs["images"]), int(costs["registered_images"])
     row = (photographs, registered, f"{score:.3f}", f"{told:.3f}", f"{costs['flight_time_s']:.1f}")
     return (Path(rock).stem, condition, arm, *row, result.reason or result.status)

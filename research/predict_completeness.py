@@ -5,11 +5,11 @@
     python -m research.predict_completeness shapes kept --out shapes.csv
 
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
-completeness at 48 mm of the observable surface. ``fit`` flies rocks of training seeds, prints what is to be
-put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit without it; ``check`` predicts with
-what is there. ``--rocks`` counts seeds of each family; ``--others`` takes the families that are no boulders. ``shapes``
-predicts the shapes of `research.other_shapes`, and says how planned views do against random ones. A failed mission is left
-out.
+completeness at 48 mm of the observable surface. ``fit`` flies rocks of training seeds of all families and the shapes that may
+be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
+without it; ``check`` predicts with what is there. ``--rocks`` counts seeds of each family; ``--others`` takes the families
+that are no boulders. ``shapes`` predicts the shapes of `research.other_shapes`, and says how planned views do against random
+ones. A failed mission is left out.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from scipy.stats import spearmanr
 
 from nbv.config import MissionConfig
 from nbv.geometric.completeness import predicted_metrics
-from nbv.rocks.families import FAMILIES, SHAPES
-from nbv.scorers.prediction import Calibration, predict
+from nbv.rocks.families import EVERY, FAMILIES, SHAPES
+from nbv.scorers.prediction import LEAST_BARE, Calibration, predict
 from nbv.types import Floats, SparseModel
 from research.adaptive_plans import base, rocks_of, run_missions
-from research.other_shapes import KEPT, SEEN
+from research.other_shapes import KEPT, LATER, SEEN
 
 BINS = 10
 BOOTSTRAP = 1000
@@ -53,9 +53,12 @@ HEAD = (
     "completeness",
     "weakest",
     "height_m",
+    "bare_top",
     "predicted",
 )
 TOLD_FROM = 16
+BELOW = 0.25  # share of the states with less than is said
+SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
 
 
 def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str, Any]]:
@@ -65,7 +68,7 @@ def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str
     def look(name: str, reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
         if len(model.camera_names) not in ON_THE_WAY:
             return
-        made = predict(model.points_m, model.camera_centers_m, believed)
+        made = predict(model, believed)
         real = predicted_metrics(reconstructor._world, reconstructor.predicted(), believed)["observable"]
         values = (
             rock,
@@ -74,6 +77,7 @@ def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str
             real["completeness_48mm"] / 100.0,
             made.weakest,
             made.height_m,
+            made.bare_top,
             made.completeness,
         )
         rows.append(dict(zip(HEAD, values, strict=True)))
@@ -95,16 +99,19 @@ def log_odds(share: Floats) -> Floats:
 
 
 def features(rows: list[dict[str, Any]]) -> Floats:
-    """(N, 3) what the calibration weighs."""
+    """(N, 4) what the calibration weighs."""
+    bare = np.log(column(rows, "bare_top") + LEAST_BARE)
     return np.column_stack(
-        [np.ones(len(rows)), log_odds(column(rows, "weakest")), np.log(column(rows, "height_m"))]
+        [np.ones(len(rows)), log_odds(column(rows, "weakest")), np.log(column(rows, "height_m")), bare]
     )
 
 
 def fit(rows: list[dict[str, Any]]) -> Floats:
-    """(3,) weights: least squares of the completeness."""
+    """(4,) weights: least squares of the completeness, then an intercept so low that `BELOW` of the states have less."""
     x, real = features(rows), column(rows, "completeness")
-    return np.asarray(least_squares(lambda w: 1.0 / (1.0 + np.exp(-x @ w)) - real, [0.0, 1.0, 0.0]).x)
+    weights = np.asarray(least_squares(lambda w: 1.0 / (1.0 + np.exp(-x @ w)) - real, [0.0, 1.0, 0.0, 0.0]).x)
+    weights[0] += np.quantile(log_odds(real) - x @ weights, BELOW)
+    return weights
 
 
 def predict_without_the_rock(rows: list[dict[str, Any]]) -> None:
@@ -183,21 +190,21 @@ def compare_arms(rows: list[dict[str, Any]]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("what", choices=("fit", "check", "shapes"))
-    parser.add_argument("which", nargs="?", choices=("seen", "kept"), default="kept")
+    parser.add_argument("which", nargs="?", choices=SETS, default="kept")
     parser.add_argument("--others", action="store_true", help="families that are no boulders")
     parser.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
     parser.add_argument("--rocks", type=int, default=6, help="seeds of each family")
     parser.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
-    split = "train" if arguments.what == "fit" else arguments.split
-    names, plans = (
-        rocks_of(split, arguments.rocks, arguments.first, SHAPES if arguments.others else FAMILIES),
-        PLANS,
-    )
-    if arguments.what == "shapes":
-        names = [make.__name__ for make in (SEEN if arguments.which == "seen" else KEPT)]
-        plans = {**PLANS, **ARMS}
+    plans = PLANS if arguments.what == "check" else {**PLANS, **ARMS}
+    if arguments.what == "fit":
+        names = [*rocks_of("train", arguments.rocks, 0, EVERY), *(make.__name__ for make in SEEN)]
+    elif arguments.what == "shapes":
+        names = [make.__name__ for make in SETS[arguments.which]]
+    else:
+        families = SHAPES if arguments.others else FAMILIES
+        names = rocks_of(arguments.split, arguments.rocks, arguments.first, families)
     rows = [row for name in names for row in states(name, plans)]
     if arguments.what == "fit":
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))

@@ -49,7 +49,7 @@ class CurveFidelity(GeometricFidelity):
         if self.context.config.adaptive_budget > 0:
             scores = predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
             model = report.model
-            told = predict(model.points_m, model.camera_centers_m, self.vehicle_config).f_score_percent
+            told = predict(model, self.vehicle_config).f_score_percent
             self.curve.append((photographs, scores["observable"]["f_score_48mm"], told))
         else:
             self.curve.append((photographs, 0.0, 0.0))

@@ -123,7 +123,7 @@ class Planner:
         pool = registrable(pool, model, self.config)
         prediction = None
         if stop.criterion == "predicted":
-            prediction = predict(model.points_m, model.camera_centers_m, self.config)
+            prediction = predict(model, self.config)
         converged = suffices(state.d95_m, prediction, self.config)
         if converged or len(pool) == 0:
             return Plan(state, converged, pool)

@@ -11,6 +11,7 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.scorers.prediction import predict
+from nbv.types import SparseModel
 
 CONFIG = preset("campaign").with_values({"dense.agreeing_views": 3})
 NO_POINTS = np.zeros((0, 3))
@@ -23,8 +24,34 @@ def orbit(count, elevation_deg=10.0, radius_m=3.5, turn_deg=360.0):
     return np.column_stack([level * np.cos(bearing), level * np.sin(bearing), height])
 
 
+def model(cameras_m, points_m=NO_POINTS, normals=NO_POINTS):
+    """Cameras see the points whose normals face them."""
+    faces = np.einsum("pvk,pk->pv", cameras_m - points_m[:, None], normals) > 0.0
+    return SparseModel(
+        points_m=points_m,
+        reprojection_error_px=np.zeros(len(points_m)),
+        track_offsets=np.concatenate([[0], np.cumsum(faces.sum(axis=1))]),
+        track_cameras=np.nonzero(faces)[1],
+        camera_centers_m=cameras_m,
+        camera_names=tuple(map(str, range(len(cameras_m)))),
+        alignment_rms_m=0.0,
+        alignment_max_m=0.0,
+    )
+
+
+def drum(*, lid):
+    """Points on the side of a drum 1.6 m high, and on its lid where it has one, with normals."""
+    rng = np.random.default_rng(0)
+    bearing = rng.uniform(0, 2 * np.pi, 600)
+    out = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(600)])
+    side = 0.8 * out + rng.uniform(0.1, 1.6, 600)[:, None] * [0.0, 0.0, 1.0]
+    top = 0.8 * np.sqrt(rng.uniform(0, 1, 600))[:, None] * out + [0.0, 0.0, 1.6]
+    up = np.tile([0.0, 0.0, 1.0], (600, 1))
+    return (np.concatenate([side, top]), np.concatenate([out, up])) if lid else (side, out)
+
+
 def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
-    made = predict(NO_POINTS, orbit(1), CONFIG)
+    made = predict(model(orbit(1)), CONFIG)
     assert made.chance.max() == 0.0 and made.completeness < 0.3
     assert (
         np.ptp(made.expected_gain(orbit(8))) < 0.3 * made.expected_gain(orbit(8)).max()
@@ -32,7 +59,7 @@ def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
 
 
 def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
-    made = predict(NO_POINTS, orbit(12, turn_deg=180.0), CONFIG)  # bearings 0 to 165 degrees: y > 0
+    made = predict(model(orbit(12, turn_deg=180.0)), CONFIG)  # bearings 0 to 165 degrees: y > 0
     level = np.abs(made.normals[:, 2]) < 0.3
     assert made.chance[level & (made.normals[:, 1] > 0.5)].mean() > 0.9
     assert made.chance[level & (made.normals[:, 1] < -0.5)].mean() < 0.2
@@ -42,15 +69,23 @@ def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
         and expected_gain.min() >= 0.0
         and expected_gain.max() <= 1.0
     )
-    again = predict(NO_POINTS, np.concatenate([orbit(12, turn_deg=180.0), orbit(12)]), CONFIG)
+    again = predict(model(np.concatenate([orbit(12, turn_deg=180.0), orbit(12)])), CONFIG)
     assert again.f_score_percent > made.f_score_percent + 3
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(8, 20), st.floats(0.0, 40.0))
 def test_twice_the_views_are_never_predicted_to_cover_less(count, elevation_deg):
-    few, many = (predict(NO_POINTS, orbit(n, elevation_deg), CONFIG) for n in (count, 2 * count))
+    few, many = (predict(model(orbit(n, elevation_deg)), CONFIG) for n in (count, 2 * count))
     assert many.completeness >= few.completeness - 0.01
+
+
+def test_a_top_on_which_no_point_was_found_is_predicted_to_have_holes():
+    cameras_m = np.concatenate([orbit(20), orbit(12, 35.0)])
+    closed, unknown = (predict(model(cameras_m, *drum(lid=lid)), CONFIG) for lid in (True, False))
+    assert closed.bare_top < 0.05 and 0.2 < unknown.bare_top < 0.7
+    assert closed.f_score_percent > unknown.f_score_percent + 1.0
+    assert predict(model(cameras_m), CONFIG).bare_top == 1.0
 
 
 def flown(**values):
