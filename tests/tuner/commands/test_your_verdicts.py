@@ -73,7 +73,7 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     directory = evaluated(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}")
     best = Campaign.open(directory, read_only=True).recommendation(save=False)
     assert best.values == {"mode": "quick"} and best.improvement > 5
-    out, tree, page = said(gatetune, directory, command, "runs/own")
+    out, tree, page = said(gatetune, directory, command, "runs/own", "--mission", "own.yaml")
     line = tree["verdicts"][0]
     assert "improvement +13.0" in line["text"] and line["kind"] != "worse"
     assert line["text"] in out and line["text"] in page
@@ -98,7 +98,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     )
     code, out, err = gatetune(*next_command(directory), "--workers", 1)
     assert code == 0 and "all 2 configurations have run with every replicate" in out, out + err
-    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
+    out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
     note = tree["notes"][-1]
     assert note.startswith("Nothing that the campaign ran is known to keep its limit: Tuned is the likeliest")
     assert note in out and note in page
