@@ -87,34 +87,46 @@ class GeometricReconstructor(Reconstructor):
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
+        every = self._every_track(captures)
         held = len(captures)
         if not sparse.ground_features:
-            held = int((self._every_track(captures).shared().sum(axis=1) >= HELD_LANDMARKS).sum())
+            held = int((every.shared().sum(axis=1) >= HELD_LANDMARKS).sum())
         if held < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
                 f"only {held} of {len(captures)} seeds are held together by what SIFT matches; fly them closer "
                 "together, or set sparse.ground_features",
             )
-        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-        joined, self._waiting = self._grow(captures)
-        if self._waiting:  # the pair that shares most may lead farther
-            shared = self._every_track(captures).shared()
-            pair = divmod(int(shared.argmax()), len(captures))
-            self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-            joined, self._waiting = self._grow(
-                [*(captures[i] for i in pair), *(c for i, c in enumerate(captures) if i not in pair)]
-            )
+        if self._config.scene.match_angle_deg < 180.0:
+            joined = self._grown_seed(captures, every)
+        else:
+            # A view has a hundred of the landmarks that stand for thousands of features: it is enough that all the others
+            # together share some with it, as rendered photographs of such plans register.
+            _, _, views = every.points(2)
+            shared = np.bincount(views, minlength=len(captures))
+            joined = [capture for capture, n in zip(captures, shared, strict=True) if n >= sparse.min_inliers]
         if len(joined) < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
-                f"{len(joined)} of {len(captures)} seeds match {sparse.min_inliers} points of a model",
+                f"{len(joined)} of {len(captures)} seeds share {sparse.min_inliers} landmarks",
             )
         names = {capture.name for capture in joined}
         self._captures = [capture for capture in captures if capture.name in names]
-        self._tracks = self._every_track(self._captures)
+        self._waiting = [capture for capture in captures if capture.name not in names]
+        self._tracks = self._every_track(self._captures) if self._waiting else every
         report = UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
         return _SeedState(self._tracks, self._captures, self._waiting, report)
+
+    def _grown_seed(self, captures: Sequence[Capture], every: Tracks) -> list[Capture]:
+        """The seeds that register one after another, from the first or from the pair that shares most."""
+        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
+        joined, waiting = self._grow(captures)
+        if not waiting:
+            return joined
+        pair = divmod(int(every.shared().argmax()), len(captures))
+        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
+        first, rest = (captures[i] for i in pair), (c for i, c in enumerate(captures) if i not in pair)
+        return self._grow([*first, *rest])[0]
 
     def _every_track(self, captures: Sequence[Capture]) -> Tracks:
         """Of photographs in this order, whichever match."""
