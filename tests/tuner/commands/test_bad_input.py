@@ -85,7 +85,7 @@ def test_what_misbehaves_costs_a_campaign_nothing_else(gatetune, tmp_path):
         "children": "ok",
     }
     write(tmp_path, {})  # mended
-    code, out, err = gatetune("campaign", "resume", "runs/bad", "--accept-changes")
+    code, out, err = gatetune("campaign", "resume", "runs/bad", "--accept-changes", "--mission", "bad.yaml")
     assert code == 0, out + err
     after = Campaign.open(tmp_path / "runs/bad", read_only=True).trials()
     assert [t.values for t in after] == [t.values for t in before]
