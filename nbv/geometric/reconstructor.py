@@ -42,8 +42,8 @@ class GeometricReconstructor(Reconstructor):
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
     are known exactly, so the alignment residual is 0.
 
-    As in COLMAP, a photograph registers that matches ``sparse.min_inliers`` points of the model, and whatever is out is tried again
-    after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
+    A photograph registers that matches ``sparse.min_inliers`` landmarks of the model; where ``scene.match_angle_deg`` is a limit,
+    landmarks that two registered photographs have, as COLMAP's points. Whatever is out is tried again after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
     ``ground_features`` mean anything.
     """
 
@@ -68,6 +68,9 @@ class GeometricReconstructor(Reconstructor):
             config.ground,
             config.sparse,
         )
+        # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
+        # nothing limits the angle, since rendered photographs of such plans register.
+        self._by_points = config.scene.match_angle_deg < 180.0
         self._tracks: Tracks | None = None
         self._captures: list[Capture] = []  # registered
         self._waiting: list[Capture] = []  # tried again after every photograph that is
@@ -97,11 +100,9 @@ class GeometricReconstructor(Reconstructor):
                 f"only {held} of {len(captures)} seeds are held together by what SIFT matches; fly them closer "
                 "together, or set sparse.ground_features",
             )
-        if self._config.scene.match_angle_deg < 180.0:
+        if self._by_points:
             joined = self._grown_seed(captures, every)
-        else:
-            # A view has a hundred of the landmarks that stand for thousands of features: it is enough that all the others
-            # together share some with it, as rendered photographs of such plans register.
+        else:  # a seed takes part if it shares landmarks with the others, whichever came first
             _, _, views = every.points(2)
             shared = np.bincount(views, minlength=len(captures))
             joined = [capture for capture, n in zip(captures, shared, strict=True) if n >= sparse.min_inliers]
@@ -139,9 +140,7 @@ class GeometricReconstructor(Reconstructor):
         """Register whichever match enough points of the model, each opening the way for others: these, and those left."""
         assert self._tracks is not None, "bootstrap comes first"
         joined, waiting, progress = list[Capture](), list(captures), True
-        # A view has a hundred of the landmarks that stand for thousands of features: fifteen of them in points of two views
-        # are too many to ask where rendered photographs register.
-        point_views = 2 if self._config.scene.match_angle_deg < 180.0 else 1
+        point_views = 2 if self._by_points else 1
         while progress:
             progress = False
             for capture in tuple(waiting):
