@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from tuner.evaluation.comparison import MetricRow, PairedDifference, strategy_difference
 from tuner.missions.job import Trial
-from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
-from tuner.problem.groups import CHOICE, THRESHOLDS, grouped
+from tuner.problem.baselines import CHOICE, THRESHOLDS, TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from typing import Any
 from nbv.config import GATES, Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
 from nbv.errors import UserError
 from nbv.mission.target_prior import target_must_be_found
-from tuner.problem.groups import CHOICE, THRESHOLDS, group_of
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration, builtin
 
@@ -27,12 +26,7 @@ class Baseline:
     in_paper: bool = False
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
-    reaimed: bool = False  # of an orbit: half of it is run around where the first half has found the target
-
-    @property
-    def uses_ground_truth(self) -> bool:
-        """Whether it is an upper reference, not deployable."""
-        return self.name in GATES and bool(GATES.load(self.name).sees_ground_truth)
+    reaimed: bool = False  # of an orbit: its second half runs around the target that the first half has found
 
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` running this strategy."""
@@ -53,6 +47,31 @@ class Baseline:
             "stop.max_photographs": 0,
         }
         return base.with_values({**values, **self.values})
+
+
+# Parameters by what they change of a mission: the groups by which a gain is split.
+THRESHOLDS, COVIS, B_AWARE, POOL = "gate thresholds", "Covis' weights", "B-aware's weights", "candidate pool"
+SEEDS, STOP, OTHER = "seeds", "stop", "other"
+_GROUPS = {
+    THRESHOLDS: ("gate.",),
+    COVIS: ("covis.",),
+    B_AWARE: ("b_aware.", "matchable."),
+    POOL: ("pool.",),
+    SEEDS: ("seed.", "sparse."),
+    STOP: ("stop.",),
+}
+CHOICE = (THRESHOLDS, COVIS, B_AWARE)  # how a view is chosen; the others: where views may be, and how many
+
+
+def group_of(path: str) -> str:
+    """Return the group of a parameter's path."""
+    return next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)
+
+
+def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return the paths by group, in the order of the groups, without empty ones."""
+    found = {name: tuple(path for path in paths if group_of(path) == name) for name in (*_GROUPS, OTHER)}
+    return {name: own for name, own in found.items() if own}
 
 
 # Of the splits over 10 and 35 degrees these two were best on rocks that nothing was chosen on.
@@ -134,10 +153,23 @@ EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "gr
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
-# Arms that split the gain of a tuned configuration. Not baselines by name, since the campaign decides their pool: chance and
-# Hyb-H in the tuned pool (and with the tuned seeds and stop), and the tuned weights with the paper's thresholds.
+# Arms that split the gain of a tuned configuration. Not baselines by name, since the campaign decides their pool.
 TUNED_POOL_RANDOM, TUNED_POOL_HYB_H = "random-tuned-pool", "hyb-h-tuned-pool"
 TUNED_WEIGHTS = "tuned-paper-thresholds"
+# Labels and descriptions of all strategies, in the order of tables.
+_SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in BASELINES.values()} | {
+    TUNED: ("Tuned", "the recommended configuration"),
+    TUNED_WEIGHTS: ("Tuned, paper's gate", "the recommended configuration with the paper's thresholds"),
+    TUNED_POOL_HYB_H: (
+        "Hyb-H, tuned pool",
+        "the paper's thresholds and weights in the pool of the recommended configuration",
+    ),
+    TUNED_POOL_RANDOM: (
+        "Random, tuned pool",
+        "a candidate at random in the pool of the recommended configuration",
+    ),
+    "default": ("default", "nothing changed"),  # of a mission file
+}
 # What a campaign ends in, beside Tuned and its arms: the paper's four and the plainest plans at equal number.
 # In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
 COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "hyb-o")
@@ -308,14 +340,14 @@ def kind_of(strategy: str) -> str:
     name = _split(strategy)[0]
     if name in BASELINES and BASELINES[name].in_paper:
         return PAPER
-    if name not in BASELINES:
-        return TUNED_KIND if name in (TUNED, TUNED_WEIGHTS) else CONTROLS
-    return ORACLES if BASELINES[name].uses_ground_truth else CONTROLS
+    if name in (TUNED, TUNED_WEIGHTS):
+        return TUNED_KIND
+    return ORACLES if name in BASELINES and sees_ground_truth(name) else CONTROLS
 
 
 def in_table_order(strategies: Iterable[str]) -> list[str]:
     """The strategies as tables list them: kind by kind, in the order of this file."""
-    known = [*BASELINES, TUNED, TUNED_WEIGHTS, TUNED_POOL_HYB_H, TUNED_POOL_RANDOM]
+    known = list(_SHOWN)
 
     def place(name: str) -> tuple[int, int]:
         own = _split(name)[0]
@@ -326,31 +358,17 @@ def in_table_order(strategies: Iterable[str]) -> list[str]:
 
 def label(strategy: str) -> str:
     """What tables print for a strategy."""
-    own = {
-        TUNED: "Tuned",
-        TUNED_WEIGHTS: "Tuned, paper's gate",
-        TUNED_POOL_HYB_H: "Hyb-H, tuned pool",
-        TUNED_POOL_RANDOM: "Random, tuned pool",
-    }
     name, number = _split(strategy)
-    known = BASELINES[name].label if name in BASELINES else own.get(strategy, strategy)
-    return f"{known}, {number}" if number else known
+    shown, _ = _SHOWN.get(name, (name, ""))
+    return f"{shown}, {number}" if number else shown
 
 
 def description(strategy: str) -> str:
     """One line on what a strategy does."""
-    own = {
-        TUNED: "the recommended configuration",
-        "default": "nothing changed",
-        TUNED_WEIGHTS: "the recommended configuration with the paper's thresholds",
-        TUNED_POOL_HYB_H: "the paper's thresholds and weights in the pool of the recommended configuration",
-        TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
-    }
-    name = _split(strategy)[0]
-    return BASELINES[name].description if name in BASELINES else own.get(strategy, "")
+    return _SHOWN.get(_split(strategy)[0], ("", ""))[1]
 
 
 def sees_ground_truth(strategy: str) -> bool:
     """Whether a strategy is an upper reference, not deployable."""
-    name, _ = _split(strategy)
-    return (name in BASELINES or name in gate_kinds()) and baseline(name).uses_ground_truth
+    name = _split(strategy)[0]
+    return name in GATES and bool(GATES.load(name).sees_ground_truth)

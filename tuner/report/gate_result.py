@@ -21,14 +21,17 @@ from tuner.evaluation.of_campaign import HELD_OUT, TRAINING, evaluations
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.baselines import (
+    B_AWARE,
     CONTROLS,
+    COVIS,
+    THRESHOLDS,
     TUNED,
+    grouped,
     in_table_order,
     kind_of,
     label,
     sees_ground_truth,
 )
-from tuner.problem.groups import B_AWARE, COVIS, THRESHOLDS, grouped
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MISSING, Difference, counted, difference_text, format_number
 from tuner.report.style import short_names

@@ -7,8 +7,7 @@ import pytest
 from tuner.evaluation.comparison import MetricRow, same_photographs, strategy_difference
 from tuner.evaluation.earned import measured_steps
 from tuner.missions.job import Trial
-from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS
-from tuner.problem.groups import grouped
+from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
 
 ROW = MetricRow("", "F", "observable.f", "%", True)
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
