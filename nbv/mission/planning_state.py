@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from nbv.safe_files import read_npz, write_atomic
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 _ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
+_SCALARS = ("n_seeds", "vehicle_heading_rad", "captures_used", "adaptive_budget", "d95_m", "iteration")
+_POOL = ("ids", "positions_m", "headings_rad", "azimuths_deg", "elevations_deg", "bands")
 _PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
 _FARTHEST_M = 1e5
 _MOST_CAPTURES = 10_000
@@ -62,22 +65,8 @@ def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
         **arrays_of(state.model),  # type: ignore[arg-type]
         visited_m=state.visited_m,
         vehicle_m=state.vehicle_position_m,
-        scalars=np.array(
-            [
-                state.n_seeds,
-                state.vehicle_heading_rad,
-                state.captures_used,
-                state.adaptive_budget,
-                state.d95_m,
-                state.iteration,
-            ]
-        ),
-        pool_ids=np.array(pool.ids),
-        pool_positions_m=pool.positions_m,
-        pool_headings_rad=pool.headings_rad,
-        pool_azimuths_deg=pool.azimuths_deg,
-        pool_elevations_deg=pool.elevations_deg,
-        pool_bands=np.array(pool.bands),
+        scalars=np.array([getattr(state, name) for name in _SCALARS]),
+        **{f"pool_{name}": np.asarray(getattr(pool, name)) for name in _POOL},  # type: ignore[arg-type]
     )
     write_atomic(path, buffer.getbuffer())
 
@@ -89,27 +78,17 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     """
     data = read_npz(path, _LAYOUT)
     _check(data, path)
-    n_seeds, heading, used, budget, d95, iteration = data["scalars"].tolist()
+    scalars = dict(zip(_SCALARS, data["scalars"].tolist()))
+    counts = {name: int(scalars[name]) for name in scalars if name not in ("vehicle_heading_rad", "d95_m")}
     state = PlanningState(
-        model_of(data),
-        data["visited_m"],
-        int(n_seeds),
-        data["vehicle_m"],
-        heading,
-        int(used),
-        int(budget),
-        d95,
-        int(iteration),
+        model=model_of(data),
+        visited_m=data["visited_m"],
+        vehicle_position_m=data["vehicle_m"],
+        **{**scalars, **counts},
     )
-    pool = CandidatePool(
-        tuple(data["pool_ids"].tolist()),
-        data["pool_positions_m"],
-        data["pool_headings_rad"],
-        data["pool_azimuths_deg"],
-        data["pool_elevations_deg"],
-        tuple(data["pool_bands"].tolist()),
-    )
-    return state, pool
+    pool: dict[str, Any] = {name: data[f"pool_{name}"] for name in _POOL}
+    names = {name: tuple(pool[name].tolist()) for name in ("ids", "bands")}
+    return state, CandidatePool(**{**pool, **names})
 
 
 def _check(data: dict[str, np.ndarray], path: Path) -> None:

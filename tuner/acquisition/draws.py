@@ -16,7 +16,7 @@ from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.numerics import draws_of, numerics, seeded, tensor
+from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.posterior import DeterministicOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
@@ -47,7 +47,7 @@ def draw(
         if allowed is not None:
             points = only_allowed(model, points, allowed, seed)
         inputs = model.inputs(points)
-        generator = seeded(seed)
+        generator = torch.Generator().manual_seed(seed)
         draws, *others = (_drawn(m, inputs, count, generator) for m in models)
         if constraint is not None and allowed is None:  # of what costs the same the better one
             (second,) = others
@@ -60,7 +60,8 @@ def _drawn(
 ) -> torch.Tensor:
     """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
     if isinstance(model, InstanceMeanGP):
-        return draws_of(model.model, inputs, count, generator)
+        normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
+        return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]
     known = model.at(inputs)
     return ((known - known.mean()) / (known.std(correction=0) + _LITTLE)).expand(count, -1).clone()
 

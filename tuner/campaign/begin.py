@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, write_atomic
-from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
+from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_settings
 from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
@@ -21,6 +21,7 @@ from tuner.campaign.settings_file import (
 )
 from tuner.campaign.transfer import learn_from
 from tuner.missions.long_runs import exclusive
+from tuner.samplers.base import make_sampler
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -41,7 +42,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     learned = None
     if settings.sources:
         learned = learn_from(settings.sources, settings.space, settings.base_config(), settings.objective)
-    sampler_of(settings)
+    make_sampler(settings.sampler, sampler_settings(settings))  # refuses a search space that it cannot handle
     was_there = directory.exists()
     try:
         directory.mkdir(parents=True, exist_ok=True)

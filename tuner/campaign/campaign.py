@@ -44,7 +44,6 @@ from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, make_sampler
-from tuner.samplers.beside_default import BesideDefault
 from tuner.samplers.earlier_missions import EarlierMissions
 
 if TYPE_CHECKING:
@@ -54,17 +53,8 @@ RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
 
 
-def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
-    """Return the sampler that a campaign asks; ``learned`` are missions run before it.
-
-    Raises `UserError`: the sampler cannot handle the search space.
-    """
-    asked = _sampler_settings(settings, learned)
-    sampler = make_sampler(settings.sampler, asked)
-    return BesideDefault(sampler, asked) if settings.draws_rocks else sampler
-
-
-def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None) -> SamplerSettings:
+def sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None = None) -> SamplerSettings:
+    """Return what a campaign's sampler is made from; ``learned`` are missions run before the campaign."""
     return SamplerSettings(
         space=settings.space,
         default=settings.default_values(),
@@ -77,6 +67,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         trusted_default=settings.trusted_default,
         defaults=settings.default_missions,
         goal=settings.goal,
+        default_beside=settings.draws_rocks,
     )
 
 
@@ -95,8 +86,12 @@ class Campaign:
         return f"Campaign({s.name} in {self.directory}: space {s.space.name}, rocks {', '.join(s.rocks)}, {s.budget} missions)"
 
     @functools.cached_property
+    def _asked(self) -> SamplerSettings:
+        return sampler_settings(self.settings, self.learned)
+
+    @functools.cached_property
     def _sampler(self) -> Sampler:
-        return sampler_of(self.settings, self.learned)
+        return make_sampler(self.settings.sampler, self._asked)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -234,17 +229,17 @@ class Campaign:
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""
-        return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
+        history, running = self.history(trials[:known]), self.ledger.pending(trials, known)
+        return ask_many(self._sampler, self._asked, history, running, 1)[0]
 
     def propose_many(
         self, trials: Sequence[Trial], reserved: Sequence[Proposal], count: int
     ) -> list[Proposal]:
         """Return ``count`` missions more, after ``trials`` and proposals ``reserved`` that are not in the ledger yet."""
-        asked = _sampler_settings(self.settings, self.learned)
         history, running = self.history(trials), self.ledger.pending(trials, len(trials))
         for proposal in reserved:
-            running.append(in_flight(asked, history, running, proposal))
-        return ask_many(self._sampler, asked, history, running, count)
+            running.append(in_flight(self._asked, history, running, proposal))
+        return ask_many(self._sampler, self._asked, history, running, count)
 
     def job(self, trial: Trial, config: Configuration) -> MissionJob:
         """Return the job that runs ``config`` where ``trial`` runs, and writes into its directory."""

@@ -17,7 +17,7 @@ import numpy as np
 from nbv.config.registry import Registry
 from tuner.problem.instances import Instance, InstanceLike, instances_of
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation, Proposal, next_block
+from tuner.problem.observations import Block, Observation, Proposal, configuration_key, next_block
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.recommendation.inputs import Goal
 from tuner.samplers.design import sobol_point
@@ -67,6 +67,7 @@ class SamplerSettings:
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     defaults: int = 1  # missions of the default that come first
     goal: Goal = field(default_factory=lambda: Goal(Objective()))
+    default_beside: bool = False  # on new rocks the default runs, too: a gain is not taken for an easy rock
 
     @property
     def instances(self) -> tuple[Instance, ...]:
@@ -112,15 +113,37 @@ def ask_many(
     pending: Sequence[Observation],
     count: int,
 ) -> list[Proposal]:
-    """Return ``count`` proposals, each knowing those before; made at once where the sampler can."""
-    if (at_once := getattr(sampler, "ask_many", None)) is not None:
-        found: list[Proposal] = at_once(history, pending, count)
-        return found
-    proposals, running = list[Proposal](), list(pending)
-    for _ in range(count):
-        proposals.append(sampler.ask(history, running))
-        running.append(in_flight(settings, history, running, proposals[-1]))
+    """Return ``count`` proposals, each knowing those before; made at once where the sampler can.
+
+    With ``settings.default_beside`` the default is proposed on every rock that it has not run.
+    """
+    at_once, proposals, running = getattr(sampler, "ask_many", None), list[Proposal](), list(pending)
+    while (left := count - len(proposals)) > 0:
+        if settings.default_beside and (block := _without_default(settings, [*history, *running])):
+            instance, replicate = block
+            metadata = {"sampler": sampler.name, "phase": "beside the default"}
+            default = dict(settings.default)
+            found = [Proposal(default, metadata, instance.rock, replicate, condition=instance.condition)]
+        elif at_once is not None:
+            found = at_once(history, running, (left + 1) // 2 if settings.default_beside else left)
+        else:
+            found = [sampler.ask(history, running)]
+        for proposal in found:
+            running.append(in_flight(settings, history, running, proposal))
+        proposals += found
     return proposals
+
+
+def _without_default(settings: SamplerSettings, missions: Sequence[Observation]) -> Block | None:
+    """Return the first block on which the default is missing; None after verification has begun."""
+    if settings.budget is not None and len(missions) >= VERIFICATION_BEGINS * settings.budget:
+        return None
+    default, evaluated = configuration_key(settings.space, settings.default), dict[Block, bool]()
+    for m in missions:
+        block = (m.instance, m.replicate)
+        has_default = configuration_key(settings.space, m.values) == default
+        evaluated[block] = evaluated.get(block, False) or has_default
+    return next((block for block, has_default in evaluated.items() if not has_default), None)
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:

@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from botorch.acquisition.utils import prune_inferior_points
 from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
-from botorch.models import SingleTaskGP
 from botorch.models.model import Model
 from botorch.sampling import SobolQMCNormalSampler
 from threadpoolctl import threadpool_limits
@@ -42,20 +41,6 @@ def numerics() -> Iterator[None]:
             yield
         finally:
             torch.set_num_threads(threads)
-
-
-def draws_of(
-    model: SingleTaskGP, inputs: torch.Tensor, count: int, generator: torch.Generator
-) -> torch.Tensor:
-    """Return (count, n) joint draws from the posterior at (n, inputs)."""
-    normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
-    drawn = model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)
-    return drawn[..., 0]
-
-
-def seeded(seed: int) -> torch.Generator:
-    """Return a generator of random numbers of its own."""
-    return torch.Generator().manual_seed(seed)
 
 
 def pruned(model: Model, inputs: torch.Tensor, seed: int, **asked: Any) -> torch.Tensor:

@@ -8,9 +8,8 @@ import sys
 import pytest
 
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.simplify import simplified
+from tuner.campaign.simplify import known_photographs, simplified
 from tuner.missions.job import repeated
-from tuner.missions.known import known_photographs
 from tuner.report.gate_result import gate_result
 
 pytestmark = pytest.mark.slow

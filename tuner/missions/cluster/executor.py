@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
-import queue
 import time
 import uuid
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
 from tuner.missions.registry import runs_on_rocks
 
 _COUNTED_EVERY_S = 1.0
+_LOOKED_EVERY_S = 0.01
 _RECONNECT_S = 10.0
 _WORKER_LOST = ("KilledWorker", "CommClosedError", "CancelledError", "FutureCancelledError", "TimeoutError")
 Answer = tuple[dict[str, Any] | None, str, str]  # a worker's, or reason and message why there is none
@@ -51,7 +51,6 @@ class DaskExecutor(Executor):
         super().__init__(timeout_s)
         self._client = client
         self._attempts: dict[str, _Attempt] = {}
-        self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
         self._rocks: dict[str, tuple[str, Future]] = {}  # hash and content
         self._counted, self._count = -_COUNTED_EVERY_S, 0
         for name in ("distributed", "distributed.client", "asyncio"):
@@ -92,7 +91,6 @@ class DaskExecutor(Executor):
             worker.run_order, order, rock, key=f"{job.id}-{uuid.uuid4().hex}", pure=False
         )
         self._attempts[job.id] = _Attempt(job, time.monotonic(), future)
-        future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
     def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
         """Return hash and content of a rock that workers cannot make themselves; Dask takes it where it is needed."""
@@ -108,22 +106,13 @@ class DaskExecutor(Executor):
         return self._rocks[job.rock]
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
-        done = self._ended(timeout_s)
+        deadline = time.monotonic() + timeout_s
+        while not (done := [attempt for attempt in self._attempts.values() if attempt.future.done()]):
+            if time.monotonic() > deadline:
+                break
+            time.sleep(_LOOKED_EVERY_S)
         answers = self._answers([attempt.future for attempt in done])
         return [self._trial_of(attempt, *answer) for attempt, answer in zip(done, answers)]
-
-    def _ended(self, timeout_s: float) -> list[_Attempt]:
-        """Return all attempts that have ended, waiting up to ``timeout_s`` for the first; cancelled ones are left out."""
-        found: list[_Attempt] = []
-        deadline = time.monotonic() + timeout_s
-        with contextlib.suppress(queue.Empty):
-            while True:
-                left = 0.0 if found else max(0.0, deadline - time.monotonic())
-                job_id, future = self._done.get(timeout=left) if left else self._done.get_nowait()
-                attempt = self._attempts.get(job_id)
-                if attempt is not None and attempt.future is future:
-                    found.append(attempt)
-        return found
 
     def _trial_of(self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str) -> Trial:
         job, wall_s = attempt.job, time.monotonic() - attempt.since
