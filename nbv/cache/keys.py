@@ -18,8 +18,7 @@ from nbv.provenance import MISSION_LIBRARIES, versions
 
 _PACKAGE = Path(__file__).resolve().parents[1]  # nbv/
 _IMPORT = re.compile(
-    r"^[ \t]*(?:from[ \t]+(nbv[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+(nbv[\w.]*))",
-    re.MULTILINE,
+    r"^[ \t]*(?:from|import)[ \t]+(nbv[\w.]*)(?:[ \t]+import[ \t]+(\([^)]*\)|[^\n]*))?", re.MULTILINE
 )
 
 
@@ -93,7 +92,9 @@ def imported_modules(module: str) -> set[str]:
 
     `ValueError` where there is no such module.
     """
-    waiting, found = _modules_of(module), set[str]()
+    waiting, found = set(_modules_of(module)), set[str]()
+    if not waiting:
+        raise ValueError(f"there is no module {module}")
     while waiting:
         name = waiting.pop()
         found.add(name)
@@ -103,24 +104,21 @@ def imported_modules(module: str) -> set[str]:
 
 @functools.cache
 def _imports_of(name: str) -> frozenset[str]:
-    found: set[str] = set()
-    for source, names, plain in _IMPORT.findall(_sources()[name]):
-        if plain:
-            found |= _modules_of(plain)
-            continue
-        for imported in re.findall(r"\w+", names):
-            # Either a module of the package, or a name that the module or package defines.
-            inner = f"{source}.{imported}"
-            found |= _modules_of(inner if inner in _members() else source)
-    return frozenset(found)
+    # What is imported is a module of the package, or a name that the module or package defines.
+    return frozenset[str]().union(
+        *(
+            _modules_of(f"{source}.{imported}") or _modules_of(source)
+            for source, names in _IMPORT.findall(_sources()[name])
+            for imported in re.findall(r"\w+", names) or [""]
+        )
+    )
 
 
-def _modules_of(name: str) -> set[str]:
-    if name == _PACKAGE.name:
-        return set()
-    if name not in _members():
-        raise ValueError(f"there is no module {name}")
-    return set(_members()[name])
+@functools.cache
+def _modules_of(name: str) -> frozenset[str]:
+    """The module ``name``, or the modules of the package ``name``; of ``nbv`` itself none."""
+    in_package = name != _PACKAGE.name
+    return frozenset(m for m in _sources() if m == name or (in_package and m.rpartition(".")[0] == name))
 
 
 @functools.cache
@@ -128,13 +126,3 @@ def _sources() -> dict[str, str]:
     """The text of every module of the package, by dotted name."""
     files = ((path.relative_to(_PACKAGE.parent).with_suffix(""), path) for path in _PACKAGE.rglob("*.py"))
     return {".".join(relative.parts): path.read_text() for relative, path in files}
-
-
-@functools.cache
-def _members() -> dict[str, set[str]]:
-    """Every module and package: which modules it stands for."""
-    members: dict[str, set[str]] = {}
-    for name in _sources():
-        members.setdefault(name, set()).add(name)
-        members.setdefault(name.rpartition(".")[0], set()).add(name)
-    return members

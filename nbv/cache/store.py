@@ -16,7 +16,6 @@ import hashlib
 import io
 import os
 import re
-import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -95,9 +94,7 @@ class Store:
             return None
         arrays = _unpack(data) if _is_sound(kind, key, data) else None
         if arrays is None:
-            with contextlib.suppress(
-                OSError
-            ):  # another process may have pruned it, or nobody may write there
+            with contextlib.suppress(OSError):  # another process has pruned it, or nobody may write there
                 path.unlink()
             return None
         with contextlib.suppress(OSError):
@@ -139,10 +136,6 @@ class Store:
             path.unlink(missing_ok=True)
             removed, freed = removed + 1, freed + size
         return removed, freed
-
-    def clear(self) -> None:
-        """Remove everything."""
-        shutil.rmtree(self.root, ignore_errors=True)
 
     def _path(self, kind: str, key: str) -> Path:
         for name in (kind, key):
