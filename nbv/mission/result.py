@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -81,21 +82,14 @@ class MissionResult:
     def metric(self, path: str) -> float:
         """The metric at a dotted path such as ``observable.f_score_48mm`` or ``registered.observable.f_score_48mm``.
 
-        Where telemetry is exact nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
-
-        `UserError` where there is no such metric.
+        As `value_at_path`; `UserError` where there is no such metric.
         """
-        node: Any = self.metrics
-        parts = path.split(".")
-        if parts[0] == "registered" and "registered" not in node:
-            parts = parts[1:]
-        for part in parts:
-            if not isinstance(node, dict) or part not in node:
-                raise UserError(f"unknown metric {path!r}; mission.json lists the metrics by name")
-            node = node[part]
-        if not isinstance(node, (int, float)):
-            raise UserError(f"metric {path!r} is not a number; name one of {', '.join(node)}")
-        return float(node)
+        value = value_at_path(self.metrics, path)
+        if isinstance(value, dict):
+            raise UserError(f"metric {path!r} is not a number; name one of {', '.join(value)}")
+        if not isinstance(value, (int, float)):
+            raise UserError(f"unknown metric {path!r}; mission.json lists the metrics by name")
+        return float(value)
 
     def to_json(self) -> str:
         """JSON text with a checksum; non-finite numbers become null."""
@@ -127,6 +121,17 @@ class MissionResult:
         if not file.is_file():
             raise UserError(f"{path} holds no mission.json; name a mission directory")
         return MissionResult.from_json(read_text(file, RESULT_BYTES), str(file))
+
+
+def value_at_path(metrics: Mapping[str, Any], path: str) -> Any:
+    """What lies at a dotted path in a mission's metrics; None where there is nothing.
+
+    Where telemetry is exact nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
+    """
+    value: Any = metrics
+    for part in path.removeprefix("" if "registered" in metrics else "registered.").split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value
 
 
 def json_ready(value: Any) -> Any:

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from nbv.errors import UserError
+from nbv.mission.result import value_at_path
 
 DEFAULT_METRIC = "observable.f_score_48mm"
 Direction = Literal["maximise", "minimise"]
-_SHARE_PATH = re.compile(r"P\((?P<metric>[\w.]+)>=(?P<least>[^()]+)\)", re.ASCII)
 SHORT = {
     "f_score": DEFAULT_METRIC,
     "completeness": "observable.completeness_48mm",
@@ -31,11 +31,10 @@ SHORT = {
 }
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
-_NAME = r"P\s*\([^()]*\)|[\w.]+"
-_FORM = re.compile(
-    rf"(?P<first>{_NAME})(\s*@\s*(?P<second>{_NAME})\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?", re.ASCII
-)
-_SHARE = re.compile(r"P\s*\(\s*(?P<name>[\w.]+)\s*>=\s*(?P<least>[-+.\deE]+)\s*\)", re.ASCII)
+# Of a text without blanks.
+_NAME, _NUMBER = r"P\([^()]*\)|[\w.]+", r"[-+.\deE]+"
+_FORM = re.compile(rf"(?P<first>{_NAME})(@(?P<second>{_NAME})(?P<sign><=|>=)(?P<limit>{_NUMBER}))?", re.ASCII)
+_SHARE = re.compile(rf"P\((?P<metric>[\w.]+)>=(?P<least>{_NUMBER})\)", re.ASCII)
 
 
 def reached(metric: str) -> tuple[str, float] | None:
@@ -43,7 +42,7 @@ def reached(metric: str) -> tuple[str, float] | None:
 
     A mission has 100 or 0 of it, so that its mean over rocks is the share of rocks that reach it, in percent.
     """
-    found = _SHARE_PATH.fullmatch(metric)
+    found = _SHARE.fullmatch(metric)
     return (found["metric"], float(found["least"])) if found else None
 
 
@@ -104,19 +103,10 @@ class Objective:
         if share := reached(self.metric):
             value = Objective(share[0]).measure(metrics)
             return None if value is None else 100.0 * (value >= share[1])
-        node: Any = metrics
-        parts = self.metric.split(".")
-        if (
-            parts[0] == "registered" and "registered" not in metrics
-        ):  # telemetry is exact: nothing to register
-            parts = parts[1:]
-        for part in parts:
-            if not isinstance(node, Mapping) or part not in node:
-                return None
-            node = node[part]
-        if isinstance(node, bool) or not isinstance(node, (int, float)) or not math.isfinite(node):
+        value = value_at_path(metrics, self.metric)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             return None
-        return float(node)
+        return float(value)
 
     @property
     def is_share(self) -> bool:
@@ -156,7 +146,7 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
 
     ``own``: which way the metrics and costs of a mission file are better, as it says.
     """
-    found = _FORM.fullmatch(text.strip())
+    found = _FORM.fullmatch("".join(text.split()))
     if found is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
@@ -206,7 +196,7 @@ def _name(objective: Objective) -> str:
 
 
 def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
-    if name.startswith("P") and "(" in name:
+    if "(" in name:
         return _share(name, own)
     if own is not None:
         if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
@@ -226,7 +216,7 @@ def _share(text: str, own: Mapping[str, Direction] | None) -> Objective:
     found = _SHARE.fullmatch(text)
     if found is None:
         raise UserError(f"{text!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
-    metric = _objective(found["name"], own)
+    metric = _objective(found["metric"], own)
     if metric.direction != "maximise":
         raise UserError(
             f"{text!r}: less of {metric.metric} is better; a share is of what should be at least so much"

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from scipy import special
 
 SURE = 0.8  # probability from which on a configuration is taken to keep a limit
@@ -49,12 +48,10 @@ class ShareEstimate:
 
     def predictive_interval(self, count: int = NEXT) -> tuple[int, int]:
         """95 % interval of how many of the next ``count`` rocks succeed: beta-binomial."""
-        a, b = self._ab
-        k = np.arange(count + 1)
-        log_mass = -special.betaln(k + 1, count - k + 1) + special.betaln(k + a, count - k + b)
-        mass = np.exp(log_mass - log_mass.max())
-        below = np.cumsum(mass / mass.sum())
-        return int(np.searchsorted(below, 0.025)), int(np.searchsorted(below, 0.975))
+        from scipy.stats import betabinom  # noqa: PLC0415  a second to load
+
+        low, high = betabinom(count, *self._ab).ppf([0.025, 0.975])
+        return int(low), int(high)
 
 
 def rocks_that_show(share: float) -> int:
