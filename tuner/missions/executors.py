@@ -137,8 +137,6 @@ class LocalProcessExecutor(Executor):
         self._server = self._server or self._start_server()
 
     def submit(self, job: MissionJob) -> None:
-        if job.id in self._attempts:
-            raise ValueError(f"job {job.id} is already in flight")
         clear_traces(job)
         self._attempts[job.id] = _Attempt(job, time.monotonic())
         self._order({"op": "run", "job": job.to_dict()})
@@ -306,9 +304,7 @@ def local_executor(
 
     ``mission``: a mission file, which has limits of its own on workers and time.
     """
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
-    count = workers or len(os.sched_getaffinity(0))
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
     if mission is not None:
         count = min(count, mission.at_once)
     return LocalProcessExecutor(count, limit_s(timeout_s, mission), (fidelity,))

@@ -268,8 +268,7 @@ def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
         return False
     if not all(isinstance(tree.get(key) or {}, dict) for key in ("provenance", "costs", *_MEASURED)):
         return False
-    condition = getattr(job.config, "condition", None)
-    if condition is not None and tree.get("condition", condition) != condition:
+    if tree.get("condition", job.config.condition) != job.config.condition:
         return False
     # A mesh file's rock has a name of its own: its content is compared by the campaign.
     is_name = os.sep not in job.rock and not Path(job.rock).suffix

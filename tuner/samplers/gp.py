@@ -64,7 +64,6 @@ class GPSampler:
     verify: bool = True
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        """Propose the maximiser of the acquisition, or the next point of the initial design."""
         return self.ask_many(history, pending, 1)[0]
 
     @numerics()

@@ -30,7 +30,6 @@ class OptunaSampler:
     name: str  # tpe or optuna-gp
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        """Return Optuna's suggestion."""
         number = missions_asked(history, pending)
         if number < self.settings.initial:
             return initial_proposal(self.settings, number, self.name)

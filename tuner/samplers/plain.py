@@ -19,7 +19,6 @@ class SobolSampler:
     name: str = "sobol"
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        """Return the next point of the sequence."""
         return initial_proposal(self.settings, missions_asked(history, pending), self.name)
 
 
@@ -31,7 +30,6 @@ class RandomSampler:
     name: str = "random"
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        """Return a fresh uniform draw."""
         number = missions_asked(history, pending)
         if number < self.settings.defaults:
             return initial_proposal(self.settings, number, self.name)

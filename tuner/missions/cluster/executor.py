@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import logging
 import time
 import uuid
@@ -27,7 +26,6 @@ _COUNTED_EVERY_S = 1.0
 _LOOKED_EVERY_S = 0.01
 _RECONNECT_S = 10.0
 _WORKER_LOST = ("KilledWorker", "CommClosedError", "CancelledError", "FutureCancelledError", "TimeoutError")
-Answer = tuple[dict[str, Any] | None, str, str]  # a worker's, or reason and message why there is none
 
 
 @dataclass
@@ -73,9 +71,6 @@ class DaskExecutor(Executor):
         return max(1, self.workers)
 
     def submit(self, job: MissionJob) -> None:
-        """Send ``job`` to the scheduler."""
-        if job.id in self._attempts:
-            raise ValueError(f"job {job.id} is already in flight")
         self._require_scheduler()
         job.directory.mkdir(parents=True, exist_ok=True)
         clear_traces(job)
@@ -111,10 +106,10 @@ class DaskExecutor(Executor):
             if time.monotonic() > deadline:
                 break
             time.sleep(_LOOKED_EVERY_S)
-        answers = self._answers([attempt.future for attempt in done])
-        return [self._trial_of(attempt, *answer) for attempt, answer in zip(done, answers)]
+        return [self._trial_of(attempt) for attempt in done]
 
-    def _trial_of(self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str) -> Trial:
+    def _trial_of(self, attempt: _Attempt) -> Trial:
+        answer, reason, message = self._answer(attempt.future)
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
@@ -125,17 +120,8 @@ class DaskExecutor(Executor):
             trial = load_trial(job, wall_s)
         return trial or job.failed(reason, message, wall_s)
 
-    def _answers(self, futures: list[Future]) -> list[Answer]:
-        """Return each worker's answer, or why it gave none; they are fetched together where all is well."""
-        if len(futures) > 1 and all(future.status == "finished" for future in futures):
-            with contextlib.suppress(Exception):  # one by one they say which it was
-                fetch = functools.partial(self._client.gather, futures, asynchronous=True)
-                return [
-                    (answer, "", "") for answer in self._client.sync(fetch, callback_timeout=_RECONNECT_S)
-                ]
-        return [self._answer(future) for future in futures]
-
-    def _answer(self, future: Future) -> Answer:
+    def _answer(self, future: Future) -> tuple[dict[str, Any] | None, str, str]:
+        """Return a worker's answer, or reason and message why there is none."""
         if future.status in ("cancelled", "lost"):
             self._require_scheduler()
             return None, "server_lost", "the way to the scheduler was cut"
@@ -159,7 +145,6 @@ class DaskExecutor(Executor):
             time.sleep(0.05)
 
     def cancel_all(self) -> None:
-        """Let go of all missions in flight; workers kill them when they hear of it."""
         attempts, self._attempts = self._attempts, {}
         if attempts and self._client.status == "running":
             with contextlib.suppress(OSError, TimeoutError):

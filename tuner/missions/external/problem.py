@@ -29,11 +29,9 @@ class MissionFileProblem(Problem):
     reference = "default"
 
     def base_config(self) -> ExternalConfig:
-        """Return the file's defaults."""
         return external_config(self.mission, {})
 
     def default_values(self) -> Values:
-        """Return the file's defaults."""
         return dict(self.base_config().values)
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> ExternalConfig:
@@ -41,11 +39,9 @@ class MissionFileProblem(Problem):
         return external_config(self.mission, values)
 
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        """Return a parameter as a cost."""
         return parameter_metric(self.mission.space, objective)
 
     def check_instances(self, rocks: Sequence[str]) -> None:
-        """Raise `UserError` for what is not an instance, or is held out."""
         m = self.mission
         for rock in rocks:
             if rock not in m.instances:
@@ -64,11 +60,9 @@ class MissionFileProblem(Problem):
         return hashlib.sha256(f"{code_of(EXTERNAL)} {self.mission.program}".encode()).hexdigest()[:32]
 
     def photographs(self, values: Mapping[str, Any]) -> int:
-        """Return 0: a mission file does not say."""
         return 0
 
     def require_named(self, named: bool) -> None:
-        """Ask for the mission file's name."""
         if not named:
             raise UserError(
                 f"the campaign asks to run the program of {self.mission.path}; if you trust it, name it: "
@@ -76,7 +70,6 @@ class MissionFileProblem(Problem):
             )
 
     def require_measured(self, objectives: Sequence[Objective], measured: Mapping[str, Any]) -> None:
-        """Raise `UserError` with the metrics that the mission has instead."""
         # A parameter counts as a cost: see `Trial.measurements`.
         costs = {**dict.fromkeys(self.mission.space.paths, 0.0), **measured["costs"]}
         for o in objectives:
@@ -87,13 +80,11 @@ class MissionFileProblem(Problem):
                 )
 
     def held_out(self) -> tuple[str, ...]:
-        """Return what the file holds out; possibly nothing."""
         return tuple(self.mission.held_out)
 
     def evaluated_on(
         self, rocks: Sequence[str] | None, replicates: int, making: Making
     ) -> tuple[tuple[str, ...], int]:
-        """Return held-out instances, by default all."""
         names, path = self.held_out(), self.mission.path
         if not names:
             raise UserError(f"{path} holds nothing out; name instances under held_out")
@@ -103,7 +94,6 @@ class MissionFileProblem(Problem):
         return tuple(rocks or names), replicates
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
-        """Return the defaults and the file's baselines beside the recommendation."""
         known = {"default": {}, **self.mission.baselines}
         for name in names or ():
             if name not in known:
@@ -113,7 +103,6 @@ class MissionFileProblem(Problem):
         )
 
     def provenance(self) -> tuple[str, str]:
-        """Return the file and its hash."""
         return "mission file", f"{self.mission.path} (SHA-256 {self.mission.sha256[:12]}…)"
 
     def options(self) -> list[str]:
