@@ -106,27 +106,16 @@ class PointCloud:
 class LazyCloud:
     """A point cloud that is made when its points are first asked for.
 
-    A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
-    known never makes its cloud. ``make`` is called at most once and may raise `MissionFailure`.
+    Its attributes are those of `PointCloud`. A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept,
+    and a mission whose metrics are known never makes its cloud. ``make`` is called at most once and may raise
+    `MissionFailure`.
     """
 
     def __init__(self, make: Callable[[], PointCloud]) -> None:
         self._make = functools.cache(make)
 
-    @property
-    def points_m(self) -> Floats:
-        """(N, 3) world frame."""
-        return self._make().points_m
-
-    @property
-    def colors(self) -> NDArray[np.uint8] | None:
-        """(N, 3) RGB."""
-        return self._make().colors
-
-    @property
-    def normals(self) -> Floats | None:
-        """(N, 3)."""
-        return self._make().normals
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._make(), name)
 
 
 Cloud = PointCloud | LazyCloud

@@ -17,6 +17,7 @@ import io
 import os
 import re
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,12 +110,10 @@ class Store:
 
     def info(self) -> list[KindInfo]:
         """Number and size of the entries, by kind."""
-        sizes: dict[str, list[int]] = {}
+        sizes: dict[str, list[int]] = defaultdict(list)
         for path in self._entries():
-            try:
-                sizes.setdefault(path.relative_to(self.root).parts[0], []).append(path.stat().st_size)
-            except FileNotFoundError:  # another process pruned it
-                continue
+            with contextlib.suppress(FileNotFoundError):  # another process pruned it
+                sizes[path.relative_to(self.root).parts[0]].append(path.stat().st_size)
         return [KindInfo(kind, len(items), sum(items)) for kind, items in sorted(sizes.items())]
 
     def prune(self, max_bytes: int) -> tuple[int, int]:
@@ -123,11 +122,9 @@ class Store:
             raise UserError(f"cache size must be 0 or more, not {max_bytes}")
         listed = []
         for path in self._entries():
-            try:
+            with contextlib.suppress(FileNotFoundError):
                 status = path.stat()
-            except FileNotFoundError:
-                continue
-            listed.append((status.st_mtime, status.st_size, path))
+                listed.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in listed)
         removed = freed = 0
         for _, size, path in sorted(listed, key=lambda item: item[0]):

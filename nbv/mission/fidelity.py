@@ -113,7 +113,9 @@ class Fidelity(ABC):
         if files is not None:
             files.write_config(context.config.to_dict())
             log = _with_progress(log, files, context.config)
-        log("start", _facts(context))
+        facts = {"rock": context.rock.name, "replicate": replicate, "gate": context.config.gate.kind}
+        counts = {"seeds": context.config.seed.total, "budget": context.config.adaptive_budget}
+        log("start", {**facts, **counts})
         fidelity = cls(context)
         all_files = files if context.keeps_everything else None
         mission = fidelity.mission(all_files, log, with_oracle)
@@ -229,17 +231,6 @@ class Fidelity(ABC):
             },
             condition=context.config.condition,
         )
-
-
-def _facts(context: MissionContext) -> dict[str, Any]:
-    """Return what is said of a mission as it starts."""
-    return {
-        "rock": context.rock.name,
-        "replicate": context.replicate,
-        "seeds": context.config.seed.total,
-        "budget": context.config.adaptive_budget,
-        "gate": context.config.gate.kind,
-    }
 
 
 def _with_progress(log: Log, files: RunDirectory, config: MissionConfig) -> Log:

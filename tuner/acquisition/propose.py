@@ -151,14 +151,6 @@ class _WhereAllowed(AcquisitionFunction):
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 
-def best_evaluated(model: InstanceMeanGP, count: int) -> Floats:
-    """Return (count or fewer, d) unit positions with the best posterior means among those run, best first."""
-    seen = model.promising(BASELINE)
-    with torch.no_grad():
-        mean, _ = moments(model.model.posterior(model.inputs(seen)))
-    return seen[np.argsort(-mean)[:count]]
-
-
 def starting_points(
     model: InstanceMeanGP,
     seed: int,
@@ -180,8 +172,12 @@ def starting_points(
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
-    best = best_evaluated(model, LOCAL_BEST) if near_to is None else near_to
-    best = best[np.arange(count) % len(best)]
+    if near_to is None:
+        seen = model.promising(BASELINE)
+        with torch.no_grad():
+            mean, _ = moments(model.model.posterior(model.inputs(seen)))
+        near_to = seen[np.argsort(-mean)[:LOCAL_BEST]]
+    best = near_to[np.arange(count) % len(near_to)]
     rng = np.random.default_rng(seed)
     smallest, largest = LOCAL_SD
     sd = np.exp(rng.uniform(math.log(smallest), math.log(largest), (count, 1)))

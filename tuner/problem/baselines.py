@@ -205,7 +205,7 @@ def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) ->
 
 def with_sections_of(source: MissionConfig, sections: Sequence[str], base: MissionConfig) -> MissionConfig:
     """``base`` with some of the sections of ``source``, such as `PLAN`."""
-    return dataclasses.replace(base, **{name: getattr(source, name) for name in sections})
+    return base.changed(**{name: getattr(source, name) for name in sections})
 
 
 def at_equal_number(
@@ -235,24 +235,19 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
         seed = dataclasses.replace(config.seed if config.seed.count else seed, count=seeds)
         budget = number - seeds
         sparse = tuned.with_values(_registering(sparse, seeds)).sparse
-    return dataclasses.replace(
-        config,
-        seed=seed,
-        sparse=sparse,
-        stop=dataclasses.replace(ending_at(config, number).stop, adaptive_budget=budget),
-    )
+    return ending_at(config, number).changed(seed=seed, sparse=sparse, stop={"adaptive_budget": budget})
 
 
 def ending_at(config: MissionConfig, number: int) -> MissionConfig:
     """``config`` with so many photographs in every mission: its seeds, and planned views until the number is reached."""
-    stop = dataclasses.replace(
-        config.stop,
-        adaptive_budget=max(0, number - config.seed.total),
-        max_photographs=0,
-        criterion="budget",
-        min_gain_percent=0.0,
+    return config.changed(
+        stop={
+            "adaptive_budget": max(0, number - config.seed.total),
+            "max_photographs": 0,
+            "criterion": "budget",
+            "min_gain_percent": 0.0,
+        }
     )
-    return dataclasses.replace(config, stop=stop)
 
 
 def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
@@ -322,7 +317,7 @@ def tuned_configs(
             configs[name] = config
             seen.add(mission_key(config))
     if tuned.pool != base.pool and tuned.adaptive_budget:
-        chance = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
+        chance = baseline("random").config(base.changed(pool=tuned.pool))
         equal = at_equal_number({"random": chance}, counted or tuned, "random")
         configs[TUNED_POOL_RANDOM] = list(equal.values())[-1]
     return configs

@@ -61,13 +61,12 @@ class DeterministicMetrics:
     def agreed(self, history: Sequence[Observation]) -> DeterministicMetrics:
         """Return what every mission so far has confirmed: where one had another cost, a surrogate is used instead."""
         done = [o for o in history if o.outcome is not None]
-        first, second = self.first, self.second
-        if first is not None and not first.agrees((o.values, o.outcome or 0.0) for o in done):
-            first = None
-        pairs = [(o.values, o.second) for o in done if o.second is not None]
-        if second is not None and not second.agrees(pairs):
-            second = None
-        return DeterministicMetrics(first, second)
+        outcomes = [(o.values, o.outcome) for o in done if o.outcome is not None]
+        seconds = [(o.values, o.second) for o in done if o.second is not None]
+        return DeterministicMetrics(
+            self.first if self.first is not None and self.first.agrees(outcomes) else None,
+            self.second if self.second is not None and self.second.agrees(seconds) else None,
+        )
 
 
 def with_second_first(history: Sequence[Observation]) -> list[Observation]:

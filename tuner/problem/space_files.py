@@ -24,7 +24,7 @@ from typing import Any
 from nbv.config import MissionConfig, canonical_path, is_parameter
 from nbv.config.declaration import coerce
 from nbv.errors import UserError
-from nbv.safe_files import is_file, parse_yaml, read_text, require
+from nbv.safe_files import is_file, read_yaml, require
 from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Value
 
 MAX_PARAMETERS = 100
@@ -34,20 +34,11 @@ _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
 _SPACE_KEYS = ("name", "description", "base", "begin", "parameters")
 
 
-def search_space_directories() -> tuple[Path, ...]:
-    """Return the directories of named spaces: beside the package (a clone), then the installed data files."""
-    beside = Path(__file__).resolve().parents[2] / "search_spaces"
-    installed = Path(sys.prefix) / "share" / "gatetune" / "search_spaces"
-    return (beside, installed)
-
-
 def available_search_spaces() -> dict[str, Path]:
-    """Return the named spaces and their files."""
-    found: dict[str, Path] = {}
-    for directory in search_space_directories():
-        for file in sorted(directory.glob("*.yaml")):
-            found.setdefault(file.stem, file)
-    return found
+    """Return the named spaces and their files: those beside the package (a clone) before the installed data files."""
+    installed = Path(sys.prefix) / "share" / "gatetune" / "search_spaces"
+    beside = Path(__file__).resolve().parents[2] / "search_spaces"
+    return {file.stem: file for folder in (installed, beside) for file in sorted(folder.glob("*.yaml"))}
 
 
 def load_search_space(name_or_path: str | Path) -> SearchSpace:
@@ -62,12 +53,7 @@ def load_search_space(name_or_path: str | Path) -> SearchSpace:
         raise UserError(
             f"unknown search space {text!r}; there are {', '.join(named) or 'none'}, or give a YAML file"
         )
-    return parse_search_space(read_text(path), str(path))
-
-
-def parse_search_space(text: str, source: str) -> SearchSpace:
-    """Parse YAML text; ``source`` names it in messages."""
-    return space_from_dict(parse_yaml(text, source), source)
+    return space_from_dict(read_yaml(path), str(path))
 
 
 def space_from_dict(tree: Any, source: str) -> SearchSpace:
@@ -86,8 +72,6 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
     raw, base = _with_current_names(raw), _with_current_names(base)
-    for path in raw:
-        _known_path(path, source)
     parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
+from nbv.safe_files import parse_yaml
 from nbv.viewpoints import candidate_pool
 from tuner.commands.console import parse_overrides
 from tuner.problem.space_files import (
     available_search_spaces,
     load_search_space,
-    parse_search_space,
     space_from_dict,
 )
 
@@ -141,13 +141,14 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
-        parse_search_space(text, "my.yaml")
+        space_from_dict(parse_yaml(text, "my.yaml"), "my.yaml")
     assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
 
 
 def test_one_parameter_may_set_several_paths() -> None:
     shared = "{low: 0.1, high: 2.0, also: [matchable.weights.nov, covis.weights.nov]}"
-    space = parse_search_space(f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n", "shared")
+    text = f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n"
+    space = space_from_dict(parse_yaml(text, "shared"), "shared")
     assert space.dimension == 1 and space_from_dict(space.to_dict(), "again") == space
     config = space.config(preset("paper"), {"b_aware.weights.nov": 0.7})
     novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.matchable.weights.nov}
@@ -156,7 +157,7 @@ def test_one_parameter_may_set_several_paths() -> None:
 
 def test_an_earlier_name_of_a_parameter_is_read() -> None:
     text = "parameters:\n  seed.reaim_after: {kind: int, low: 3, high: 9, default: 4}\nbegin:\n  - {seed.reaim_after: 5}\n"
-    space = parse_search_space(text, "old.yaml")
+    space = space_from_dict(parse_yaml(text, "old.yaml"), "old.yaml")
     assert space.paths == ("seed.retarget_after",) and space.begin == ({"seed.retarget_after": 5},)
     assert parse_overrides(["seed.reaim_after=5"]) == {"seed.retarget_after": 5}
 

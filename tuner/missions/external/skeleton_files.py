@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +20,10 @@ def write_skeleton(folder: Path) -> list[Path]:
 
     Raises `UserError`: there is something in ``folder``, or it cannot be written.
     """
-    source = resources.files(__package__).joinpath("skeleton")
-    text = source.joinpath("mission.yaml").read_text("utf-8")
-    contents: dict[str, str | bytes] = {
-        "mission.yaml": text.replace("NAME", json.dumps(folder.resolve().name)),
-        "mission.py": source.joinpath("mission.py").read_text("utf-8"),
-        **_measurements(),
-    }
-    return write_new_folder(folder, contents)
+    source = Path(__file__).with_name("skeleton")
+    text = (source / "mission.yaml").read_text("utf-8").replace("NAME", json.dumps(folder.resolve().name))
+    function = (source / "mission.py").read_text("utf-8")
+    return write_new_folder(folder, {"mission.yaml": text, "mission.py": function, **_measurements()})
 
 
 def _measurements() -> dict[str, bytes]:
