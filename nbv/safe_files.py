@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import functools
 import io
 import json
 import os
@@ -331,8 +330,12 @@ def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool 
 
     ``finite`` refuses NaN and Infinity, which Python reads and JSON does not have. `UserError` for what is not JSON, or beyond a limit.
     """
+
+    def refuse(name: str) -> float:
+        raise UserError(f"{source} holds {name}; every number must be finite, a missing one is left out")
+
     try:
-        tree = json.loads(text, parse_constant=functools.partial(_not_finite, source) if finite else None)
+        tree = json.loads(text, parse_constant=refuse if finite else None)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{source} is not valid JSON: {_first_line(error)}") from error
     _check_tree(tree, source, nodes)
@@ -459,10 +462,6 @@ def _check_tree(tree: Any, source: str, nodes: int) -> None:
                 )
         level, depth = below, depth + 1
     require(count, nodes, f"{source}: the number of nodes")
-
-
-def _not_finite(source: str, name: str) -> float:
-    raise UserError(f"{source} holds {name}; every number must be finite, a missing one is left out")
 
 
 def _first_line(error: BaseException) -> str:

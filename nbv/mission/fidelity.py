@@ -24,6 +24,7 @@ from nbv.mission.target_prior import with_size_error, with_target_error, with_tr
 from nbv.plugins import failure_of
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
+from nbv.safe_files import write_atomic
 from nbv.stopwatch import Stopwatch
 from nbv.terrain import buried_rock
 from nbv.types import Camera, Cloud, Reconstructor
@@ -129,7 +130,7 @@ class Fidelity(ABC):
             all_files.write_json("provenance.json", result.provenance)
         if files is not None:
             (files.root / PROGRESS).unlink(missing_ok=True)
-            files.write_result(result.to_json())
+            write_atomic(files.root / "mission.json", result.to_json())  # last: the mission has finished
         log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
         return result
 
@@ -239,7 +240,7 @@ def _with_progress(log: Log, files: RunDirectory, config: MissionConfig) -> Log:
 
     def logged(event: str, facts: dict[str, Any]) -> None:
         if event in ("seed", "capture"):
-            files.write_progress(next(taken), config.seed.total + config.adaptive_budget)
+            files.append(PROGRESS, f"{next(taken)}/{config.seed.total + config.adaptive_budget}")
         log(event, facts)
 
     return logged

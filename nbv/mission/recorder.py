@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import time
 from contextlib import AbstractContextManager
-from dataclasses import asdict
 
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import Oracle, gate_features, oracle_rewards
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
-from nbv.mission.result import IterationRecord
-from nbv.mission.run_directory import LOCATED, RunDirectory
+from nbv.mission.result import IterationRecord, json_ready
+from nbv.mission.run_directory import LOCATED, TRACE, RunDirectory
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
@@ -107,7 +107,7 @@ class Recorder:
         record = self._record(plan, report)
         self.trace.append(record)
         if self._run is not None:
-            self._run.append_trace(asdict(record))
+            self._run.append(TRACE, json.dumps(json_ready(record)))
         facts = {
             "iteration": record.iteration,
             "budget": self._config.adaptive_budget,

@@ -33,14 +33,14 @@ from nbv.safe_files import open_to_write, remove, require_whole, to_yaml, write_
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
-PROGRESS = "progress.txt"
+PROGRESS, TRACE = "progress.txt", "trace.jsonl"
 _MADE_ANEW = (
     "mission.json",
     PROGRESS,
     "images",
     "states",
     "sparse",
-    "trace.jsonl",
+    TRACE,
     LOCATED,
     "dense.ply",
     "cleaned.ply",
@@ -87,15 +87,10 @@ class RunDirectory:
         """Save ``value`` as NAME in the directory's root."""
         write_atomic(self.root / name, json.dumps(json_ready(value), indent=1))
 
-    def write_progress(self, taken: int, planned: int) -> None:
-        """Note how far the mission is."""
-        with open_to_write(self.root / PROGRESS, os.O_APPEND) as file:
-            file.write(f"{taken}/{planned}\n".encode())
-
-    def append_trace(self, record: dict[str, Any]) -> None:
-        """Add one line to ``trace.jsonl`` at once, so that a killed mission leaves its history."""
-        with open_to_write(self.root / "trace.jsonl", os.O_APPEND) as file:
-            file.write(json.dumps(json_ready(record)).encode() + b"\n")
+    def append(self, name: str, line: str) -> None:
+        """Add one line to a file at once, so that a killed mission leaves its history."""
+        with open_to_write(self.root / name, os.O_APPEND) as file:
+            file.write(line.encode() + b"\n")
 
     def state_path(self, iteration: int) -> Path:
         """Where the planning state of ``iteration`` lies."""
@@ -109,10 +104,6 @@ class RunDirectory:
     def write_cloud(self, name: str, cloud: Cloud) -> None:
         """Save a point cloud as binary PLY."""
         write_ply(self.root / name, cloud)
-
-    def write_result(self, text: str) -> None:
-        """Save ``mission.json``; call last."""
-        write_atomic(self.root / "mission.json", text)
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:

@@ -90,13 +90,6 @@ class RockStandardiser:
         """Return the rock's scale, in the outcome's unit."""
         return self.scales.get(rock, self.pooled_scale)
 
-    def mean_over(self, rocks: Sequence[Any]) -> tuple[float, float]:
-        """Return ``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
-        return (
-            float(np.mean([self.centre(rock) for rock in rocks])),
-            float(np.mean([self.scale(rock) for rock in rocks])),
-        )
-
 
 def winsorised(groups: Sequence[Hashable], outcomes: Floats | Sequence[float]) -> Floats:
     """Return (n,) outcomes, those far from all others moved to `FAR` ranges of the others: winsorised.

@@ -126,8 +126,8 @@ def draw_slices(
 
     ``sign``: -1 where the model has the metric with its sign changed. Dots are the trials without their instance's offset.
     """
-    offset, factor = model.standardiser.mean_over([instance.rock for instance in model.instances])
-    outcomes = sign * (offset + factor * np.asarray(model.targets))
+    offset = float(np.mean([model.standardiser.centre(instance.rock) for instance in model.instances]))
+    outcomes = sign * (offset + model.mean_scale * np.asarray(model.targets))
     found = []
     for p in parameters:
         at: list[Any] = list(p.choices)

@@ -129,7 +129,7 @@ def test_what_is_written_goes_nowhere_else(kind: str, tmp_path: Path) -> None:
     for name in ("trace.jsonl", "mission.json", "dense.ply", "images", "states", "sparse"):
         put(run / name)
     mission = RunDirectory(run, overwrite=True)
-    mission.append_trace({"a": 1})
+    mission.append("trace.jsonl", "{}")
     put(run / "images" / "a.png")
     mission.write_image("a.png", np.zeros((2, 2, 3), "uint8"))
     put(run / "missions" / "worker.log")
