@@ -103,7 +103,7 @@ class Plugin:
                 raise UserError(
                     f"{self.label} cannot be imported ({type(error).__name__}: {error})"
                 ) from error
-        _require_face(self, part)
+        _require_interface(self, part)
         _used[self.group, self.name] = self
         guard = {"scorers": _guarded_scorer, "gates": _guarded_gate}.get(self.group)
         return guard(self, part) if guard else part
@@ -131,7 +131,7 @@ def register(group: str, name: str, part: Any, asked: str | None = None) -> None
     earlier = _registered.get((group, name))
     if earlier is not None and (earlier.reference, earlier.asked) != (plugin.reference, plugin.asked):
         raise UserError(f"two {group} are called {name!r}: {earlier.label} and {plugin.label}; rename one")
-    _require_face(plugin, part)
+    _require_interface(plugin, part)
     _registered[group, name] = plugin
     _used.pop((group, name), None)
 
@@ -241,7 +241,7 @@ def settings_class(section: str) -> type | None:
     return None if named is None else getattr(named.loaded, "settings", None)
 
 
-def _require_face(plugin: Plugin, part: Any) -> None:
+def _require_interface(plugin: Plugin, part: Any) -> None:
     what, members = GROUPS[plugin.group]
     found = {name: getattr(part, name, None) for name in members}
     lacks = [name for name, own in found.items() if own is None or hasattr(own, "__isabstractmethod__")]

@@ -1,4 +1,4 @@
-"""The values that pass between the rooms of a mission. Arrays only: no files, no COLMAP, no meshes."""
+"""The values that pass between the packages of a mission. Arrays only: no files, no COLMAP, no meshes."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
-_PARTS = 20  # of the size: as often is it pruned while so much is put in, by whatever processes
+_PARTS = 20  # the store is pruned about so often while as much as its size limit is written
 Arrays = dict[str, np.ndarray]
 
 

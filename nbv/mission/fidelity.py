@@ -35,7 +35,7 @@ from nbv.viewpoints import RINGS, ViewpointSource
 class MissionContext:
     """What a fidelity is made from."""
 
-    config: MissionConfig  # a generated rock's true size in it: for what measures, never for what plans
+    config: MissionConfig  # with the true size of a generated rock: only metrics may use it, no planner
     rock: Rock  # as it lies in the ground
     replicate: int
     vehicle_config: MissionConfig  # ``config`` as the vehicle has it: its target may lie elsewhere

@@ -34,7 +34,7 @@ from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
 PROGRESS, TRACE = "progress.txt", "trace.jsonl"
-_MADE_ANEW = (
+_REMOVED_AT_START = (
     "mission.json",
     PROGRESS,
     "images",
@@ -61,7 +61,7 @@ class RunDirectory:
             )
         try:
             root.mkdir(parents=True, exist_ok=True)
-            for name in _MADE_ANEW:
+            for name in _REMOVED_AT_START:
                 remove(root / name)
             (root / "images").mkdir()
             (root / "states").mkdir()

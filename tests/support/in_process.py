@@ -6,7 +6,7 @@ import collections
 import time
 
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
+from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
 from tuner.missions.run_job import run_job
 
 
@@ -27,7 +27,7 @@ class InProcessExecutor(Executor):
         if not self._queue:
             return []
         job = self._queue.popleft()
-        clear_traces(job)
+        remove_earlier_result(job)
         started = time.monotonic()
         run_job(job.to_dict())
         trial = load_trial(job, time.monotonic() - started)

@@ -20,9 +20,9 @@ from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.posterior import DeterministicOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
-_FAILS = 1e6  # standard deviations: worse than all that works
-_LITTLE = 1e-6  # standard deviations
-_BREAKS = 1e3  # likewise: worse than all that keeps a limit
+_INFEASIBLE_PENALTY = 1e6  # standard deviations: worse than all that works
+_TIE_BREAK = 1e-6  # standard deviations
+_VIOLATION_PENALTY = 1e3  # likewise: worse than all that keeps a limit
 
 
 def draw(
@@ -51,7 +51,9 @@ def draw(
         draws, *others = (_drawn(m, inputs, count, generator) for m in models)
         if constraint is not None and allowed is None:  # of what costs the same the better one
             (second,) = others
-            draws = torch.where(second >= constraint.floor(), draws + _LITTLE * second, second - _BREAKS)
+            draws = torch.where(
+                second >= constraint.floor(), draws + _TIE_BREAK * second, second - _VIOLATION_PENALTY
+            )
         return _distinct(model, points, draws, generator)
 
 
@@ -63,7 +65,7 @@ def _drawn(
         normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
         return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]
     known = model.at(inputs)
-    return ((known - known.mean()) / (known.std(correction=0) + _LITTLE)).expand(count, -1).clone()
+    return ((known - known.mean()) / (known.std(correction=0) + _TIE_BREAK)).expand(count, -1).clone()
 
 
 def _distinct(
@@ -73,7 +75,9 @@ def _distinct(
     if model.feasibility is not None:
         # Each draw has one opinion on what works: a point's own would let some of many through.
         chance = model.feasibility.log_chance(tensor(points)).exp()
-        draws[torch.rand(len(draws), 1, dtype=chance.dtype, generator=generator) > chance] -= _FAILS
+        draws[torch.rand(len(draws), 1, dtype=chance.dtype, generator=generator) > chance] -= (
+            _INFEASIBLE_PENALTY
+        )
     chosen: list[int] = []
     for draw in draws:
         if len(chosen) < len(points):

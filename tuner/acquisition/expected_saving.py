@@ -23,9 +23,9 @@ class LogExpectedSaving(AcquisitionFunction):
     """Logarithm of the expected saving.
 
     ``model``: of the quality. ``cost``: larger is better, as everywhere. ``at_least``: the limit of the quality's
-    mean over the training instances. ``quantile``: standard deviations above the limit at which it is believed to be
-    kept. ``best``: the outcome of the cheapest that is believed. ``running``: (m, inputs) in flight: they may become
-    the cheapest, and the last `RECENT` will tell of what is near.
+    mean over the training instances. ``quantile``: standard deviations above the limit from which on it counts as
+    kept. ``best``: the outcome of the cheapest configuration that counts as keeping it. ``running``: (m, inputs) in
+    flight: they may become the cheapest, and the last `RECENT` will reduce the uncertainty near them.
     """
 
     def __init__(

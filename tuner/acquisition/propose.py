@@ -32,11 +32,11 @@ BASELINE = EXACT_MISSIONS  # run configurations that an improvement is over; of 
 DISCRETE_COMBINATIONS = 4
 RESTARTS = 4  # gradient searches
 GLOBAL_POINTS = 512  # of a Sobol sequence over the whole space
-FEW, MORE_POINTS = 64, 8192  # of what an exact limit allows
+FEW, MORE_POINTS = 64, 8192  # with fewer allowed points than FEW, MORE_POINTS random ones are looked at
 LOCAL_POINTS = 256  # near the best configurations so far, where improvement is likeliest
 _JITTER = 1e-6  # of the variance: configurations in flight may be nearly alike
 _SMALLEST_VARIANCE = 1e-8
-_BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
+_DISALLOWED = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 
 
 def propose(
@@ -100,7 +100,7 @@ def maximise(
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0
     bounds[:, d:] = starts[0, 0, d:]
-    for fixed, chosen in _climbs(points, order.tolist(), discrete):
+    for fixed, chosen in _gradient_starts(points, order.tolist(), discrete):
         position, score = optimize_acqf(
             acquisition,
             bounds,
@@ -147,7 +147,7 @@ class _WhereAllowed(AcquisitionFunction):
         """Return (b,) values of (b, 1, inputs); the probability is a factor as of Gardner et al., ICML 2014."""
         x, value = X[..., 0, : self._dimension], self._acquisition(X)
         if self._allowed is not None:
-            value = torch.where(torch.from_numpy(self._allowed(x.detach().numpy())), value, _BROKEN)
+            value = torch.where(torch.from_numpy(self._allowed(x.detach().numpy())), value, _DISALLOWED)
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 
@@ -189,7 +189,7 @@ def starting_points(
     return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
 
 
-def _climbs(
+def _gradient_starts(
     points: Floats, order: Sequence[int], discrete: Sequence[int]
 ) -> list[tuple[dict[int, float], list[int]]]:
     """Return ``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""

@@ -25,7 +25,7 @@ from nbv import plugins
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
-from tuner.missions.job import LOG_FILE, MissionJob, Trial, clear_traces, load_trial, record_failure
+from tuner.missions.job import LOG_FILE, MissionJob, Trial, load_trial, record_failure, remove_earlier_result
 from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
@@ -137,7 +137,7 @@ class LocalProcessExecutor(Executor):
         self._server = self._server or self._start_server()
 
     def submit(self, job: MissionJob) -> None:
-        clear_traces(job)
+        remove_earlier_result(job)
         self._attempts[job.id] = _Attempt(job, time.monotonic())
         self._order({"op": "run", "job": job.to_dict()})
 

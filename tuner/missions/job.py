@@ -87,12 +87,12 @@ class MissionJob:
         )
 
     def has_finished(self) -> bool:
-        """Whether its directory tells of an end that counts: neither the machine's doing nor a user's mistake."""
+        """Return whether its directory has a final result: neither a failure of the machine nor a user's mistake."""
         trial = load_trial(self)
         return trial is not None and trial.reason != "user_error" and not trial.infrastructure_failure
 
     def failed(self, reason: str, message: str, wall_s: float = 0.0) -> Trial:
-        """Return the trial of a mission that left nothing: why, as a word for programs such as ``timeout``, and for people."""
+        """Return the failed trial of a mission without a result; ``reason``: a code such as ``timeout``, ``message``: for people."""
         return self.trial(status="failed", reason=reason, message=message, wall_s=wall_s)
 
 
@@ -257,8 +257,8 @@ def record_failure(job: MissionJob, reason: str, message: str) -> None:
     write_atomic(job.directory / RESULT_FILE, result.to_json())
 
 
-def clear_traces(job: MissionJob) -> None:
-    """Remove what an earlier, unfinished attempt at this job may have left as its result, and what leads elsewhere."""
+def remove_earlier_result(job: MissionJob) -> None:
+    """Remove the result that an earlier, unfinished attempt at this job may have left, and links that lead elsewhere."""
     remove_links(job.directory)
     remove(job.directory / RESULT_FILE)
 

@@ -40,7 +40,7 @@ class Stop(threading.Event):
 
     def __init__(self) -> None:
         super().__init__()
-        self.breaks = False  # what goes on, at once
+        self.breaks = False  # whether a signal interrupts the running computation at once
 
     def computed(self, compute: Callable[[], T]) -> T | None:
         """Return what ``compute``, which writes nothing, returns; a stop ends it at once, and None is returned."""

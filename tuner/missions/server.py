@@ -63,7 +63,7 @@ class MissionServer:
                 plugins.use(name)
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
-        _learn_what_missions_ask(preload)
+        _fill_caches_before_forking(preload)
         adopt_orphans()
         self._fork = sys.platform.startswith("linux") and _thread_count() == 1
         self._wake_read, self._wake_write = os.pipe()
@@ -214,8 +214,8 @@ class MissionServer:
             raise SystemExit(0) from None
 
 
-def _learn_what_missions_ask(modules: Sequence[str]) -> None:
-    """Find out, once for all missions, what does not change: the revision, installed plug-ins, digests of the code."""
+def _fill_caches_before_forking(modules: Sequence[str]) -> None:
+    """Compute once what all forked missions need: the revision, the installed plug-ins, the digests of the code."""
     provenance()
     for group in plugins.GROUPS:
         plugins.installed(group)

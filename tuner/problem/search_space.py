@@ -178,31 +178,25 @@ class SearchSpace:
                     f"{_range_text(parameter)}; widen the bounds or give an explicit default"
                 )
             values[parameter.path] = value
-        for parameter in self.parameters:
-            self._require_missions(base, values, parameter)
+        for p in self.parameters:
+            for end in p.ends:
+                self._require_mission(
+                    base, {**values, p.path: end}, f"{p.path} = {end!r}", "narrow the bounds"
+                )
+        own = {parameter.path: parameter for parameter in self.parameters}
         for begin in self.begin:
-            self._require_begin(base, values, begin)
+            for path, value in begin.items():
+                if path not in own or not own[path].contains(value):
+                    rule = _range_text(own[path]) if path in own else f"the parameters {', '.join(own)}"
+                    raise UserError(f"search space {self.name!r}: begin has {path} {value!r}, outside {rule}")
+            self._require_mission(base, {**values, **begin}, f"begin {begin}", "change it")
         return values
 
-    def _require_begin(self, base: Configuration, default: Values, begin: Values) -> None:
-        own = {parameter.path: parameter for parameter in self.parameters}
-        for path, value in begin.items():
-            if path not in own or not own[path].contains(value):
-                rule = _range_text(own[path]) if path in own else f"the parameters {', '.join(own)}"
-                raise UserError(f"search space {self.name!r}: begin has {path} {value!r}, outside {rule}")
+    def _require_mission(self, base: Configuration, values: Values, what: str, remedy: str) -> None:
         try:
-            base.with_values(self.complete({**default, **begin}))
+            base.with_values(self.complete(values))
         except UserError as error:
-            raise UserError(f"search space {self.name!r}: begin has no mission: {error}") from error
-
-    def _require_missions(self, base: Configuration, values: Values, parameter: Parameter) -> None:
-        for end in parameter.ends:
-            try:
-                base.with_values(self.complete({**values, parameter.path: end}))
-            except UserError as error:
-                raise UserError(
-                    f"search space {self.name!r}: {parameter.path} = {end!r} is no mission: {error}; narrow the bounds"
-                ) from error
+            raise UserError(f"search space {self.name!r}: {what} is no mission: {error}; {remedy}") from error
 
     def to_unit(self, values: Mapping[str, Any]) -> Floats:
         """Return (d,) position of ``values`` in the unit cube."""

@@ -38,7 +38,7 @@ from tuner.surrogate.posterior import DeterministicOutcome
 from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
-# Points of the design from beyond it, in place of those that break an exact limit.
+# Design points that violate a computed limit are replaced by later points of the sequence: from which on, how many.
 ASIDE, MOST_SKIPPED = 1000, 200
 # So many trials in a row without a photograph of their own, and the next one is drawn from the whole space.
 REPEATS_BEFORE_EXPLORING = 4

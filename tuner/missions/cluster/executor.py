@@ -19,7 +19,7 @@ from nbv.rocks.families import generated_name
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, clear_traces, load_trial
+from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
 from tuner.missions.registry import runs_on_rocks
 
 _COUNTED_EVERY_S = 1.0
@@ -73,7 +73,7 @@ class DaskExecutor(Executor):
     def submit(self, job: MissionJob) -> None:
         self._require_scheduler()
         job.directory.mkdir(parents=True, exist_ok=True)
-        clear_traces(job)
+        remove_earlier_result(job)
         rock_sha256, rock = self._rock(job)
         order = {
             "job": job.to_dict(),

@@ -44,7 +44,7 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     command.append(f"{request.output}/{REQUEST_FILE}")
     adopt_orphans()
-    before = _below()
+    before = _descendants()
     with open_to_write(Path(request.output, LOG_FILE)) as log:
         try:
             process = subprocess.Popen(
@@ -62,11 +62,11 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
         except subprocess.TimeoutExpired:
             return None
         finally:
-            _end(_below() - before)
-            _cut(log)
+            _terminate(_descendants() - before)
+            _shorten_log(log)
 
 
-def _cut(log: BinaryIO) -> None:
+def _shorten_log(log: BinaryIO) -> None:
     """Leave the beginning and the end of what a program printed, `KEPT_BYTES` each."""
     with Path(f"/proc/self/fd/{log.fileno()}").open("rb") as printed:  # whatever the program made of its name
         left_out = printed.seek(0, os.SEEK_END) - 2 * KEPT_BYTES
@@ -83,11 +83,11 @@ def adopt_orphans() -> None:
     ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
 
 
-def _below() -> set[psutil.Process]:
+def _descendants() -> set[psutil.Process]:
     return set(psutil.Process().children(recursive=True))
 
 
-def _end(processes: Iterable[psutil.Process]) -> None:
+def _terminate(processes: Iterable[psutil.Process]) -> None:
     for stop in (psutil.Process.terminate, psutil.Process.kill):
         for process in processes:
             with contextlib.suppress(psutil.Error):  # it has ended, or belongs to another user
