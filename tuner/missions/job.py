@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import functools
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -195,17 +195,17 @@ class Trial(Observation):
         """Whether the machine or the configuration may have ended it."""
         return self.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
 
-    def should_retry(self, attempt: int, *, excused: bool) -> bool:
-        """Return whether to run the mission once more after this ``attempt`` (from 1).
 
-        An infrastructure failure is retried until `MAX_ATTEMPTS`; a possible machine fault once only: where an earlier
-        attempt was ``excused`` as one, the fault is the configuration's.
-        """
-        return (
-            attempt < MAX_ATTEMPTS
-            if self.infrastructure_failure
-            else self.possibly_machine_fault and not excused
-        )
+def should_retry(attempts: Sequence[Trial]) -> bool:
+    """Return whether to run a mission once more after these ``attempts``.
+
+    An infrastructure failure is retried until `MAX_ATTEMPTS`; a possible machine fault once only: a second one is the
+    configuration's.
+    """
+    *earlier, last = attempts
+    if last.infrastructure_failure:
+        return len(attempts) < MAX_ATTEMPTS
+    return last.possibly_machine_fault and not any(trial.possibly_machine_fault for trial in earlier)
 
 
 def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from nbv.errors import UserError
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial
+from tuner.missions.job import MissionJob, Trial, should_retry
 from tuner.missions.long_runs import Stop
 
 _POLL_S = 0.5
@@ -69,13 +68,6 @@ class JobList:
             self._on_end(trial)
 
 
-@dataclass
-class _Running:
-    job: MissionJob
-    attempt: int = 1
-    excused: bool = False  # an earlier attempt ended by what may have been the machine
-
-
 def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     """Run what ``source`` hands out until there is no more, it gives up, or somebody asks for a stop.
 
@@ -85,13 +77,13 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
 
     Raises `UserError`: a mission met a user's mistake, which every other one would meet too.
     """
-    running: dict[str, _Running] = {}
+    running: dict[str, tuple[MissionJob, list[Trial]]] = {}  # with the attempts that have ended
     try:
         while not stop.is_set() and not source.cancelled:
             while (free := executor.capacity - len(running)) > 0 and (jobs := source.next_jobs(free)):
                 for job in jobs:
                     executor.submit(job)
-                    running[job.id] = _Running(job)
+                    running[job.id] = job, []
                     source.launched(job)
             if not running:
                 if not source.has_pending:
@@ -100,13 +92,12 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
                 continue
             ended = []
             for trial in executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S):
-                ended_run = running.pop(trial.job_id)
+                job, attempts = running.pop(trial.job_id)
                 if trial.reason == "user_error":
                     raise UserError(trial.message)
-                if trial.should_retry(ended_run.attempt, excused=ended_run.excused):
-                    executor.submit(ended_run.job)
-                    excused = ended_run.excused or trial.possibly_machine_fault
-                    running[trial.job_id] = _Running(ended_run.job, ended_run.attempt + 1, excused)
+                if should_retry([*attempts, trial]):
+                    executor.submit(job)
+                    running[job.id] = job, [*attempts, trial]
                 else:
                     ended.append(trial)
             source.ended(ended)
