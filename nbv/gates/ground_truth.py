@@ -168,7 +168,7 @@ class GroundTruthOracle:
 def oracle_rewards(
     oracle: Oracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
 ) -> dict[str, float]:
-    """The gain of each ranking's top candidate, by scorer name: for oracle gates and off-policy logs.
+    """The gain of each ranking's top candidate, by scorer name: for oracle gates.
 
     Reads the ground truth; never feed the result to a deployable gate.
     """

@@ -99,13 +99,11 @@ class Fidelity(ABC):
         overwrite: bool = False,
         cache: bool | Store = True,
         log: Log = no_log,
-        with_oracle: bool = False,
     ) -> MissionResult:
         """Run one mission and measure it: a `nbv.mission.function.MissionFunction`, which has the other parameters.
 
         ``overwrite``: a finished mission in ``directory`` may be replaced. ``cache``: what missions share is kept in the user's store, or in
         the one given; the outcome is the same without. ``log`` is called with an event's name and its facts as the mission goes on.
-        ``with_oracle``: beside every decision is recorded what an oracle would have gained from each scorer's best candidate.
         """
         started = time.perf_counter()
         store = cache if isinstance(cache, Store) else Store() if cache else None
@@ -119,7 +117,7 @@ class Fidelity(ABC):
         log("start", {**facts, **counts})
         fidelity = cls(context)
         all_files = files if context.keeps_everything else None
-        mission = fidelity.mission(all_files, log, with_oracle)
+        mission = fidelity.mission(all_files, log)
         outcome = fidelity.outcome(mission)
         if all_files is not None:
             fidelity.export(all_files, outcome.metrics)
@@ -159,7 +157,7 @@ class Fidelity(ABC):
             rock_sha256=loaded.sha256,
         )
 
-    def mission(self, files: RunDirectory | None, log: Log, with_oracle: bool) -> AdaptiveMission:
+    def mission(self, files: RunDirectory | None, log: Log) -> AdaptiveMission:
         """Return the mission to run; what plans gets the vehicle's configuration, never the true one nor the rock."""
         vehicle_config, rock_sha256, replicate = (
             self.vehicle_config,
@@ -167,7 +165,7 @@ class Fidelity(ABC):
             self.context.replicate,
         )
         kind = self.context.config.gate.kind
-        oracle = self.oracle() if with_oracle or gate_class(kind).sees_ground_truth else None
+        oracle = self.oracle() if gate_class(kind).sees_ground_truth else None
         gate = make_gate(vehicle_config, rock_sha256, replicate, oracle)
         flight = Flight(vehicle_config, rock_sha256=rock_sha256, replicate=replicate)
         recorder = Recorder(
@@ -175,7 +173,6 @@ class Fidelity(ABC):
             flight,
             self.context.stopwatch,
             run=files,
-            oracle=oracle if with_oracle else None,
             log=log,
         )
         return AdaptiveMission(

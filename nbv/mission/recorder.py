@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 
 from nbv.config import MissionConfig
 from nbv.flight import Flight
-from nbv.gates import Oracle, gate_features, oracle_rewards
+from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord, json_ready
@@ -22,8 +22,7 @@ class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
 
     ``config`` is what the vehicle plans by; ``flight`` the mission's own, for the length of each leg. Photographs, planning states and
-    the trace are written into ``run`` as they come, or nowhere. ``oracle``, in simulation only: what it would have gained from the
-    scorers' choices is recorded with every decision.
+    the trace are written into ``run`` as they come, or nowhere.
     """
 
     def __init__(
@@ -33,12 +32,10 @@ class Recorder:
         stopwatch: Stopwatch,
         *,
         run: RunDirectory | None = None,
-        oracle: Oracle | None = None,
         log: Log = no_log,
     ) -> None:
         self._config, self._flight, self._stopwatch = config, flight, stopwatch
-        self._run, self._oracle, self._log = run, oracle, log
-        self._rewards: dict[str, float] = {}
+        self._run, self._log = run, log
         self._decided_at = (0.0, 0.0)  # flight time (s) and path (m) when the next view was chosen
         self._planned_at_s = 0.0  # wall clock
         self.images = 0
@@ -90,12 +87,9 @@ class Recorder:
             self._run.write_config(config.to_dict(), LOCATED)
 
     def planned(self, plan: Plan) -> None:
-        """The next view has been chosen: save the planning state, ask the oracle where there is one."""
+        """The next view has been chosen: save the planning state."""
         if self._run is not None:
             save_state(self._run.state_path(plan.state.iteration), plan.state, plan.pool)
-        if self._oracle is not None:
-            with self._stopwatch.timed("shadow_oracle"):
-                self._rewards = oracle_rewards(self._oracle, plan.state, plan.pool, plan.rankings)
         self._planned_at_s = time.perf_counter()
         self._decided_at = (self._flight.flight_time_s, self._flight.path_length_m)
 
@@ -153,7 +147,6 @@ class Recorder:
             scorer=decision.ranking.scorer,
             reason=decision.reason,
             gate_details=decision.details,
-            oracle_rewards=self._rewards,
             features=gate_features(state, self._config),
             top={name: _best(ranking, pool) for name, ranking in plan.rankings.items()},
             chosen=pool.ids[decision.ranking.top],

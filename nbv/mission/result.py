@@ -38,8 +38,6 @@ class IterationRecord:
     scorer: str  # whose ranking was used
     reason: str  # the gate's
     gate_details: dict[str, Any]
-    # Of both scorers' best candidates; simulation only, no gate but the oracles sees it.
-    oracle_rewards: dict[str, Number]
     features: dict[str, Number]  # what a learned gate would read
     top: dict[str, dict[str, Number | str]]  # per scorer: its best candidate with score and terms
     chosen: str  # candidate id

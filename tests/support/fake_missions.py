@@ -121,7 +121,6 @@ def fake_mission(
                 {},
                 {},
                 {},
-                {},
                 "cand_000",
                 False,
                 "",

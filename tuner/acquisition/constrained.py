@@ -147,8 +147,8 @@ def surrogate_of(models: Sequence[Outcome]) -> InstanceMeanGP:
 
 def propose_constrained(
     first: Outcome, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
-) -> tuple[Values, dict[str, float]]:
-    """Return the configuration with the largest log noisy expected improvement among those that keep the limit.
+) -> tuple[Values, float]:
+    """Return the configuration with the largest noisy expected improvement within the limit, and that improvement.
 
     The improvement counts by the probability of keeping the limit (Gardner et al., ICML 2014, in BoTorch's logarithmic
     form); before anything keeps it, the search is for what does. What the configuration decides is computed: an exact
@@ -172,13 +172,8 @@ def propose_constrained(
         else:
             acquisition = _with_probability(first, constraint, running, seed)
         position, score = maximise(model, acquisition, seed, near=near, allowed=known)
-    values = model.space.from_unit(position)
     unit_gain = 1.0 if isinstance(first, DeterministicOutcome) else first.mean_scale
-    return values, {
-        "log_nei": score,
-        "expected_gain": math.exp(score) * unit_gain,
-        "probability_within": float(constraint.probability([values])[0]),
-    }
+    return model.space.from_unit(position), math.exp(score) * unit_gain
 
 
 def _saving(

@@ -39,14 +39,10 @@ _SMALLEST_VARIANCE = 1e-8
 _DISALLOWED = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 
 
-def propose(
-    model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int
-) -> tuple[Values, dict[str, float]]:
-    """Return the configuration with the largest acquisition value, and figures that explain it.
+def propose(model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int) -> tuple[Values, float]:
+    """Return the configuration with the largest acquisition value, and its expected improvement, objective's unit.
 
-    Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ. The figures are
-    the acquisition value, the improvement it stands for, and the model's mean and standard deviation there (objective's
-    unit, larger is better).
+    Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ.
     """
     with numerics():
         known = pruned(model.model, model.inputs(model.promising(BASELINE)), seed)
@@ -55,14 +51,7 @@ def propose(
             known = torch.unique(torch.cat([known, running]), dim=0)
         acquisition = LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
         position, score = maximise(model, acquisition, seed)
-    values = model.space.from_unit(position)
-    posterior = model.posterior([values])
-    return values, {
-        "log_nei": score,
-        "expected_gain": math.exp(score) * model.mean_scale,
-        "predicted_mean": float(posterior.mean[0]),
-        "predicted_sd": float(posterior.sd[0]),
-    }
+    return model.space.from_unit(position), math.exp(score) * model.mean_scale
 
 
 def maximise(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -98,20 +97,19 @@ class GPSampler:
                 elif not models:
                     models = (InstanceMeanGP(s.space, history, s.instances, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
-                figures: dict[str, Any] = {"drawn": True}
+                configurations = [p.values for p in running]
                 if modelled >= most or len(running) > MAX_JOINT:
                     drawn = drawn or draw(models, constraint, count - len(proposals), seed)
-                    values = drawn.pop()
+                    values, gain = drawn.pop(), math.inf
                 elif constraint is None:
-                    values, figures = propose(surrogate_of(models), [p.values for p in running], seed)
+                    values, gain = propose(surrogate_of(models), configurations, seed)
                 else:
-                    configurations = [p.values for p in running]
-                    values, figures = propose_constrained(models[0], constraint, configurations, seed)
+                    values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
-                gain = figures.get("expected_gain", math.inf)
-                repeat = self._verified(models, constraint, history, running, gain)
-                proposal = repeat or Proposal(values, {"sampler": self.name, "phase": "model"})
-                proposal = dataclasses.replace(proposal, metadata={**figures, **proposal.metadata})
+                why = {"expected_gain": gain} if math.isfinite(gain) else {"drawn": True}
+                proposal = self._verified(models, constraint, history, running, gain) or Proposal(
+                    values, {"sampler": self.name, "phase": "model", **why}
+                )
             proposals.append(proposal)
             running.append(in_flight(s, history, running, proposal))
         return proposals

@@ -113,13 +113,8 @@ def test_seeds_alone_are_a_mission(config):
     assert a.metrics == b.metrics
 
 
-def test_only_a_mission_that_asks_or_has_its_gate_hears_the_oracle(flown, config):
-    """It changes nothing else."""
-    asked = run_geometric_mission(config, ROCK, with_oracle=True)
-    assert [record.oracle_rewards for record in flown.trace] == [{}] * BUDGET
-    assert all(set(record.oracle_rewards) == {"covis", "b-aware"} for record in asked.trace)
-    assert [r.chosen for r in flown.trace] == [r.chosen for r in asked.trace]
-    assert flown.metrics == asked.metrics
+def test_only_a_mission_with_an_oracle_gate_asks_the_oracle(flown, config):
+    assert not any("oracle_rewards" in record.gate_details for record in flown.trace)
     oracle = run_geometric_mission(config.with_values({"gate.kind": "hyb-o"}), ROCK)
     assert set(oracle.trace[0].gate_details["oracle_rewards"]) == {"covis", "b-aware"}
 

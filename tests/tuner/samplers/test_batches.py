@@ -56,7 +56,7 @@ def test_half_a_batch_is_by_the_acquisition(running: int, by_acquisition: int) -
     history = synthetic.random_design(24, 0.1, 0)
     pending = [Observation(24 + i, v, "r0", 0) for i, v in enumerate(positions(running, 4))]
     proposals = gp.GPSampler(synthetic.sampler_settings(0, 4)).ask_many(history, pending, 12)
-    assert [("log_nei" in p.metadata) for p in proposals].count(True) == by_acquisition
+    assert [("expected_gain" in p.metadata) for p in proposals].count(True) == by_acquisition
     assert len({tuple(p.values.values()) for p in proposals}) == 12
 
 

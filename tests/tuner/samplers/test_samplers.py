@@ -26,7 +26,7 @@ def test_pending_missions_push_the_next_proposal_away() -> None:
     second = sampler.ask(history, running)
     apart = np.linalg.norm(synthetic.SPACE.to_unit(first.values) - synthetic.SPACE.to_unit(second.values))
     assert apart > 0.02
-    assert first.metadata["phase"] == "model" and np.isfinite(first.metadata["log_nei"])
+    assert first.metadata["phase"] == "model" and np.isfinite(first.metadata["expected_gain"])
 
 
 def test_failed_missions_do_not_poison_the_model() -> None:
