@@ -159,24 +159,13 @@ class Fidelity(ABC):
 
     def mission(self, files: RunDirectory | None, log: Log) -> AdaptiveMission:
         """Return the mission to run; what plans gets the vehicle's configuration, never the true one nor the rock."""
-        vehicle_config, rock_sha256, replicate = (
-            self.vehicle_config,
-            self.context.rock.sha256,
-            self.context.replicate,
-        )
-        kind = self.context.config.gate.kind
-        oracle = self.oracle() if gate_class(kind).sees_ground_truth else None
-        gate = make_gate(vehicle_config, rock_sha256, replicate, oracle)
-        flight = Flight(vehicle_config, rock_sha256=rock_sha256, replicate=replicate)
-        recorder = Recorder(
-            vehicle_config,
-            flight,
-            self.context.stopwatch,
-            run=files,
-            log=log,
-        )
+        config, context = self.vehicle_config, self.context
+        oracle = self.oracle() if gate_class(config.gate.kind).sees_ground_truth else None
+        gate = make_gate(config, context.rock.sha256, context.replicate, oracle)
+        flight = Flight(config, rock_sha256=context.rock.sha256, replicate=context.replicate)
+        recorder = Recorder(config, context.stopwatch, run=files, log=log)
         return AdaptiveMission(
-            vehicle_config, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
+            config, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
         )
 
     def outcome(self, mission: AdaptiveMission) -> Outcome:

@@ -7,7 +7,6 @@ import time
 from contextlib import AbstractContextManager
 
 from nbv.config import MissionConfig
-from nbv.flight import Flight
 from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
@@ -21,22 +20,20 @@ from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
 class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
 
-    ``config`` is what the vehicle plans by; ``flight`` the mission's own, for the length of each leg. Photographs, planning states and
-    the trace are written into ``run`` as they come, or nowhere.
+    ``config`` is what the vehicle plans by. Photographs, planning states and the trace are written into ``run`` as they come,
+    or nowhere.
     """
 
     def __init__(
         self,
         config: MissionConfig,
-        flight: Flight,
         stopwatch: Stopwatch,
         *,
         run: RunDirectory | None = None,
         log: Log = no_log,
     ) -> None:
-        self._config, self._flight, self._stopwatch = config, flight, stopwatch
+        self._config, self._stopwatch = config, stopwatch
         self._run, self._log = run, log
-        self._decided_at = (0.0, 0.0)  # flight time (s) and path (m) when the next view was chosen
         self._planned_at_s = 0.0  # wall clock
         self.images = 0
         self.registered_images = 0
@@ -91,7 +88,6 @@ class Recorder:
         if self._run is not None:
             save_state(self._run.state_path(plan.state.iteration), plan.state, plan.pool)
         self._planned_at_s = time.perf_counter()
-        self._decided_at = (self._flight.flight_time_s, self._flight.path_length_m)
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
         """The photograph of the planned view is in the model, or could not be registered."""
@@ -135,7 +131,6 @@ class Recorder:
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision
         assert decision is not None, "only a chosen view is photographed"
-        decided_s, decided_m = self._decided_at
         return IterationRecord(
             iteration=state.iteration,
             pool_size=len(pool),
@@ -152,8 +147,6 @@ class Recorder:
             chosen=pool.ids[decision.ranking.top],
             registered=report.registered,
             message=report.message,
-            leg_duration_s=self._flight.flight_time_s - decided_s,
-            leg_length_m=self._flight.path_length_m - decided_m,
             update_s=self._stopwatch.last_s["update"],
             planning_s=self._stopwatch.last_s["planning"],
         )

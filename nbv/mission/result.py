@@ -43,8 +43,6 @@ class IterationRecord:
     chosen: str  # candidate id
     registered: bool  # did the new image register
     message: str
-    leg_duration_s: Number
-    leg_length_m: Number
     update_s: Number  # wall time of the sparse update
     planning_s: Number  # wall time of pool, scorers and gate
 

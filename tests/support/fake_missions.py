@@ -126,8 +126,6 @@ def fake_mission(
                 "",
                 0.0,
                 0.0,
-                0.0,
-                0.0,
             )
         )
         result = dataclasses.replace(result, trace=[record, record])

@@ -83,7 +83,7 @@ def made(config, reconstructor=None, flight=None):
         PoseCamera(config.target_m),
         reconstructor or CountingReconstructor(),
         make_gate(config),
-        Recorder(config, flight, Stopwatch()),
+        Recorder(config, Stopwatch()),
     )
 
 
