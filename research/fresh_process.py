@@ -87,8 +87,8 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
 
     marks: list[float] = []
 
-    def note(event, facts) -> None:  # type: ignore[no-untyped-def]
-        if event in ("seed-model", "capture"):
+    def note(line) -> None:  # type: ignore[no-untyped-def]
+        if line.startswith(("seed model", "capture")):
             marks.append(time.process_time())
 
     wall, cpu = time.monotonic(), time.process_time()

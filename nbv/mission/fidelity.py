@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -103,7 +102,7 @@ class Fidelity(ABC):
         """Run one mission and measure it: a `nbv.mission.function.MissionFunction`, which has the other parameters.
 
         ``overwrite``: a finished mission in ``directory`` may be replaced. ``cache``: what missions share is kept in the user's store, or in
-        the one given; the outcome is the same without. ``log`` is called with an event's name and its facts as the mission goes on.
+        the one given; the outcome is the same without. ``log`` is given lines of text as the mission goes on.
         """
         started = time.perf_counter()
         store = cache if isinstance(cache, Store) else Store() if cache else None
@@ -111,13 +110,9 @@ class Fidelity(ABC):
         files = None if directory is None else RunDirectory(directory, overwrite=overwrite)
         if files is not None:
             files.write_config(context.config.to_dict())
-            log = _with_progress(log, files, context.config)
-        facts = {"rock": context.rock.name, "replicate": replicate, "gate": context.config.gate.kind}
-        counts = {"seeds": context.config.seed.total, "budget": context.config.adaptive_budget}
-        log("start", {**facts, **counts})
         fidelity = cls(context)
         all_files = files if context.keeps_everything else None
-        mission = fidelity.mission(all_files, log)
+        mission = fidelity.mission(all_files, files, log)
         outcome = fidelity.outcome(mission)
         if all_files is not None:
             fidelity.export(all_files, outcome.metrics)
@@ -129,7 +124,6 @@ class Fidelity(ABC):
         if files is not None:
             (files.root / PROGRESS).unlink(missing_ok=True)
             write_atomic(files.root / "mission.json", result.to_json())  # last: the mission has finished
-        log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
         return result
 
     @classmethod
@@ -157,13 +151,13 @@ class Fidelity(ABC):
             rock_sha256=loaded.sha256,
         )
 
-    def mission(self, files: RunDirectory | None, log: Log) -> AdaptiveMission:
+    def mission(self, files: RunDirectory | None, progress: RunDirectory | None, log: Log) -> AdaptiveMission:
         """Return the mission to run; what plans gets the vehicle's configuration, never the true one nor the rock."""
         config, context = self.vehicle_config, self.context
         oracle = self.oracle() if gate_class(config.gate.kind).sees_ground_truth else None
         gate = make_gate(config, context.rock.sha256, context.replicate, oracle)
         flight = Flight(config, rock_sha256=context.rock.sha256, replicate=context.replicate)
-        recorder = Recorder(config, context.stopwatch, run=files, log=log)
+        recorder = Recorder(config, context.stopwatch, run=files, progress=progress, log=log)
         return AdaptiveMission(
             config, flight, self.camera, self.reconstructor, gate, recorder, self.viewpoints
         )
@@ -218,15 +212,3 @@ class Fidelity(ABC):
             },
             condition=context.config.condition,
         )
-
-
-def _with_progress(log: Log, files: RunDirectory, config: MissionConfig) -> Log:
-    """Return ``log`` with the number of photographs written into ``files`` as they are taken."""
-    taken = itertools.count(1)
-
-    def logged(event: str, facts: dict[str, Any]) -> None:
-        if event in ("seed", "capture"):
-            files.append(PROGRESS, f"{next(taken)}/{config.seed.total + config.adaptive_budget}")
-        log(event, facts)
-
-    return logged

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 
 Keep = Literal["all", "summary"]
-Log = Callable[[str, dict[str, Any]], None]  # an event's name and its facts
+Log = Callable[[str], None]  # is given a line of text for what a mission has found or chosen
 
 
-def no_log(event: str, facts: dict[str, Any]) -> None:
-    """Ignore the event."""
+def no_log(line: str) -> None:
+    """Ignore the line."""
 
 
 class MissionFunction(Protocol):

@@ -174,7 +174,6 @@ class AdaptiveMission:
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""
-        self.recorder.returning()
         self.flight.return_and_land()
         self.camera.close()
         with self.recorder.timed("dense"):

@@ -11,7 +11,7 @@ from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord, json_ready
-from nbv.mission.run_directory import LOCATED, TRACE, RunDirectory
+from nbv.mission.run_directory import LOCATED, PROGRESS, TRACE, RunDirectory
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
@@ -21,7 +21,7 @@ class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
 
     ``config`` is what the vehicle plans by. Photographs, planning states and the trace are written into ``run`` as they come,
-    or nowhere.
+    or nowhere; their number goes into ``progress``. ``log`` is given a line for what was found or chosen.
     """
 
     def __init__(
@@ -30,10 +30,12 @@ class Recorder:
         stopwatch: Stopwatch,
         *,
         run: RunDirectory | None = None,
+        progress: RunDirectory | None = None,
         log: Log = no_log,
     ) -> None:
         self._config, self._stopwatch = config, stopwatch
-        self._run, self._log = run, log
+        self._run, self._progress, self._log = run, progress, log
+        self._most_images = config.seed.total + config.adaptive_budget
         self._planned_at_s = 0.0  # wall clock
         self.images = 0
         self.registered_images = 0
@@ -49,30 +51,31 @@ class Recorder:
         self.images += 1
         if self._run is not None and capture.image is not None:
             self._run.write_image(capture.name, capture.image)
-        if capture.viewpoint.band == "seed":
-            self._log("seed", {"index": self.images - 1, "id": capture.viewpoint.id})
+        if self._progress is not None:
+            self._progress.append(PROGRESS, f"{self.images}/{self._most_images}")
 
     def retargeted(self, target_m: tuple[float, float, float] | None) -> None:
         """The first seeds have shown the target at this place, or None where they show none."""
-        self._log("retargeted", {"target_m": target_m})
+        found = (
+            "not found yet" if target_m is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*target_m)
+        )
+        self._log(f"target {found}")
 
     def second_turn(self, why: str, seeds: int) -> None:
         """The seeds have made no model, or not all are in it: so many further seeds between them."""
         self.notes.append("second_turn")
-        self._log("second-turn", {"message": why, "seeds": seeds})
+        self._log(f"{why}: {seeds} seeds between them")
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""
         self.registered_images = len(report.model.camera_names)
         if self.registered_images < self.images:
             self.notes.append("unregistered_seed")
-        facts = {
-            "points": len(report.model.points_m),
-            "registered": self.registered_images,
-            "captures": self.images,
-            "alignment_rms_m": report.model.alignment_rms_m,
-        }
-        self._log("seed-model", facts)
+        model = report.model
+        self._log(
+            f"seed model: {self.registered_images}/{self.images} images, {len(model.points_m)} points, "
+            f"alignment {1000 * model.alignment_rms_m:.1f} mm"
+        )
 
     def located(self, config: MissionConfig | None) -> None:
         """The target was looked for in the seed model: the configuration with its place and size, or None."""
@@ -98,33 +101,22 @@ class Recorder:
         self.trace.append(record)
         if self._run is not None:
             self._run.append(TRACE, json.dumps(json_ready(record)))
-        facts = {
-            "iteration": record.iteration,
-            "budget": self._config.adaptive_budget,
-            "capture_s": time.perf_counter() - self._planned_at_s,
-            "chosen": record.chosen,
-            "scorer": record.scorer,
-            "d95_m": record.d95_m,
-            "registered": record.registered,
-            "points": len(report.model.points_m),
-        }
-        self._log("capture", facts)
+        number, budget = record.iteration + 1, self._config.adaptive_budget
+        left_min = (budget - number) * (time.perf_counter() - self._planned_at_s) / 60.0
+        self._log(
+            f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
+            f"d95 {1000 * record.d95_m:.0f} mm  {len(report.model.points_m)} points"
+            f"{'' if record.registered else '  not registered'}"
+            f"{f'  {left_min:.1f} min left, then the dense cloud' if number < budget else ''}"
+        )
 
     def ended(self, plan: Plan) -> None:
         """The adaptive phase ends early: the cloud has converged, or no candidate passed the filters."""
-        if plan.converged:
-            self._log("converged", {"iteration": plan.state.iteration, "d95_m": plan.state.d95_m})
-        else:
+        if not plan.converged:
             self.notes.append("empty_pool")
-            self._log("empty-pool", {"iteration": plan.state.iteration, **plan.pool.counts})
-
-    def returning(self) -> None:
-        """The last photograph has been taken."""
-        self._log("dense", {})
 
     def reconstructed(self, cloud: Cloud) -> None:
         """The photographs have become a dense cloud, which will now be measured."""
-        self._log("metrics", {})
         if self._run is not None:
             self._run.write_cloud("dense.ply", cloud)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,37 +29,6 @@ from tuner.report.labels import duration, format_number
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
-
-
-def _time_left(facts: dict[str, Any]) -> str:
-    """How long the captures still to come may take, as long as those before; nothing after the last."""
-    left = facts["budget"] - facts["iteration"] - 1
-    return f"  {duration(facts['capture_s'] * left)} left, then the dense cloud" if left > 0 else ""
-
-
-def say_event(event: str, facts: dict[str, Any]) -> None:
-    """A line for what a mission found or chose."""
-    text = ""
-    if event == "second-turn":
-        text = f"{facts['message']}: {facts['seeds']} seeds between them"
-    elif event == "retargeted":
-        at = facts["target_m"]
-        text = "target " + (
-            "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)
-        )
-    elif event == "seed-model":
-        text = (
-            f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
-            f"alignment {1000 * facts['alignment_rms_m']:.1f} mm"
-        )
-    elif event == "capture":
-        text = (
-            f"capture {facts['iteration'] + 1:2d} of {facts['budget']}: {facts['scorer']:<8} chose {facts['chosen']}  "
-            f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points"
-            f"{'' if facts['registered'] else '  not registered'}{_time_left(facts)}"
-        )
-    if text:
-        output.print(text, highlight=False, soft_wrap=True)
 
 
 @app.command()
@@ -91,9 +61,8 @@ def run(
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
     with working("running"):
-        result = mission_function(fidelity)(
-            config, rock, replicate, directory, overwrite=overwrite, log=say_event
-        )
+        log = functools.partial(output.print, highlight=False, soft_wrap=True)
+        result = mission_function(fidelity)(config, rock, replicate, directory, overwrite=overwrite, log=log)
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
     output.print(f"[{colour}]{result.status}[/]  {escape(result.message)}", markup=True)
     if result.status != "failed":
