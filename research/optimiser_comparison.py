@@ -37,6 +37,7 @@ import numpy as np  # noqa: E402
 
 from research.optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from research.optimiser_strategies import STRATEGIES, applicable  # noqa: E402
+from tuner.problem.instances import Instance  # noqa: E402
 from tuner.problem.observations import (  # noqa: E402
     Observation,
     Proposal,
@@ -117,7 +118,8 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         request = strategy.ask()
         ask_s = time.process_time() - began
         total_ask_s += ask_s
-        proposal = Proposal(request.values, {}, request.rock, request.replicate)
+        instance = None if request.rock is None else Instance(request.rock)
+        proposal = Proposal(request.values, {}, instance, request.replicate)
         (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.run(request.values, rock, replicate)
         spent += flight.cost

@@ -117,7 +117,7 @@ class OneRock:
     def ask(self) -> Request:
         """The sampler's proposal."""
         p = self.sampler.ask(self.history, [])
-        return Request(p.values, p.rock, p.replicate, p.metadata)
+        return Request(p.values, p.instance.rock if p.instance else None, p.replicate, p.metadata)
 
     def tell(self, observation: Observation) -> None:
         """Into the history."""

@@ -18,7 +18,7 @@ import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
@@ -228,11 +228,8 @@ class PeerSampler:
             },
         )
         why = {"sampler": self.name, "phase": "model", "peer_cpu_s": reply["cpu_s"]}
-        proposal = Proposal(self._values(reply["values"]), why, replicate=reply.get("replicate"))
-        if reply.get("rock") is None:
-            return proposal
-        instance = known[reply["rock"]]
-        return replace(proposal, rock=instance.rock, condition=instance.condition)
+        instance = None if reply.get("rock") is None else known[reply["rock"]]
+        return Proposal(self._values(reply["values"]), why, instance, reply.get("replicate"))
 
     def _process(self, history: Sequence[Observation], command: Sequence[str]) -> PeerProcess:
         """The process, told the whole of ``history``."""

@@ -71,7 +71,7 @@ def test_the_peer_chooses_the_rock_and_hears_each_mission_once() -> None:
     for expected in (4, 5, 6):
         proposal = sampler.ask(history, [])
         assert told(proposal.values) == expected
-        assert (proposal.rock, proposal.replicate) == ("r3", 7)
+        assert (proposal.instance, proposal.replicate) == (("r3", "ideal"), 7)
         assert proposal.metadata["phase"] == "model" and proposal.metadata["peer_cpu_s"] >= 0
         history.append(synthetic.observe(len(history), proposal.values, "r3", 0.05, np.random.default_rng(0)))
 
@@ -183,7 +183,9 @@ def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
     for proposal in proposals:
         assert all(p.contains(proposal.values[p.path]) for p in MIXED.parameters)
         assert proposal.metadata["phase"] == "model"
-        assert proposal.rock in (None, "r0", "r1") and proposal.replicate in (None, 0, 1)
+        assert (
+            proposal.instance is None or proposal.instance.rock in ("r0", "r1")
+        ) and proposal.replicate in (None, 0, 1)
     np.testing.assert_allclose(units[0], units[1], atol=1e-6)  # the same history, told to two samplers
 
 

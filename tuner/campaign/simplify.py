@@ -41,7 +41,7 @@ def simplified(campaign: Campaign) -> list[Proposal]:
         return []
     reset = [path for path in best.changed if values[path] == best.default_values[path]]
     why = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
-    return [Proposal(values, why, t.rock, t.replicate, condition=t.condition) for t in own]
+    return [Proposal(values, why, t.instance, t.replicate) for t in own]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:

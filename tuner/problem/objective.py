@@ -31,7 +31,7 @@ SHORT = {
 }
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
-# Of a text without blanks.
+# Of a text without blanks around its signs.
 _NAME, _NUMBER = r"P\([^()]*\)|[\w.]+", r"[-+.\deE]+"
 _FORM = re.compile(rf"(?P<first>{_NAME})(@(?P<second>{_NAME})(?P<sign><=|>=)(?P<limit>{_NUMBER}))?", re.ASCII)
 _SHARE = re.compile(rf"P\((?P<metric>[\w.]+)>=(?P<least>{_NUMBER})\)", re.ASCII)
@@ -146,7 +146,7 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
 
     ``own``: which way the metrics and costs of a mission file are better, as it says.
     """
-    found = _FORM.fullmatch("".join(text.split()))
+    found = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
     if found is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "

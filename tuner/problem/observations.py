@@ -55,18 +55,12 @@ class Observation:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to run next; the campaign's schedule decides ``rock``, ``condition`` and ``replicate`` where they are None."""
+    """What to run next; the campaign's schedule decides ``instance`` and ``replicate`` where they are None."""
 
     values: dict[str, Any]
     metadata: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
-    rock: str | None = None
+    instance: Instance | None = None
     replicate: int | None = None
-    condition: str = IDEAL  # of ``rock``
-
-    @property
-    def instance(self) -> Instance | None:
-        """The instance in which to run it."""
-        return None if self.rock is None else Instance(self.rock, self.condition)
 
 
 def next_block(

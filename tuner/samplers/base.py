@@ -120,10 +120,8 @@ def ask_many(
     at_once, proposals, running = getattr(sampler, "ask_many", None), list[Proposal](), list(pending)
     while (left := count - len(proposals)) > 0:
         if settings.default_beside and (block := _without_default(settings, [*history, *running])):
-            instance, replicate = block
             metadata = {"sampler": sampler.name, "phase": "beside the default"}
-            default = dict(settings.default)
-            found = [Proposal(default, metadata, instance.rock, replicate, condition=instance.condition)]
+            found = [Proposal(dict(settings.default), metadata, *block)]
         elif at_once is not None:
             found = at_once(history, running, (left + 1) // 2 if settings.default_beside else left)
         else:

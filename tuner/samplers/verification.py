@@ -72,10 +72,7 @@ def verification(
     own = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.instances, replicates, own, missions, values)
     metadata = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
-    if block is None:
-        return None
-    instance, replicate = block
-    return Proposal(values, metadata, instance.rock, replicate, condition=instance.condition)
+    return None if block is None else Proposal(values, metadata, *block)
 
 
 def _worth_confirming(

@@ -34,11 +34,15 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
     proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.metadata["phase"] == "verification"
-    assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been run once, 1 never
+    assert (proposal.instance, proposal.replicate) == (
+        ("r1", "ideal"),
+        1,
+    )  # replicate 0 of r1 has been run once, 1 never
     blocks = [("r0", 0)]
     running: list[Observation] = []
     while (proposal := verification(model_of(history), history, running, 2, expected_gain=0.0)) is not None:
-        blocks.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
+        assert proposal.instance is not None and proposal.replicate is not None
+        blocks.append((proposal.instance.rock, proposal.replicate))
         running.append(Observation(4 + len(running), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
     assert sorted(blocks) == [(rock, k) for rock in ROCKS for k in range(2)]
