@@ -94,7 +94,7 @@ class Plugin:
 
     @functools.cached_property
     def loaded(self) -> Any:
-        """The part; what a scorer or gate returns is checked. ``UserError`` where it cannot be imported or is none of its group."""
+        """The part; what a scorer or gate returns is checked. ``UserError`` where it cannot be imported or lacks its group's interface."""
         part = self.part
         if part is None:
             try:
@@ -211,7 +211,7 @@ def plugins(group: str) -> dict[str, Plugin]:
 
 
 def beside(own: Collection[str], group: str) -> dict[str, Plugin]:
-    """`plugins` beside our ``own``; `UserError` where one has a name of ours."""
+    """The plug-ins of a group; `UserError` where one has the name of a built-in part (``own``)."""
     found = plugins(group)
     for taken in own & found.keys():
         raise UserError(f"{found[taken].label} has the name of one that is built in; rename or uninstall it")
@@ -219,7 +219,7 @@ def beside(own: Collection[str], group: str) -> dict[str, Plugin]:
 
 
 def sources(group: str, *names: str) -> list[str]:
-    """Source digests of the plug-ins among ``names``: what is kept of their work depends on them."""
+    """Source digests of the plug-ins among ``names``, for the cache keys of what they compute."""
     found = plugins(group)
     return [found[name].source for name in names if name in found]
 
@@ -257,7 +257,7 @@ def _require_interface(plugin: Plugin, part: Any) -> None:
 
 
 def read_only(value: Any) -> Any:
-    """An array, or a dataclass or dictionary of some, that cannot be written to; arrays share their memory."""
+    """A read-only view of an array, or of all arrays in a dataclass or dictionary; memory is shared."""
     if isinstance(value, np.ndarray):
         view = value.view()
         view.flags.writeable = False

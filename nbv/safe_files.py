@@ -1,11 +1,10 @@
-"""The boundary that files from anybody cross: text, YAML, JSON and NPZ, each with limits; and how files are written.
+"""Reads untrusted text, YAML, JSON and NPZ files within limits, and writes files safely.
 
-Only regular files are read (a pipe would hang), to a limit of bytes; trees have limits of depth and number of nodes, what
-YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and shapes that the
-caller names. What passes needs no further care but what it means.
+Only regular files are read (a pipe would hang), up to a number of bytes. Trees hold plain values, with limits on depth and
+number of nodes; a YAML alias counts as all that it stands for. Arrays have the types and shapes that the caller asks for.
 
-A run directory may come from anybody, and an archive keeps links: it holds files and folders only (`require_plain`), and what
-is written goes through `open_to_write`, which follows no link.
+A run directory may be untrusted, too, and an archive may contain links: `require_plain` refuses all but files and folders, and
+`open_to_write`, through which everything is written, follows no link.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ TREE_DEPTH = 40
 RUN_FILES = ("campaign.yaml", "evaluation.yaml")  # each lies in the root of a run directory
 JOURNAL_LOCK = "study.journal.lock"  # Optuna makes a link; nobody follows it
 _INT_BOUND = 2**63
-# Of Unicode's Cc all but tab and new line, and what changes the direction of writing.
+# Control characters but tab and newline, and marks that change the direction of writing.
 _STEERING = {
     n: ascii(chr(n))[1:-1]
     for n in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
@@ -264,7 +263,7 @@ def remove(path: Path) -> None:
 
 
 def remove_links(folder: Path) -> None:
-    """Take away, at any depth, what is neither a folder nor a file with this one name: what is written there goes nowhere else."""
+    """Remove, at any depth, links, devices and files with further hard links: writing there then changes no file elsewhere."""
     if folder.is_symlink():
         raise _not_plain(folder, link=True)
     for below, _, _ in os.walk(folder):

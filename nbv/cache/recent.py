@@ -1,4 +1,4 @@
-"""The values of a function that were used last, kept in memory."""
+"""A least-recently-used cache in memory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Value = TypeVar("Value")
 
 
 class Recent(Generic[Value]):
-    """At most ``size`` values by key; the one that was used longest ago goes first."""
+    """At most ``size`` values by key; the least recently used one is dropped first."""
 
     def __init__(self, size: int) -> None:
         self._size = size

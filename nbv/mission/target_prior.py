@@ -21,9 +21,9 @@ ROUNDING_M = 1e-6
 
 
 def with_true_target(config: MissionConfig, rock: Rock) -> MissionConfig:
-    """``config`` with a drawn rock where it really is, whose height is its own, for what measures a mission: nothing plans by it.
+    """``config`` with the true target of a generated rock, whose height varies: for metrics alone, never for planning.
 
-    As it is for others, which are 1.6 m high, and where a target was chosen.
+    Unchanged for other rocks, which are 1.6 m high, and where the user has set a target.
     """
     return with_target_size(config, *_size_m(rock)) if _is_drawn(config, rock) else config
 

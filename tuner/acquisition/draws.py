@@ -1,7 +1,7 @@
 """Many proposals at once: the best of as many draws from the posterior (Thompson, Biometrika 1933; Kandasamy et al., AISTATS 2018).
 
-Each is good under something that may be true, so that they differ where the missions leave it open. The cost hardly depends on
-their number.
+Each is the best configuration of one plausible objective, so that they differ where the model is uncertain. The cost hardly
+depends on their number.
 """
 
 from __future__ import annotations

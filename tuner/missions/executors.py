@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Executor(abc.ABC):
-    """Runs missions, each once and at most ``capacity`` at a time; who is done with it closes it.
+    """Runs missions, each once and at most ``capacity`` at a time; close it after use.
 
     A mission that takes longer than ``timeout_s`` is killed and recorded as ``timeout``.
     """

@@ -53,13 +53,13 @@ class DeterministicMetric:
 
 @dataclass(frozen=True)
 class DeterministicMetrics:
-    """What the configuration decides of the objective and of the second one."""
+    """The objective and the second one as functions of the configuration; None where only a mission can tell."""
 
     first: DeterministicMetric | None = None
     second: DeterministicMetric | None = None
 
     def agreed(self, history: Sequence[Observation]) -> DeterministicMetrics:
-        """Return what every mission so far has confirmed: where one had another cost, a surrogate is used instead."""
+        """Return those that every mission so far has confirmed; a surrogate models the others."""
         done = [o for o in history if o.outcome is not None]
         outcomes = [(o.values, o.outcome) for o in done if o.outcome is not None]
         seconds = [(o.values, o.second) for o in done if o.second is not None]

@@ -1,4 +1,4 @@
-"""How numbers are computed here: float64, one thread, one computation at a time; chance has generators of its own."""
+"""Numerical conventions: float64, one thread, one computation at a time, and random generators of its own."""
 
 from __future__ import annotations
 
