@@ -80,7 +80,7 @@ def table(records: list[Trial]) -> str:
         mean = strategy_interval(records, name, SHOWN[0].key)
         cells = [title, "–" if mean is None else f"{mean.mean:.1f}"]
         for row in SHOWN:
-            difference = strategy_difference(records, name, reference, row)
+            difference = strategy_difference(records, name, reference, row.key)
             own = difference_text(difference, row.decimals, bold=True)
             cells.append("reference" if name == reference else own)
         evaluated = sum(r.strategy == name and r.status != "failed" for r in records)
@@ -100,12 +100,11 @@ def figure(records: list[Trial], path: Path) -> None:
         ax = sheet.subplots()
         ax.axvline(0.0, color=GREY, lw=0.8)
         for y, title in enumerate(reversed(titles)):
-            d = strategy_difference(records, file_name(title), file_name("Hyb-H"), SHOWN[0])
-            if d is None or d.interval.low is None or d.interval.high is None:
+            d = strategy_difference(records, file_name(title), file_name("Hyb-H"), SHOWN[0].key)
+            if d is None or d.low is None or d.high is None:
                 continue
-            i = d.interval
-            ax.plot([i.low, i.high], [y, y], color=colours[title.split(",")[0]], lw=1.6)
-            ax.plot(i.mean, y, "o", color=colours[title.split(",")[0]], ms=5)
+            ax.plot([d.low, d.high], [y, y], color=colours[title.split(",")[0]], lw=1.6)
+            ax.plot(d.mean, y, "o", color=colours[title.split(",")[0]], ms=5)
         ax.set_yticks(range(len(titles)), list(reversed(titles)))
         ax.set_xlabel("F-score @ 48 mm, observable: points over Hyb-H, 95 %")
         sheet.savefig(path, dpi=150)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tuner.evaluation.comparison import Interval, MetricRow, PairedDifference
+from tuner.evaluation.comparison import Interval, MetricRow
 from tuner.report.labels import MISSING, format_number, interval_methods
 
 EXACTLY_ZERO = "0 exactly"
 
 
-def difference_text(difference: PairedDifference | None, decimals: int, *, bold: bool = True) -> str:
+def difference_text(i: Interval | None, decimals: int, *, bold: bool = True) -> str:
     """``+1.2 [−0.3, +2.7]``, bold where the interval excludes zero; ``0 exactly`` if no pair differs."""
-    if difference is None:
+    if i is None:
         return MISSING
-    if difference.wins == difference.losses == 0:  # no pair differs at all
+    if i.mean == 0 and (i.low or 0) == (i.high or 0) == 0:  # no pair differs at all
         return EXACTLY_ZERO
-    i = difference.interval
     text = format_number(i.mean, decimals, signed=True)
     if i.low is None or i.high is None:
         return text

@@ -77,7 +77,6 @@ class Declaration:
     alias: str = ""  # an earlier name that is still read
     added: bool = False  # missions were recorded without the field: digests leave out its default
     label: str = ""  # a name for reports, where the field's own will not do
-    symbol: str = ""  # in the paper
     # Of a campaign's settings:
     shown: str = ""  # the default in words
     option: str = ""  # of the command line, "--rock"; without one only a settings file sets it

@@ -224,14 +224,10 @@ class StopConfig(Section):
 class Weights(Section):
     """Weights of Eq. 1; only their ratios matter to the ranking."""
 
-    main: NonNegative = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main", symbol="W_main")
-    nov: NonNegative = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
-    move: NonNegative = text(
-        0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move"
-    )
-    ang: NonNegative = text(
-        0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang"
-    )
+    main: NonNegative = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main")
+    nov: NonNegative = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov")
+    move: NonNegative = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move")
+    ang: NonNegative = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang")
     register: NonNegative = not_in_paper(
         0.0, "weight of the chance that the photograph registers", label="weight W_reg", added=True
     )
@@ -242,17 +238,14 @@ class SharedTermsConfig(Section):
     """Scales of Eq. 2 to 4 and the point set of Eq. 5 and 8."""
 
     d_scale_m: Positive = text(
-        2.0, "Eq. 2", "distance at which novelty saturates", label="novelty scale d_scale", symbol="d_scale"
+        2.0, "Eq. 2", "distance at which novelty saturates", label="novelty scale d_scale"
     )
-    d_travel_m: Positive = text(
-        10.0, "Eq. 3", "scale of the movement cost", label="travel scale d_travel", symbol="d_travel"
-    )
+    d_travel_m: Positive = text(10.0, "Eq. 3", "scale of the movement cost", label="travel scale d_travel")
     theta_min_deg: Positive = text(
         20.0,
         "Eq. 4",
         "angle to a visited direction below which a view is penalised",
         label="angular penalty θ_min",
-        symbol="θ_min",
     )
     box_half_extent_m: Positive = text(
         2.0, "III-A", "half the side of the box around the target whose points count"
@@ -270,21 +263,16 @@ class BAwareConfig(Section):
     """Eq. 6 and 7."""
 
     weights: Weights = field(default_factory=Weights)
-    alpha_track: NonNegative = text(
-        0.6, "Eq. 6", "weight of short tracks", label="α_τ (track support)", symbol="α_τ"
-    )
-    alpha_density: NonNegative = text(
-        0.4, "Eq. 6", "weight of low density", label="α_ρ (density)", symbol="α_ρ"
-    )
+    alpha_track: NonNegative = text(0.6, "Eq. 6", "weight of short tracks", label="α_τ (track support)")
+    alpha_density: NonNegative = text(0.4, "Eq. 6", "weight of low density", label="α_ρ (density)")
     alpha_reprojection: NonNegative = text(
         0.0,
         "Eq. 6 has no such term",
         "weight of the reprojection error",
         label="α_e (reprojection)",
-        symbol="α_e",
     )
     target_track_length: OneOrMore = text(
-        6, "Eq. 6", "track length at which a point is strong", label="target track length T*", symbol="T*"
+        6, "Eq. 6", "track length at which a point is strong", label="target track length T*"
     )
     density_neighbours: OneOrMore = text(5, "Eq. 6", "neighbours whose mean distance is the density")
     theta_low_deg: NonNegative = text(
@@ -292,14 +280,12 @@ class BAwareConfig(Section):
         "Eq. 7",
         "angle to a ray below which another is redundant",
         label="redundancy floor θ_l",
-        symbol="θ_l",
     )
     theta_saturation_deg: float = text(
         25.0,
         "Eq. 7",
         "angle to all rays beyond which a view gains no more",
         label="saturation angle θ*",
-        symbol="θ*",
     )
 
     def __post_init__(self) -> None:
@@ -341,14 +327,12 @@ class GateConfig(Section):
         "Eq. 9",
         "budget fraction below which Hyb-H uses the geometry scorer",
         label="budget fraction f_b",
-        symbol="f_b",
     )
     d95_m: NonNegative = text(
         0.14,
         "Eq. 9",
         "d95 above which Hyb-H uses the geometry scorer",
         label="KNN distance d95",
-        symbol="d95",
     )
     bridge_below: Share = not_in_paper(
         0.0,

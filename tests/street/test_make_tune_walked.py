@@ -10,6 +10,7 @@ from street import ROOT, SMALL, Street, commands_on
 
 from nbv.config import config_from_dict
 from tuner.campaign.campaign import Campaign
+from tuner.problem.baselines import label
 
 BUDGET = "16"
 
@@ -32,8 +33,8 @@ def test_from_make_tune_to_every_command_that_it_names(tmp_path):
     for block in result["blocks"]:
         plan = yaml.safe_load(street.file(f"runs/tune/{block['directory']}/evaluation.yaml"))
         assert config_from_dict(plan["strategies"]["tuned"]).digest() == recommended
-        for row in block["rows"]:
-            assert row["label"] in terminal and row["label"] in html.unescape(page)
+        for name in map(label, block["table"]["strategies"]):
+            assert name in terminal and name in html.unescape(page)
     changed = [path for path, value in answer["values"].items() if value != answer["default_values"][path]]
     assert changed and all(path in terminal for path in changed)
     for line in dict.fromkeys(commands_on(terminal) + commands_on(page)):

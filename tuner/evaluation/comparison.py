@@ -7,16 +7,13 @@ mission per strategy, distances in mm, shares in percent.
 from __future__ import annotations
 
 import collections
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy import stats
 
-from nbv.errors import UserError
 from tuner.missions.job import Trial
 
 # With fewer rocks a t-interval over rocks says little but "unknown".
@@ -35,27 +32,20 @@ class MetricRow:
     higher_is_better: bool
     decimals: int = 1
 
-    @property
-    def floor_key(self) -> str:
-        """Where missions hold the rock's own floor of this metric, if it has one."""
-        return self.key.removesuffix("_mm") + "_floor_mm"
-
-    def on(self, surface: str) -> MetricRow:
-        """The same row on another surface, ``whole`` or ``observable``."""
-        rest = self.key.partition(".")[2]
-        return dataclasses.replace(self, key=f"{surface}.{rest}")
-
 
 _DISTANCES, _AT_48, _AT_80 = "Dense cloud vs. GT", "Thresholded @ 48 mm", "Thresholded @ 80 mm"
-TABLE_I_ROWS: tuple[MetricRow, ...] = (
-    MetricRow(_DISTANCES, "Hausdorff", "whole.hausdorff_gt_to_cloud_mm", "mm", False),
-    MetricRow(_DISTANCES, "Mean C2C", "whole.c2c_mean_mm", "mm", False),
-    MetricRow(_DISTANCES, "Median C2C", "whole.c2c_median_mm", "mm", False),
-    MetricRow(_DISTANCES, "P95 C2C", "whole.c2c_p95_mm", "mm", False),
-    MetricRow(_AT_48, "Completeness", "whole.completeness_48mm", "%", True),
-    MetricRow(_AT_48, "F-score", "whole.f_score_48mm", "%", True),
-    MetricRow(_AT_80, "Completeness", "whole.completeness_80mm", "%", True),
-    MetricRow(_AT_80, "F-score", "whole.f_score_80mm", "%", True),
+TABLE_I_ROWS, TABLE_I_ROWS_OBSERVABLE = (
+    (
+        MetricRow(_DISTANCES, "Hausdorff", f"{surface}.hausdorff_gt_to_cloud_mm", "mm", False),
+        MetricRow(_DISTANCES, "Mean C2C", f"{surface}.c2c_mean_mm", "mm", False),
+        MetricRow(_DISTANCES, "Median C2C", f"{surface}.c2c_median_mm", "mm", False),
+        MetricRow(_DISTANCES, "P95 C2C", f"{surface}.c2c_p95_mm", "mm", False),
+        MetricRow(_AT_48, "Completeness", f"{surface}.completeness_48mm", "%", True),
+        MetricRow(_AT_48, "F-score", f"{surface}.f_score_48mm", "%", True),
+        MetricRow(_AT_80, "Completeness", f"{surface}.completeness_80mm", "%", True),
+        MetricRow(_AT_80, "F-score", f"{surface}.f_score_80mm", "%", True),
+    )
+    for surface in ("whole", "observable")
 )
 # Torre et al., Table I. Columns: Covis, B-aware, Hyb-H, Hyb-O.
 PAPER_TABLE_I: dict[str, dict[str, float]] = {
@@ -85,22 +75,24 @@ def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[tuple[s
 
 
 def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
-    """Mean over rocks with its interval."""
+    """Mean of a metric over rocks, with its interval; None without a mission that has it."""
+    return _over_rocks(values_of(records, strategy, key))
+
+
+def strategy_difference(records: Sequence[Trial], strategy: str, reference: str, key: str) -> Interval | None:
+    """Mean over rocks of a metric minus that of ``reference``, on the (rock, replicate) pairs that both finished.
+
+    The ``missions`` of the interval are these pairs. None without one.
+    """
+    own, others = (values_of(records, name, key) for name in (strategy, reference))
+    return _over_rocks({pair: own[pair] - others[pair] for pair in sorted(own.keys() & others.keys())})
+
+
+def _over_rocks(values: Mapping[tuple[str, int], float]) -> Interval | None:
     by_rock: dict[str, list[float]] = {}
-    for (rock, _), value in values_of(records, strategy, key).items():
+    for (rock, _), value in values.items():
         by_rock.setdefault(rock, []).append(value)
     return mean_interval(by_rock)
-
-
-def strategy_difference(
-    records: Sequence[Trial],
-    strategy: str,
-    reference: str,
-    row: MetricRow,
-) -> PairedDifference | None:
-    """Paired difference of a metric against ``reference`` on common (rock, replicate) pairs."""
-    own, others = (values_of(records, name, row.key) for name in (strategy, reference))
-    return paired_difference(own, others, row.higher_is_better)
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
@@ -108,9 +100,9 @@ def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
 
     A property of the rocks, so missions of all strategies may tell it. None where no mission holds it.
     """
-    by_rock: dict[str, float] = {}
+    by_rock, key = dict[str, float](), metric.key.removesuffix("_mm") + "_floor_mm"
     for r in records:
-        value = r.value(metric.floor_key)
+        value = r.value(key)
         if value is not None:
             by_rock[r.rock] = value
     return sum(by_rock.values()) / len(by_rock) if by_rock else None
@@ -124,7 +116,7 @@ class ComparisonRow:
     cells: dict[str, Interval | None]  # by strategy
     best: tuple[str, ...]  # strategies with the best mean (several when equal)
     floor: float | None  # what a perfect reconstruction would get, mean over rocks; None for most metrics
-    differences: dict[str, PairedDifference | None]  # against the reference, which is left out
+    differences: dict[str, Interval | None]  # paired, from the reference, which is left out
 
 
 @dataclass(frozen=True)
@@ -132,7 +124,7 @@ class ComparisonTable:
     """A table in the layout of the paper's Table I, with intervals and paired differences."""
 
     strategies: tuple[str, ...]
-    reference: str | None
+    reference: str
     rows: list[ComparisonRow]
     missions: dict[str, int]  # with metrics, by strategy
     failures: dict[str, int]  # failed missions, by strategy
@@ -158,29 +150,20 @@ def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dic
 def comparison_table(
     records: Sequence[Trial],
     strategies: Sequence[str],
-    reference: str | None = None,
-    surface: Literal["whole", "observable"] | None = "whole",
+    reference: str,
     rows: Sequence[MetricRow] = TABLE_I_ROWS,
 ) -> ComparisonTable:
-    """Means with intervals per strategy, and differences against ``reference`` (one of the strategies).
-
-    ``surface``: on which the ``rows`` are measured; None: as they say themselves.
-
-    Raises `UserError`: the reference is none of the strategies.
-    """
-    if reference is not None and reference not in strategies:
-        raise UserError(f"reference {reference!r} was not evaluated; choose from {', '.join(strategies)}")
+    """Means with intervals per strategy, and paired differences from ``reference``, one of the strategies."""
     table = []
-    for row in rows:
-        metric = row if surface is None or row.key.startswith("costs.") else row.on(surface)
+    for metric in rows:
         cells = {name: strategy_interval(records, name, metric.key) for name in strategies}
         means = {name: cell.mean for name, cell in cells.items() if cell is not None}
         pick = max if metric.higher_is_better else min
         best = tuple(name for name, mean in means.items() if mean == pick(means.values())) if means else ()
         differences = {
-            name: strategy_difference(records, name, reference, metric)
+            name: strategy_difference(records, name, reference, metric.key)
             for name in strategies
-            if reference is not None and name != reference
+            if name != reference
         }
         table.append(ComparisonRow(metric, cells, best, rock_floor(records, metric), differences))
     counts = collections.Counter(r.strategy for r in records if r.status != "failed")
@@ -212,10 +195,10 @@ class Interval:
     method: str
 
 
-def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN_ROCKS) -> Interval | None:
+def mean_interval(by_rock: Mapping[str, Sequence[float]]) -> Interval | None:
     """Mean over rocks of the mean over replicates; None without any value.
 
-    From ``least_rocks`` rocks on the interval is over rocks, with fewer over replicates.
+    From `MIN_ROCKS` rocks on the interval is over rocks, with fewer over replicates.
     """
     groups = [np.asarray(values, dtype=float) for values in by_rock.values() if len(values)]
     if not groups:
@@ -223,7 +206,7 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN
     rocks, missions = len(groups), int(sum(len(g) for g in groups))
     means = np.array([g.mean() for g in groups])
     mean = float(means.mean())
-    if rocks >= least_rocks:
+    if rocks >= MIN_ROCKS:
         method, degrees = "rocks", rocks - 1
         error = float(means.std(ddof=1)) / math.sqrt(rocks)
     elif missions > rocks:
@@ -234,34 +217,3 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN
         return Interval(mean, None, None, rocks, missions, "none")
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, degrees) * error
     return Interval(mean, mean - half, mean + half, rocks, missions, method)
-
-
-@dataclass(frozen=True)
-class PairedDifference:
-    """Strategy minus reference on the (rock, replicate) pairs that both finished."""
-
-    interval: Interval  # of the difference, metric's unit
-    pairs: int
-    wins: int  # pairs on which the strategy is the better one
-    losses: int
-
-    @property
-    def bounds(self) -> tuple[float, float | None, float | None]:
-        """The mean and the bounds of its interval."""
-        return self.interval.mean, self.interval.low, self.interval.high
-
-
-def paired_difference(
-    strategy: Mapping[tuple[str, int], float],
-    reference: Mapping[tuple[str, int], float],
-    higher_is_better: bool,
-) -> PairedDifference | None:
-    """Differences on common (rock, replicate) pairs; None when there are none."""
-    by_rock: dict[str, list[float]] = {}
-    for rock, replicate in sorted(set(strategy) & set(reference)):
-        by_rock.setdefault(rock, []).append(strategy[rock, replicate] - reference[rock, replicate])
-    interval = mean_interval(by_rock)
-    if interval is None:
-        return None
-    gains = [d if higher_is_better else -d for values in by_rock.values() for d in values]
-    return PairedDifference(interval, len(gains), sum(g > 0 for g in gains), sum(g < 0 for g in gains))

@@ -549,8 +549,11 @@ def _outcome_figures(facts: CampaignFacts) -> list[str]:
 
 def _difference_figure(result: GateResult | None) -> str:
     """The differences of the first set of rocks, held-out ones where they were evaluated."""
-    rows = result.blocks[0].rows if result else []
-    found = [(row.label, row.difference) for row in rows if row.difference is not None]
+    if result is None:
+        return ""
+    block = result.blocks[0]
+    others = {name: block.gain(name) for name in block.table.strategies if name != "hyb-h"}
+    found = [(strategy_label(name), gain) for name, gain in others.items() if gain is not None]
     return draw_differences(found, strategy_label("hyb-h")) if found else ""
 
 

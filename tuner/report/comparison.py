@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -17,11 +17,12 @@ from scipy import stats
 from nbv.rocks.catalogue import are_photographed, is_photographed
 from tuner.evaluation.comparison import (
     PAPER_TABLE_I,
+    TABLE_I_ROWS,
+    TABLE_I_ROWS_OBSERVABLE,
     ComparisonRow,
     ComparisonTable,
     Interval,
     MetricRow,
-    PairedDifference,
     comparison_table,
     same_photographs,
     strategy_difference,
@@ -60,7 +61,6 @@ from tuner.report.style import short_names
 from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"
-SURFACES: tuple[Literal["whole", "observable"], ...] = ("whole", "observable")
 COSTS_SHOWN = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
 _TITLES = {
     "whole": "Table I on the whole surface, underside included, as in the paper",
@@ -152,13 +152,9 @@ def comparison_facts(
     strategies = tuple(in_table_order(plan.strategies))
     asked = asked or ComparisonSpec(Objective())
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
-    if any("whole" in r.metrics for r in records):
-        tables: dict[str, ComparisonTable] = {
-            s: comparison_table(records, strategies, against, s) for s in SURFACES
-        }
-    else:
-        rows = _mission_file_rows(asked.quality or asked.objective, records)
-        tables = {"own": comparison_table(records, strategies, against, None, rows)}
+    rows: dict[str, Sequence[MetricRow]] = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
+    if not any("whole" in r.metrics for r in records):
+        rows = {"own": _mission_file_rows(asked.quality or asked.objective, records)}
 
     names = [c.name for c in plan.conditions]
     label = metric_label((asked.quality or asked.objective).metric)
@@ -174,7 +170,7 @@ def comparison_facts(
         f"{measure}; {counted(len(plan.rocks), asked.instance_word)}.",
         _summary(run, records, against, asked),
         {name: _summary(run, found, against, asked) for name, found in own.items()},
-        tables,
+        {name: comparison_table(records, strategies, against, of) for name, of in rows.items()},
     )
 
 
@@ -204,7 +200,7 @@ def _summary(
     objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
     counts = {o.metric: o for o in (*objectives, *costs)}
     rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
-    table = comparison_table(records, strategies, reference, None, rows)
+    table = comparison_table(records, strategies, reference, rows)
     # A cost is read beside the others': its difference would only be in the way.
     found = [
         dataclasses.replace(row, differences={}) if row.metric.key in counts else row for row in table.rows
@@ -269,7 +265,7 @@ def _quality(
     assert asked.quality is not None
     row, label = _row_of(asked.quality), metric_label(asked.quality.metric)
     who, whom = strategy_label(name), whom or strategy_label(reference)
-    d = strategy_difference(records, name, reference, row)
+    d = strategy_difference(records, name, reference, row.key)
     if d is None:
         return Sentence(f"{who}: no mission in common with {whom}.")
     gain, low, high = gain_interval(d, row)
@@ -289,9 +285,9 @@ def _quality(
             kind = "worse" if high < 0 else "no"
         else:
             begin, kind = f"No difference detected between {who} and {whom}", "no"
-    where = f"{counted(d.pairs, 'paired mission')} on {counted(d.interval.rocks, asked.instance_word)}"
-    if d.interval.method == "replicates":  # such an interval has no spread between rocks
-        where += f", for {'this' if d.interval.rocks == 1 else 'these'} alone"
+    where = f"{counted(d.missions, 'paired mission')} on {counted(d.rocks, asked.instance_word)}"
+    if d.method == "replicates":  # such an interval has no spread between rocks
+        where += f", for {'this' if d.rocks == 1 else 'these'} alone"
     said = with_unit(gain, label.difference_unit, signed=True)
     return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
 
@@ -347,12 +343,11 @@ def _best_control(
     return [_quality(run.records, TUNED, best, asked, 0.0, whom)]
 
 
-def gain_interval(d: PairedDifference, metric: MetricRow) -> tuple[float, float | None, float | None]:
+def gain_interval(d: Interval, metric: MetricRow) -> tuple[float, float | None, float | None]:
     """``(gain, low, high)``: the difference oriented so that positive is better than the reference."""
-    i = d.interval
     if metric.higher_is_better:
-        return i.mean, i.low, i.high
-    return -i.mean, None if i.high is None else -i.high, None if i.low is None else -i.low
+        return d.mean, d.low, d.high
+    return -d.mean, None if d.high is None else -d.high, None if d.low is None else -d.low
 
 
 def _warnings(run: EvaluationRun, word: str) -> list[str]:
@@ -392,7 +387,7 @@ def table_by_strategy(
         rows.append(Row(_label_in(table, name), (*cells, _missions(table, name)), note))
     caption = (
         f"Each value is the mean over {word}s ± half of its 95 % interval, and the best one is marked. Below it stands the "
-        f"paired difference from {strategy_label(table.reference or '')}."
+        f"paired difference from {strategy_label(table.reference)}."
     )
     return Table(
         title, ("strategy", *(_row_name(row.metric) for row in table.rows), "missions"), rows, caption
@@ -454,7 +449,7 @@ def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: 
     theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
     d = row.differences.get(strategy) if difference else None
     below = [] if theirs is None else [f"paper {format_number(theirs, metric.decimals)}"]
-    below += [] if d is None else [difference_text(d.bounds, metric.decimals)]
+    below += [] if d is None else [difference_text(d, metric.decimals)]
     best = strategy in row.best and known > len(row.best)
     return Cell(_interval_text(row.cells[strategy], metric.decimals), best, tuple(below))
 
@@ -502,9 +497,8 @@ def write_comparison_report(
     """
     run, plan, tables = facts.run, facts.run.plan, list(facts.tables.values())
     kinds = [line.kind for line in facts.verdicts]
-    cells = [c for t in (facts.summary, *tables) for row in t.rows for c in row.cells.values()]
-    differences = [d for t in (facts.summary, *tables) for row in t.rows for d in row.differences.values()]
-    methods = {c.method for c in cells if c} | {d.interval.method for d in differences if d}
+    rows = [row for table in (facts.summary, *tables) for row in table.rows]
+    methods = {i.method for row in rows for i in (*row.cells.values(), *row.differences.values()) if i}
     return write_page(
         directory / REPORT_FILE,
         "comparison.html.j2",
@@ -529,7 +523,7 @@ def write_comparison_report(
         ],
         methods=interval_methods(methods, facts.asked.instance_word),
         paper=paper_note(plan.fidelity) if paper else "",
-        floor=FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
+        floor=FLOOR_NOTE if any(row.floor is not None for row in rows) else "",
         provenance=_provenance(run, facts.asked.instance_word),
     )
 

@@ -11,26 +11,27 @@ from matplotlib.ticker import MaxNLocator
 from nbv.config import GateConfig
 from nbv.gates.base import COVIS
 from nbv.mission.result import IterationRecord
+from tuner.evaluation.comparison import Interval
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
-from tuner.report.labels import Difference, MetricLabel, parameter_label
+from tuner.report.labels import MetricLabel, parameter_label
 from tuner.report.style import BLACK, BLUE, GREY, ORANGE, VERMILION, colour, embed, look, marker, new_figure
 from tuner.surrogate.model import InstanceMeanGP
 
 SLICE_POINTS = 61
 
 
-def draw_differences(rows: Sequence[tuple[str, Difference]], reference: str) -> str:
+def draw_differences(rows: Sequence[tuple[str, Interval]], reference: str) -> str:
     """A point and its 95 % interval per strategy: how its F-score at 48 mm differs from the reference's, in points."""
     with look():
         figure = new_figure(6.4, 0.8 + 0.26 * len(rows))
         axis = figure.subplots()
-        for k, (name, (mean, low, high)) in enumerate(rows):
+        for k, (name, d) in enumerate(rows):
             shade = VERMILION if name == "Tuned" else BLUE
-            if low is not None and high is not None:
-                axis.plot([low, high], [k, k], color=shade, linewidth=2, alpha=0.5)
-            axis.plot(mean, k, "o", color=shade)
+            if d.low is not None and d.high is not None:
+                axis.plot([d.low, d.high], [k, k], color=shade, linewidth=2, alpha=0.5)
+            axis.plot(d.mean, k, "o", color=shade)
         axis.axvline(0.0, color=BLACK, linewidth=1)
         axis.set_yticks(range(len(rows)), [name for name, _ in rows])
         axis.invert_yaxis()

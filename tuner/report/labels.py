@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
@@ -13,8 +14,10 @@ from nbv.rocks.catalogue import are_photographed
 from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.objective import reached
 
+if TYPE_CHECKING:  # it takes a second to load
+    from tuner.evaluation.comparison import Interval
+
 MISSING = "–"
-Difference = tuple[float, float | None, float | None]  # the mean and the bounds of its 95 % interval
 # With more decimals what is smaller is written with an exponent; so is what has an uncertainty of more digits than `LARGE`.
 MOST_DECIMALS, LEAST_DECIMAL, LARGE = 6, 1e-3, 4
 HELD_DIGITS = 13  # that a number in double precision surely has
@@ -99,12 +102,12 @@ def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bo
     return f"95 % interval {low} to {high}"
 
 
-def difference_text(difference: Difference | None, digits: int = 1) -> str:
+def difference_text(d: Interval | None, digits: int = 1) -> str:
     """``+0.2 [−0.4, +0.8]`` of a mean and its bounds; the mean alone without bounds; a dash for None."""
-    if difference is None:
+    if d is None:
         return MISSING
-    mean, low, high = (format_number(value, digits, signed=True) for value in difference)
-    return mean if difference[1] is None or difference[1] == difference[2] else f"{mean} [{low}, {high}]"
+    mean, low, high = (format_number(value, digits, signed=True) for value in (d.mean, d.low, d.high))
+    return mean if d.low is None or d.low == d.high else f"{mean} [{low}, {high}]"
 
 
 def duration(seconds: float) -> str:
@@ -174,22 +177,17 @@ class ParameterLabel:
     """How a tuned parameter is written."""
 
     name: str  # "Gate: budget fraction"
-    short: str  # for axes and table columns
     unit: str
 
 
 def parameter_label(path: str) -> ParameterLabel:
-    """Label of a parameter path of ``MissionConfig``, with the paper's symbol where it has one; other names as they are."""
+    """Label of a parameter path of ``MissionConfig``; other names as they are."""
     try:
         about = parameter(path)
     except KeyError:  # of a mission file
-        return ParameterLabel(path, path, "")
-    section = about.section.replace("_", "-").capitalize()
-    name, short = about.label or about.words, about.symbol or about.words
-    of_a_scorer = ".weights." in path
-    return ParameterLabel(
-        f"{section}: {name}" if section else name, f"{section} {short}" if of_a_scorer else short, about.unit
-    )
+        return ParameterLabel(path, "")
+    section, name = about.section.replace("_", "-").capitalize(), about.label or about.words
+    return ParameterLabel(f"{section}: {name}" if section else name, about.unit)
 
 
 def interval_methods(methods: Collection[str], word: str = "rock") -> str:

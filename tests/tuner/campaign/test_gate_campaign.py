@@ -10,6 +10,7 @@ import pytest
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.simplify import known_photographs, simplified
 from tuner.missions.job import repeated
+from tuner.problem.baselines import label
 from tuner.report.gate_result import gate_result
 
 pytestmark = pytest.mark.slow
@@ -76,15 +77,16 @@ def test_the_campaign_ends_in_one_table(ended):
     result = json.loads((run / "comparison.json").read_text())
     held_out, training = result["blocks"]
     assert (held_out["rocks"], training["rocks"]) == (["arch"], ["slab", "vesicular"])
-    names = {row["strategy"] for row in held_out["rows"]}
+    names = set(held_out["table"]["strategies"])
     assert {"covis", "b-aware", "hyb-h", "hyb-o", "tuned", "hyb-h-tuned-pool", "random-tuned-pool"} <= names
     assert {"random", "orbit"} <= names
-    for row in held_out["rows"]:
-        assert row["label"] in printed
-        if row["strategy"] != "hyb-h":
-            hyb_h = next(r for r in held_out["rows"] if r["strategy"] == "hyb-h")
-            gain = row["values"]["F 48"] - hyb_h["values"]["F 48"]
-            assert row["difference"][0] == pytest.approx(gain, abs=1e-9)  # all pairs are there
+    f_48 = next(row for row in held_out["table"]["rows"] if row["metric"]["label"] == "F 48")
+    for name in names:
+        assert label(name) in printed
+        if name != "hyb-h":
+            gain = f_48["cells"][name]["mean"] - f_48["cells"]["hyb-h"]["mean"]
+            difference = f_48["differences"][name]["mean"]
+            assert difference == pytest.approx(gain, abs=1e-9)  # all pairs are there
     assert all(len(line) <= 80 for line in printed.splitlines() if "│" not in line), printed
     page = (run / "report.html").read_text()
     assert page.index('id="result"') < page.index('id="use"')

@@ -4,12 +4,11 @@ import itertools
 
 import pytest
 
-from tuner.evaluation.comparison import MetricRow, same_photographs, strategy_difference
-from tuner.evaluation.earned import measured_steps
+from tuner.evaluation.comparison import same_photographs, strategy_difference
 from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
+from tuner.report.gate_result import F_48, measured_steps
 
-ROW = MetricRow("", "F", "observable.f", "%", True)
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
 
 
@@ -21,7 +20,7 @@ def records(levels, photographs=lambda name, k: f"{name} {k}"):
             strategy=name,
             status="ok",
             photographs=photographs(name, k),
-            measured_then={"metrics": {"observable": {"f": level + 0.1 * k}}, "costs": {}},
+            measured_then={"metrics": {"observable": {"f_score_48mm": level + 0.1 * k}}, "costs": {}},
         )
         for (name, level), rock, k in itertools.product(levels.items(), ("a", "b", "c"), (0, 1))
     ]
@@ -37,11 +36,11 @@ def records(levels, photographs=lambda name, k: f"{name} {k}"):
 )
 def test_steps_add_up_to_the_gain(changed, strategies, steps):
     trials = records({name: LEVELS[name] for name in strategies})
-    found = measured_steps(trials, strategies, "hyb-h", ROW, changed)
-    assert [step.difference.interval.mean for step in found] == pytest.approx(steps)
-    whole = strategy_difference(trials, TUNED, "hyb-h", ROW).interval.mean
+    found = measured_steps(trials, strategies, changed)
+    assert [step.gain.mean for step in found] == pytest.approx(steps)
+    whole = strategy_difference(trials, TUNED, "hyb-h", F_48).mean
     assert sum(steps) == pytest.approx(whole)
-    named = " ".join(step.what for step in found)
+    named = " ".join(group for step in found for group in step.groups)
     assert all(group in named for group in grouped(changed))
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tuner.evaluation.comparison import mean_interval, paired_difference
+from tuner.evaluation.comparison import mean_interval, strategy_difference
+from tuner.missions.job import Trial
 
 
 def test_closed_forms() -> None:
@@ -24,14 +25,20 @@ def test_closed_forms() -> None:
 
 
 def test_pairs() -> None:
-    reference = {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 30.0, ("c", 0): 5.0}
-    better = {("a", 0): 12.0, ("a", 1): 21.0, ("b", 0): 29.0, ("d", 0): 0.0}
-    difference = paired_difference(better, reference, higher_is_better=True)
-    assert difference is not None
-    assert difference.pairs == 3 and difference.interval.mean == pytest.approx((1.5 - 1.0) / 2)
-    assert (difference.wins, difference.losses) == (2, 1)
-    worse = paired_difference(better, reference, higher_is_better=False)
-    assert worse is not None and (worse.wins, worse.losses) == (1, 2)
-    assert paired_difference({("x", 0): 1.0}, reference, True) is None
-    same = paired_difference(reference, reference, True)
-    assert same is not None and same.wins == same.losses == 0
+    outcomes = {
+        "reference": {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 30.0, ("c", 0): 5.0},
+        "better": {("a", 0): 12.0, ("a", 1): 21.0, ("b", 0): 29.0, ("d", 0): 0.0},
+        "elsewhere": {("x", 0): 1.0},
+    }
+    trials = [
+        Trial(strategy=name, rock=rock, replicate=k, status="ok", measured_then={"metrics": {"f": value}})
+        for name, own in outcomes.items()
+        for (rock, k), value in own.items()
+    ]
+    difference = strategy_difference(trials, "better", "reference", "f")
+    assert difference is not None and difference.low is not None and difference.low < difference.mean
+    assert (difference.missions, difference.rocks) == (3, 2)
+    assert difference.mean == pytest.approx((1.5 - 1.0) / 2)
+    assert strategy_difference(trials, "elsewhere", "reference", "f") is None
+    same = strategy_difference(trials, "reference", "reference", "f")
+    assert same is not None and same.mean == same.low == same.high == 0

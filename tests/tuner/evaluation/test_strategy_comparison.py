@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from tuner.evaluation.comparison import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,
-    MetricRow,
+    TABLE_I_ROWS_OBSERVABLE,
     comparison_table,
     strategy_difference,
     values_of,
@@ -34,7 +34,7 @@ from tuner.problem.instances import Instance
 FIDELITY = "fake_missions:fake_mission"
 BASE = preset("campaign")
 GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
-F48 = MetricRow("", "F-score", "observable.f_score_48mm", "%", True)
+F48 = TABLE_I_ROWS_OBSERVABLE[5]
 
 
 def plan(**changes: object) -> EvaluationPlan:
@@ -55,11 +55,11 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
     }
     # One and the same configuration is run once and counts for both names.
     assert plan().missions == 12 and len(list((tmp_path / "out").glob("missions/*/*/mission.json"))) == 12
-    difference = strategy_difference(result.records, "tuned", "hyb-h", F48)
-    assert difference is not None and difference.pairs == 6 and difference.wins == 6
-    assert difference.interval.mean == pytest.approx(0.49, abs=0.15)
-    same = strategy_difference(result.records, "copy", "hyb-h", F48)
-    assert same is not None and same.wins == same.losses == 0
+    difference = strategy_difference(result.records, "tuned", "hyb-h", F48.key)
+    assert difference is not None and difference.missions == 6
+    assert difference.mean == pytest.approx(0.49, abs=0.15)
+    same = strategy_difference(result.records, "copy", "hyb-h", F48.key)
+    assert same is not None and same.mean == same.low == same.high == 0
 
 
 def test_what_plans_no_view_is_one_mission_whatever_its_gate(tmp_path: Path) -> None:
@@ -90,10 +90,10 @@ def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
         assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
-        table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", "observable", (F48,))
+        table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", (F48,))
         assert table.failures == {"tuned": 2, "hyb-h": 2} and table.missions == {"tuned": 1, "hyb-h": 1}
         difference = table.rows[0].differences["tuned"]
-        assert difference is not None and difference.pairs == 1 and difference.interval.low is None
+        assert difference is not None and difference.missions == 1 and difference.low is None
         again = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
     assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was run again
 
@@ -153,14 +153,14 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
     assert {r.instance for r in run.records} == {Instance(r, c) for r in "xyz" for c in ("ideal", "field")}
     assert (tmp_path / "out/missions/tuned/00_x_field_r1/mission.json").is_file()
     assert (tmp_path / "out/missions/tuned/00_x_r1/mission.json").is_file()
-    both = strategy_difference(run.records, "tuned", "hyb-h", F48)
-    assert both is not None and (both.pairs, both.interval.rocks) == (12, 3)
+    both = strategy_difference(run.records, "tuned", "hyb-h", F48.key)
+    assert both is not None and (both.missions, both.rocks) == (12, 3)
     field = [r for r in run.records if r.condition == "field"]
-    alone = strategy_difference(field, "tuned", "hyb-h", F48)
-    assert alone is not None and alone.pairs == 6
+    alone = strategy_difference(field, "tuned", "hyb-h", F48.key)
+    assert alone is not None and alone.missions == 6
     ours, theirs = (values_of(field, name, F48.key) for name in ("tuned", "hyb-h"))
-    assert alone.interval.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
-    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", rows=(F48,))
+    assert alone.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
+    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", (F48,))
     assert table.missions == {"tuned": 12, "hyb-h": 12}
 
 
