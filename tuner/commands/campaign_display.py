@@ -152,15 +152,13 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
         return
     from tuner.report.answer import (  # loads every metric
         runner_up_sentence,
+        switch_sentences,
         use_sentence,
         worth_sentences,
     )
 
-    for line in (use_sentence(best, settings), *worth_sentences(best, settings)):
-        output.print(line, highlight=False)
-    from tuner.report.gate_switches import switch_sentences
-
-    for line in switch_sentences(campaign, campaign.trials()):
+    worth, switches = worth_sentences(best, settings), switch_sentences(campaign, campaign.trials())
+    for line in (use_sentence(best, settings), *worth, *switches):
         output.print(line, highlight=False)
     if best.changed:
         changed = [

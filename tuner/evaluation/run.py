@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +47,7 @@ class EvaluationRun:
     @property
     def failures(self) -> dict[str, int]:
         """Failed missions by reason."""
-        return failure_counts(self.records)
+        return dict(collections.Counter(r.reason for r in self.records if r.status == "failed"))
 
 
 def run_evaluation(
@@ -74,11 +74,6 @@ def run_evaluation(
     with long_run(directory) as stop:
         run_jobs(evaluated, executor, stop)
     return EvaluationRun(plan, plan.records(directory), not evaluated.open, time.monotonic() - began)
-
-
-def failure_counts(records: Iterable[Trial]) -> dict[str, int]:
-    """Failed missions by reason."""
-    return dict(collections.Counter(r.reason for r in records if r.status == "failed"))
 
 
 def evaluation_directory(plan: EvaluationPlan, usual: Path) -> Path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -86,14 +85,6 @@ class NextRock:
     per_rock: dict[str, float]  # posterior means of the gain on the training rocks
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     no_worse: float = 0.5  # probability that the gain is not below 0
-
-    def warnings(self, word: str = "rock") -> list[str]:
-        """Return sentences on where training rocks disagree; none where all is well. ``word``: what a rock is called."""
-        said = []
-        if self.against:
-            names = ", ".join(Path(rock).stem for rock in self.against)
-            said.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
-        return said
 
 
 @dataclass(frozen=True)

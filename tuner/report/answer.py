@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import itertools
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.mission.result import IterationRecord, MissionResult
 from tuner.missions.registry import is_geometric
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
-from tuner.problem.search_space import Configuration
+from tuner.problem.search_space import Configuration, builtin
 from tuner.report.labels import (
     MetricLabel,
     counted,
@@ -28,8 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-    from nbv.mission.result import IterationRecord
+    from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
+    from tuner.missions.job import Trial
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 FEW = 3  # changes that a sentence can name
@@ -128,7 +133,9 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
             lines.append(
                 f"On the next {word}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
             )
-        lines += next_rock.warnings(word)
+        if next_rock.against:
+            names = ", ".join(Path(rock).stem for rock in next_rock.against)
+            lines.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
     elif len(s.rocks) == 1 and not s.draws_rocks:
         lines.append(
             f"Only one {word} was run: how {word}s differ is not known, nor what holds on the next one."
@@ -221,6 +228,39 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
     following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
     switches = sum(a.scorer != b.scorer for a, b in following)
     return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
+
+
+def traces_of(campaign: Campaign, trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord]]]:
+    """Return the trials with what their planners chose, those without a planned view left out."""
+    found = []
+    for t in trials:
+        with contextlib.suppress(UserError, OSError):
+            trace = MissionResult.load(t.path).trace
+            found += [(t, trace)] if trace else []
+    return found
+
+
+def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
+    """Return in how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
+    planned = [t for t in trials if t.switched is not None]
+    if not planned:
+        return []
+    switched = sum(bool(t.switched) for t in planned)
+    said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
+    reset = [t.why["without_effect"] for t in trials if t.why.get("phase") == "simplified"]
+    if reset:
+        named = ", ".join(parameter_label(path).name for path in reset[-1])
+        said.append(f"Without effect on any photograph, so left at the default: {named}.")
+    default = campaign.settings.default_values()
+    traces = traces_of(campaign, [t for t in trials if t.values == default and t.switched is False])
+    spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
+    gate = builtin(campaign.settings.config(default)).gate
+    if spread and not min(spread) < gate.d95_m < max(spread):
+        said.append(
+            f"At the default it does not switch where d95 is {min(spread):.2f} to {max(spread):.2f} m, since the threshold is "
+            f"{gate.d95_m:.2f} m; a gate.d95_m within that range would make it switch."
+        )
+    return said
 
 
 # -- small things --------------------------------------------------------------------------------------------

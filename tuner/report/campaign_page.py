@@ -39,13 +39,14 @@ from tuner.report.answer import (
     limit_words,
     may_fail_on_most,
     runner_up_sentence,
+    switch_sentences,
+    traces_of,
     use_sentence,
     value_text,
     worth_sentences,
 )
-from tuner.report.figures import draw_differences, draw_gate, draw_outcomes, draw_slices
+from tuner.report.figures import draw_differences, draw_gate, draw_outcomes, draw_slices, plan_figure
 from tuner.report.gate_result import GateResult
-from tuner.report.gate_switches import switch_sentences, traces_of
 from tuner.report.labels import (
     counted,
     decimals_for,
@@ -58,8 +59,7 @@ from tuner.report.labels import (
 )
 from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
-from tuner.report.plan_picture import plan_picture
-from tuner.report.style import short_names
+from tuner.report.style import embed, short_names
 from tuner.report.table import Table
 from tuner.surrogate.model import InstanceMeanGP
 
@@ -167,8 +167,10 @@ def write_campaign_report(campaign: Campaign) -> Path:
         subtitle=_subtitle(facts),
         measure=measure_text(facts.label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
         verdict_kind=kind,
-        use=use_answer(facts),
-        plan="" if (planned := facts.planned_config()) is None else plan_picture(planned),
+        use=f"Nothing yet: {campaign.nothing_yet()}." if best is None else use_sentence(best, s),
+        changed=None if best is None or best.keep_default else _changed_table(best),
+        runner_up="" if best is None else runner_up_sentence(best, s),
+        plan="" if (planned := facts.planned_config()) is None else embed(plan_figure(planned)),
         sure=sure_answer(facts),
         gate=_gate_answer(facts),
         gate_figure=gate_figure(facts),
@@ -244,21 +246,11 @@ def _subtitle(facts: CampaignFacts) -> str:
     )
 
 
-def use_answer(facts: CampaignFacts) -> dict[str, Any]:
-    """One sentence, the parameters that differ from the default, and what may be better."""
-    best, s = facts.recommendation, facts.settings
-    if best is None:
-        sentence = f"Nothing yet: {facts.campaign.nothing_yet()}."
-        return {"sentence": sentence, "kept": Table.of("", (), ()), "runner_up": ""}
-    kept = (
-        (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
-        for p in best.changed
-    )
-    return {
-        "sentence": use_sentence(best, s),
-        "kept": Table.of("", ("changed", "parameter", "use", "default"), kept),
-        "runner_up": runner_up_sentence(best, s),
-    }
+def _changed_table(best: Recommendation) -> Table:
+    """The parameters that differ from the default."""
+    both = best.values, best.default_values
+    rows = [(parameter_label(p).name, p, *(value_text(values, p) for values in both)) for p in best.changed]
+    return Table.of("", ("changed", "parameter", "use", "default"), rows)
 
 
 def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, int], float]:

@@ -6,11 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from nbv.config import GateConfig
+from nbv.config import GateConfig, MissionConfig
 from nbv.gates.base import COVIS
 from nbv.mission.result import IterationRecord
+from nbv.rocks import DEFAULT_HEIGHT_M
+from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.evaluation.comparison import Interval
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
@@ -20,6 +24,29 @@ from tuner.report.style import BLACK, BLUE, GREY, ORANGE, VERMILION, colour, emb
 from tuner.surrogate.model import InstanceMeanGP
 
 SLICE_POINTS = 61
+BROWN, LIGHT_GREY = "#c9a98b", "#b8b8b8"
+
+
+def plan_figure(config: MissionConfig) -> Figure:
+    """A plan from above and from the side: seeds in blue, in grey where planned views may be, the target in brown."""
+    low_m, high_m = config.pool.min_altitude_m, config.pool.max_altitude_m
+    pool = [v for v in raw_candidates(config) if low_m <= v.position_m[2] <= high_m]
+    with look():
+        figure = new_figure(6.4, 3.4)
+        above, beside = figure.subplots(1, 2)
+        half = DEFAULT_HEIGHT_M / 2
+        above.add_patch(Circle((0, 0), half, color=BROWN))
+        beside.add_patch(Rectangle((-half, 0), 2 * half, 2 * half, color=BROWN))
+        for views, shade, size in (
+            (pool if config.adaptive_budget else [], LIGHT_GREY, 2),
+            (seed_viewpoints(config), BLUE, 4),
+        ):
+            east, north, up = np.array([v.position_m for v in views]).reshape(-1, 3).T
+            above.plot(east, north, "o", color=shade, ms=size)
+            beside.plot(east, up, "o", color=shade, ms=size)
+        above.set(title="from above", xlabel="east (m)", ylabel="north (m)", aspect="equal")
+        beside.set(title="from the side", xlabel="east (m)", ylabel="up (m)", aspect="equal")
+    return figure
 
 
 def draw_differences(rows: Sequence[tuple[str, Interval]], reference: str) -> str:

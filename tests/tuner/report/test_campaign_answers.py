@@ -11,13 +11,14 @@ import pytest
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
+from tuner.recommendation.recommendation import NextRock
+from tuner.report.answer import use_sentence
 from tuner.report.campaign_page import (
     CampaignFacts,
     bounds_text,
     next_answer,
     pairs,
     sure_answer,
-    use_answer,
 )
 
 
@@ -58,11 +59,18 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
 
 
+def test_rocks_that_disagree_are_named(campaign: Campaign) -> None:
+    elsewhere = NextRock(3.0, (1.0, 5.0), {"cleft": -2.0}, ("cleft",), 0.9)
+    said = sure_answer(better(campaign, next_rock=elsewhere))
+    assert "Training rocks disagree: it is probably worse than the default on cleft." in said
+    assert not any("disagree" in line for line in sure_answer(better(campaign)))
+
+
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
     default = CampaignFacts(campaign).default
     facts = better(campaign, values=default, runner_up=None)
-    answer = use_answer(facts)
-    assert not answer["kept"].rows and answer["sentence"].startswith("Keep the default")
+    best = facts.recommendation
+    assert best is not None and use_sentence(best, facts.settings).startswith("Keep the default")
     why, command = next_answer(facts, evaluated=0)
     assert why.startswith("Stop") and command == ""
 

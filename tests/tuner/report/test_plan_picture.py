@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from xml.etree import ElementTree
 
 import pytest
 
 from nbv.config import preset
 from tuner.report.answer import plan_words
-from tuner.report.plan_picture import plan_picture
+from tuner.report.figures import plan_figure
 
 ORBIT = {
     "seed.count": 25,
@@ -22,18 +21,16 @@ ORBIT = {
 }
 
 
-def circles(text: str, fill: str) -> list[tuple[float, float]]:
-    found = ElementTree.fromstring(text).findall("circle")
-    return [(float(c.attrib["cx"]), float(c.attrib["cy"])) for c in found if c.attrib["fill"] == fill]
-
-
 def test_an_orbit_is_drawn_and_said() -> None:
     config = preset("campaign").with_values(ORBIT)
     assert plan_words(config, ceiling=True) == "16 photographs at 10° and 9 at 35°"
-    blue = circles(plan_picture(config), "#0072B2")
-    assert len(blue) == 2 * 25 and not circles(plan_picture(config), "#b8b8b8")
-    above, beside = blue[::2], blue[1::2]
-    assert len({round(y, 1) for _, y in beside}) == 2  # two rings, two heights
-    (x, y), *_ = circles(plan_picture(config), "#c9a98b")
-    lower, upper = math.dist(above[0], (x, y)), math.dist(above[-1], (x, y))
+    above, beside = plan_figure(config).axes
+    pool, seeds = above.lines
+    east, north = seeds.get_data()
+    assert len(east) == 25 and not len(pool.get_xdata())
+    assert len({round(up, 3) for up in beside.lines[1].get_ydata()}) == 2  # two rings, two heights
+    lower, upper = math.hypot(east[0], north[0]), math.hypot(east[-1], north[-1])
     assert upper / lower == pytest.approx(math.cos(math.radians(35)) / math.cos(math.radians(10)), abs=0.01)
+    assert (
+        len(plan_figure(preset("campaign")).axes[0].lines[0].get_xdata()) > 50
+    )  # where planned views may be
