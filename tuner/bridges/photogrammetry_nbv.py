@@ -1,7 +1,7 @@
 """The authors' configuration files (``scoring.yaml``, ``unified_mission.yaml``) with the values of ours.
 
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
-A key without a counterpart keeps its value when a file is written, with the reason why here nothing answers to it. Keys that
+A key without a counterpart keeps its value when a file is written; beside it stands why nothing here answers to it. Keys that
 answer to several of ours, or the other way round, are named in the tables and converted by hand.
 """
 
@@ -33,9 +33,8 @@ class Key:
 
     path: str
     default: Any  # as published at b8e106c
-    # Parameter path with the same meaning and unit; None: converted by hand, or nothing.
+    # Parameter path with the same meaning and unit; None: converted by hand, or nothing here answers to it.
     ours: str | None = None
-    why_not: str = ""  # why nothing here answers to it; empty where something does
 
 
 @dataclass(frozen=True)
@@ -50,14 +49,6 @@ class Remark:
         return f"{self.key}: {self.text}"
 
 
-def _kept(path: str, default: Any, why_not: str) -> Key:
-    return Key(path, default, None, why_not)
-
-
-_UNUSED_THERE = "read and unused there"
-_NOT_FLOWN = "belongs to PX4 and ROS"
-_OTHER_POLICIES = "their policies have other features and another schema"
-
 SCORING = (
     Key("name", HYBRID),  # with hybrid.gate_mode: gate.kind
     Key("weights.covisibility", 1.0, "covis.weights.main"),
@@ -68,46 +59,48 @@ SCORING = (
     Key("weights.repair", None),  # optional: the same, where the former is missing
     Key("min_track_length", 2, "shared.min_track_length"),
     Key("min_angular_separation_deg", 20.0, "shared.theta_min_deg"),
-    _kept("gimbal_pitch_rad", -0.54, "the gimbal always aims at the target here"),
+    Key("gimbal_pitch_rad", -0.54),  # the gimbal always aims at the target here
     Key("travel_distance_scale_m", 10.0, "shared.d_travel_m"),
-    _kept("yaw_change_scale_rad", math.pi, "fixed at pi here (Eq. 3)"),
+    Key("yaw_change_scale_rad", math.pi),  # fixed at pi here (Eq. 3)
     Key("novelty_distance_scale_m", 2.0, "shared.d_scale_m"),
     Key("scoring_bbox_half_extent", 2.0, "shared.box_half_extent_m"),
     Key(f"{REPAIR}.target_track_length", 6, "b_aware.target_track_length"),
     Key(f"{REPAIR}.density_k", 5, "b_aware.density_neighbours"),
-    _kept(f"{REPAIR}.max_scored_points", 0, "all points are scored here"),
+    Key(f"{REPAIR}.max_scored_points", 0),  # all points are scored here
     Key(f"{REPAIR}.weakness_weights.track_support", 0.5, "b_aware.alpha_track"),
     Key(f"{REPAIR}.weakness_weights.local_density", 0.3, "b_aware.alpha_density"),
     Key(f"{REPAIR}.weakness_weights.reprojection", 0.2, "b_aware.alpha_reprojection"),
     # The same five again: B-aware reads them only where the block above is missing.
     Key(f"{BASELINE_AWARE}.target_track_length", 6),
     Key(f"{BASELINE_AWARE}.density_k", 5),
-    _kept(f"{BASELINE_AWARE}.max_scored_points", 0, "all points are scored here"),
+    Key(f"{BASELINE_AWARE}.max_scored_points", 0),  # all points are scored here
     Key(f"{BASELINE_AWARE}.weakness_weights.track_support", 0.6),
     Key(f"{BASELINE_AWARE}.weakness_weights.local_density", 0.4),
     Key(f"{BASELINE_AWARE}.weakness_weights.reprojection", 0.0),
     Key(f"{BASELINE_AWARE}.theta_low_deg", 5.0, "b_aware.theta_low_deg"),
     Key(f"{BASELINE_AWARE}.theta_target_deg", 25.0, "b_aware.theta_saturation_deg"),
-    _kept(f"{BASELINE_AWARE}.theta_high_deg", 45.0, _UNUSED_THERE),
+    Key(f"{BASELINE_AWARE}.theta_high_deg", 45.0),  # read and unused there
     Key("hybrid.gate_mode", "heuristic"),
     Key("hybrid.heuristic.budget_fraction_threshold", 0.4, "gate.budget_fraction"),
-    _kept("hybrid.heuristic.knn_p95_threshold", 0.14, COLMAP_UNITS),
-    _kept("hybrid.oracle.gt_mesh_path", "", "the true surface is the rock's own here"),
+    Key("hybrid.heuristic.knn_p95_threshold", 0.14),  # COLMAP's units
+    Key("hybrid.oracle.gt_mesh_path", ""),  # the true surface is the rock's own here
     Key("hybrid.oracle.n_gt_samples", 30000, "gate.oracle_samples"),
     Key("hybrid.oracle.coverage_threshold_m", 0.02, "gate.oracle_threshold_m"),
     # Only their later code (f3120ba) reads it, and takes 0.5 where it is missing.
     Key("hybrid.oracle.quality_credit_weight", 0.0, "gate.oracle_quality_weight"),
-    _kept("hybrid.learned_switch.policy_json_path", "", _OTHER_POLICIES),
-    _kept("hybrid.shadow.enabled", True, "both rankings are always recorded here"),
-    _kept("hybrid.shadow.log_top_k", 5, "all candidates are recorded here"),
+    Key(
+        "hybrid.learned_switch.policy_json_path", ""
+    ),  # their policies have other features and another schema
+    Key("hybrid.shadow.enabled", True),  # both rankings are always recorded here
+    Key("hybrid.shadow.log_top_k", 5),  # all candidates are recorded here
 )
 
 MISSION = (
-    _kept("output_root", "~/photogrammetry_NBV/data/photogrammetry", "where their runs go"),
+    Key("output_root", "~/photogrammetry_NBV/data/photogrammetry"),  # where their runs go
     Key("seed_radius_m", 4.0, "seed.radius_m"),
     Key("ring_image_count", 24),  # the sum of seed_azimuth_counts
-    _kept("seed_min_elevation_deg", 5.0, "of the mode fibonacci"),
-    _kept("seed_max_elevation_deg", 30.0, "of the mode fibonacci"),
+    Key("seed_min_elevation_deg", 5.0),  # of the mode fibonacci
+    Key("seed_max_elevation_deg", 30.0),  # of the mode fibonacci
     Key("seed_planner_mode", "stratified"),
     Key("seed_elevation_rings_deg", [15.0, 22.0, 29.0, 36.0], "seed.ring_elevations_deg"),
     Key("seed_azimuth_counts", [8, 6, 6, 4], "seed.ring_azimuth_counts"),
@@ -115,15 +108,15 @@ MISSION = (
     Key("rock_center_y", 8.0),  # east of it
     Key("rock_center_z", -0.8),  # down
     Key("image_budget", 40, "stop.adaptive_budget"),
-    _kept("max_image_budget", 55, "a hard limit that the budget never reaches"),
+    Key("max_image_budget", 55),  # a hard limit that the budget never reaches
     Key("stopping_criterion", "image_budget"),
-    _kept("knn_distance_threshold", 0.003, COLMAP_UNITS),
-    _kept("raw_candidate_count", 800, "of the mode fibonacci"),
+    Key("knn_distance_threshold", 0.003),  # COLMAP's units
+    Key("raw_candidate_count", 800),  # of the mode fibonacci
     Key("target_candidate_count", 200, "pool.max_candidates"),
     Key("candidate_radius_m", 3.5, "pool.radius_m"),
     Key("candidate_min_spacing_m", 0.3, "pool.min_spacing_m"),
-    _kept("min_elevation_deg", 5.0, "of the mode fibonacci"),
-    _kept("max_elevation_deg", 55.0, "of the mode fibonacci"),
+    Key("min_elevation_deg", 5.0),  # of the mode fibonacci
+    Key("max_elevation_deg", 55.0),  # of the mode fibonacci
     Key("min_altitude_ned", -20.0),  # down is positive: minus pool.max_altitude_m
     Key("max_altitude_ned", -1.5),  # minus pool.min_altitude_m
     Key("max_candidate_travel_m", 40.0, "pool.max_travel_m"),
@@ -135,29 +128,29 @@ MISSION = (
     Key("azimuth_sector_count", 8, "pool.azimuth_sectors"),
     Key("adaptive_revisit_exclusion_m", 0.6, "pool.revisit_exclusion_m"),
     Key("takeoff_altitude", 3.0, "flight.takeoff_altitude_m"),
-    _kept("offboard_rate_hz", 10.0, _NOT_FLOWN),
-    _kept("setpoint_warmup_cycles", 20, _NOT_FLOWN),
+    Key("offboard_rate_hz", 10.0),  # belongs to PX4 and ROS
+    Key("setpoint_warmup_cycles", 20),  # belongs to PX4 and ROS
     Key("position_tolerance_xy", 0.35, "flight.arrival_tolerance_m"),
     Key("position_tolerance_z", 0.35),  # the same
     Key("settle_time_sec", 2.0, "flight.settle_s"),
-    _kept("gimbal_pitch_rad", -0.54, "the gimbal always aims at the target here"),
-    _kept("gimbal_yaw_rad", 0.0, "the gimbal always aims at the target here"),
-    _kept("image_format", "jpg", "photographs are lossless here"),
-    _kept("land_after_budget", True, "a mission always lands here"),
-    _kept("eval_bbox_half_extent", 6.0, _UNUSED_THERE),
-    _kept("colmap_bin", "colmap", "COLMAP is a library here"),
-    _kept("colmap_script_dir", "", "COLMAP is a library here"),
-    _kept("colmap_config_path", "", "COLMAP is a library here"),
-    _kept("scoring_config_path", "", "given when their mission starts"),
-    _kept("offboard_control_mode_topic", "/fmu/in/offboard_control_mode", _NOT_FLOWN),
-    _kept("trajectory_setpoint_topic", "/fmu/in/trajectory_setpoint", _NOT_FLOWN),
-    _kept("vehicle_command_topic", "/fmu/in/vehicle_command", _NOT_FLOWN),
-    _kept("local_position_topic", "/fmu/out/vehicle_local_position_v1", _NOT_FLOWN),
-    _kept("vehicle_status_topic", "/fmu/out/vehicle_status_v3", _NOT_FLOWN),
-    _kept("image_topic", "/rgbd/image", _NOT_FLOWN),
-    _kept("camera_info_topic", "/rgbd/camera_info", _NOT_FLOWN),
-    _kept("gimbal_pitch_topic", "/gimbal/pitch", _NOT_FLOWN),
-    _kept("gimbal_yaw_topic", "/gimbal/yaw", _NOT_FLOWN),
+    Key("gimbal_pitch_rad", -0.54),  # the gimbal always aims at the target here
+    Key("gimbal_yaw_rad", 0.0),  # the gimbal always aims at the target here
+    Key("image_format", "jpg"),  # photographs are lossless here
+    Key("land_after_budget", True),  # a mission always lands here
+    Key("eval_bbox_half_extent", 6.0),  # read and unused there
+    Key("colmap_bin", "colmap"),  # COLMAP is a library here
+    Key("colmap_script_dir", ""),  # COLMAP is a library here
+    Key("colmap_config_path", ""),  # COLMAP is a library here
+    Key("scoring_config_path", ""),  # given when their mission starts
+    Key("offboard_control_mode_topic", "/fmu/in/offboard_control_mode"),  # belongs to PX4 and ROS
+    Key("trajectory_setpoint_topic", "/fmu/in/trajectory_setpoint"),  # belongs to PX4 and ROS
+    Key("vehicle_command_topic", "/fmu/in/vehicle_command"),  # belongs to PX4 and ROS
+    Key("local_position_topic", "/fmu/out/vehicle_local_position_v1"),  # belongs to PX4 and ROS
+    Key("vehicle_status_topic", "/fmu/out/vehicle_status_v3"),  # belongs to PX4 and ROS
+    Key("image_topic", "/rgbd/image"),  # belongs to PX4 and ROS
+    Key("camera_info_topic", "/rgbd/camera_info"),  # belongs to PX4 and ROS
+    Key("gimbal_pitch_topic", "/gimbal/pitch"),  # belongs to PX4 and ROS
+    Key("gimbal_yaw_topic", "/gimbal/yaw"),  # belongs to PX4 and ROS
 )
 
 # The keys that lead to the parameters in each file.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pyproj import Geod
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
@@ -23,7 +24,6 @@ from nbv.viewpoints import raw_candidates, seed_viewpoints
 WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = 16, 20, 22, 1000, 2000
 GLOBAL_RELATIVE_ALTITUDE, NO_POSITION = 3, 2  # frames
 PX4, MULTIROTOR = 12, 2
-_EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,11 @@ class Home:
             )
 
     def place(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """Return (latitude, longitude) in degrees of a point near home, on the tangent plane of the ellipsoid."""
-        sine = math.sin(math.radians(self.latitude_deg))
-        e2 = _FLATTENING * (2 - _FLATTENING)
-        across_m = _EQUATOR_M / math.sqrt(1 - e2 * sine**2)
-        along_m = across_m * (1 - e2) / (1 - e2 * sine**2)
-        parallel_m = across_m * math.cos(math.radians(self.latitude_deg))
-        longitude_deg = self.longitude_deg + math.degrees(east_m / parallel_m)
-        return (
-            self.latitude_deg + math.degrees(north_m / along_m),
-            longitude_deg - 360 * round(longitude_deg / 360),  # -180 to 180
-        )
+        """Return (latitude, longitude) in degrees of a point near home."""
+        azimuth_deg, distance_m = math.degrees(math.atan2(east_m, north_m)), math.hypot(east_m, north_m)
+        home = self.longitude_deg, self.latitude_deg
+        longitude_deg, latitude_deg, _ = Geod(ellps="WGS84").fwd(*home, azimuth_deg, distance_m)
+        return latitude_deg, longitude_deg
 
 
 def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:

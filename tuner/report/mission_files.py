@@ -49,8 +49,7 @@ def mission_config(run: Path) -> MissionConfig:
 def planned_config(run: Path) -> MissionConfig:
     """The configuration that the mission planned with: with the target where the mission found it."""
     require_plain(run, 4)
-    located = run / LOCATED
-    return config_from_dict(read_yaml(located)) if located.is_file() else mission_config(run)
+    return config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else mission_config(run)
 
 
 def read_flight(run: Path) -> Flight:
