@@ -17,7 +17,6 @@ from tuner.commands.console import (
     output,
     parse_overrides,
     rock_arguments,
-    show_table,
     working,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
@@ -129,8 +128,7 @@ def compare(
         raise typer.Exit(130)
     with working("drawing"):
         document = write_comparison(asked, list(chosen), reference, run.records, out)
-    title, head, rows = share_table(document)
-    show_table(head, rows, title, right=3)
+    output.print(*share_table(document).for_terminal(output.width))
     output.print(document["verdict"], style="bold")
     if document["score_0"]:
         output.print("These count with a score of 0:", style="red")

@@ -135,7 +135,7 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     """
     base, configs = suite.base, dict[str, MissionConfig]()
     for name, given in strategies.items():
-        source, most = _flown_as(name), ending_at(base, suite.numbers[-1])
+        source, most = _strategy_run(name), ending_at(base, suite.numbers[-1])
         if given is None:
             own = baseline(source, (BY_HEIGHT,))
         planned = own.config(most) if given is None else with_sections_of(given, PLAN, base)
@@ -161,8 +161,8 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
     return EvaluationPlan(configs, suite.targets, suite.replicates, fidelity=suite.fidelity)
 
 
-def _flown_as(name: str) -> str:
-    """The strategy whose missions tell of the one called ``name``."""
+def _strategy_run(name: str) -> str:
+    """The strategy whose missions are read for the one called ``name``."""
     return TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
 
 
@@ -200,7 +200,7 @@ class Series:
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
-    """Return the series of the strategies from the missions that have ended; targets that a strategy lacks are an error."""
+    """Return the series of the strategies from finished missions, of which every target must have some."""
     of: dict[str, dict[str, list[Trial]]] = {}
     for trial in trials:
         of.setdefault(trial.strategy, {}).setdefault(trial.rock, []).append(trial)
@@ -208,14 +208,14 @@ def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial])
 
 
 def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]) -> Series:
-    source, numbers, targets = _flown_as(name), np.array(suite.numbers), suite.targets
-    flown = [of[source] if source in of else of[f"{source}-{n}"] for n in suite.numbers]
+    source, numbers, targets = _strategy_run(name), np.array(suite.numbers), suite.targets
+    missions_at = [of[source] if source in of else of[f"{source}-{n}"] for n in suite.numbers]
     read = [
         [np.mean([_read(t, n) for t in missions[r]], axis=0) for r in targets]
-        for n, missions in zip(suite.numbers, flown)
+        for n, missions in zip(suite.numbers, missions_at)
     ]
     taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
-    ended = flown[:1] if source in of else flown
+    ended = missions_at[:1] if source in of else missions_at
     failed = tuple(t for missions in ended for own in missions.values() for t in own if t.status == "failed")
     if name == BY_HEIGHT:
         heights_m = [_believed_height_m(target, suite.base) for target in targets]
@@ -251,7 +251,7 @@ def what_scores_0(series: Sequence[Series], targets: Sequence[str]) -> list[str]
             of = _named([trial.rock for trial in failed], targets)
             first = f"{failed[0].strategy} on {failed[0].rock}: {failed[0].message}"
             missions = f"{len(failed)} mission{'s' if len(failed) > 1 else ''}"
-            said.append(f"{_flown_as(one.name)}: {missions} failed ({reason}) on {of}; {first}.")
+            said.append(f"{_strategy_run(one.name)}: {missions} failed ({reason}) on {of}; {first}.")
         lacking = (one.scores == 0.0) & ~np.isin(targets, [trial.rock for trial in one.failed])
         if lacking.any():
             of = _named([target for target, own in zip(targets, lacking.T) if own.any()], targets)
@@ -267,7 +267,7 @@ def _named(some: Sequence[str], targets: Sequence[str]) -> str:
 
 
 def _believed_height_m(target: str, config: MissionConfig) -> float:
-    """What a vehicle is told before it flies."""
+    """The height of the target that a mission is given, with its error."""
     if is_photographed(target):
         return PhotographSet.read(target).height_m
     return 2.0 * with_size_error(config, load_coarse_rock(target, Store()), 0).target_m[2]

@@ -139,7 +139,7 @@ def confirmation(
     if found.keep_default:
         return None
     controls, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
-    first = _first_fresh(source)
+    first = max([s.blocks, *(trial.replicate + 1 for trial in source.trials())])  # that nothing has run
     if s.draws_rocks:
         chosen = tuple(s.rock_evaluated(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
@@ -225,11 +225,6 @@ def _evaluated(
     source: Campaign, found: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
 ) -> Evaluated:
     return Evaluated(found.values, source.photographs_taken(found.values), conditions, rocks)
-
-
-def _first_fresh(source: Campaign) -> int:
-    """The first replicate that the campaign has not run anywhere."""
-    return max([source.settings.blocks, *(trial.replicate + 1 for trial in source.trials())])
 
 
 def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:

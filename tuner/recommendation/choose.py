@@ -1,13 +1,13 @@
-"""Which configuration to use, of those that have been run, with its uncertainty.
+"""Chooses the configuration to recommend among those that have been run, with its uncertainty.
 
-Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
-that are better than the default, with a 95 % interval, the one with the fewest changes is taken that is not worse
-than the best of them, or that had exactly its outcomes wherever it was tried. Where none is better, the default is recommended: its gain is inside the noise.
+Most parameters that a search varies have no effect on the outcome. So among the configurations that are better than the
+default, with a 95 % interval, the one with the fewest changes is taken that is not worse than the best of them, or that had
+exactly its outcomes wherever both ran. Where none is better, the default is recommended: the gain lies within the noise.
 
-The best of many posterior means is too good more often than not: most of what the surrogate knows of a configuration that
-ran once is what it concludes from neighbours, and a planner's outcome jumps wherever another view is chosen. So a
-configuration has to have run on two rocks and with two replicates, and where there are several conditions under two (`enough`).
-The default was chosen by hand, not by an outcome: nothing flatters it.
+The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
+infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
+rocks and with two replicates, and where there are several conditions under two (`enough`). The default need not: it was not
+selected by its outcome.
 """
 
 from __future__ import annotations

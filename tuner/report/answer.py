@@ -1,4 +1,4 @@
-"""The answer of a campaign in a surveyor's words: what page and terminal both say."""
+"""The recommendation of a campaign as sentences, the same on its page and on the terminal."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
     return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
 
 
-def traces_of(campaign: Campaign, trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord]]]:
+def traces_of(trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord]]]:
     """Return the trials with what their planners chose, those without a planned view left out."""
     found = []
     for t in trials:
@@ -252,7 +252,7 @@ def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
         named = ", ".join(parameter_label(path).name for path in reset[-1])
         said.append(f"Without effect on any photograph, so left at the default: {named}.")
     default = campaign.settings.default_values()
-    traces = traces_of(campaign, [t for t in trials if t.values == default and t.switched is False])
+    traces = traces_of([t for t in trials if t.values == default and t.switched is False])
     spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
     gate = builtin(campaign.settings.config(default)).gate
     if spread and not min(spread) < gate.d95_m < max(spread):

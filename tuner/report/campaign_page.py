@@ -66,7 +66,7 @@ from tuner.surrogate.model import InstanceMeanGP
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
-LEANS = "The intervals are of the best trials where it was tuned, so they lean towards optimism."
+OPTIMISM_NOTE = "The intervals are of the best trials where it was tuned, so they lean towards optimism."
 
 
 class CampaignFacts:
@@ -282,7 +282,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
         said.append(
             f"They were never evaluated side by side: no {word} and replicate has both the recommendation and the default."
         )
-        return [*said, LEANS]
+        return [*said, OPTIMISM_NOTE]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
         f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {word}s"
@@ -290,7 +290,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
         f"the recommendation gains {mean} of {facts.label.name} on average, and is better in "
         f"{sum(d > 0 for d in both.values())} of {len(both)}."
     )
-    return [*said, LEANS]
+    return [*said, OPTIMISM_NOTE]
 
 
 def _gate_answer(facts: CampaignFacts) -> str:
@@ -300,7 +300,7 @@ def _gate_answer(facts: CampaignFacts) -> str:
         return ""
     if config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
-    traces = [trace for _, trace in traces_of(facts.campaign, facts.evaluated(best.values))]
+    traces = [trace for _, trace in traces_of(facts.evaluated(best.values))]
     if not traces:
         return "The missions' documents hold no choices."
     records = [record for trace in traces for record in trace]
@@ -315,7 +315,7 @@ def gate_figure(facts: CampaignFacts) -> str:
         return ""
     sides = {"default": best.default_values} | ({} if best.keep_default else {"recommended": best.values})
     found = {
-        name: {(t.instance, t.replicate): trace for t, trace in traces_of(facts.campaign, facts.evaluated(v))}
+        name: {(t.instance, t.replicate): trace for t, trace in traces_of(facts.evaluated(v))}
         for name, v in sides.items()
     }
     common = set.intersection(*(set(traces) for traces in found.values()))

@@ -71,11 +71,6 @@ FLOOR_NOTE = (
     "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
     "sees, and what is cut away with the ground, keep a distance from every cloud."
 )
-_PAPER_NOT_COMPARABLE = (
-    "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), without "
-    "intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. {differs}, so absolute values do not compare; what can be held against the "
-    "paper is the order of the strategies and the sign of their differences."
-)
 
 
 def paper_note(fidelity: str) -> str:
@@ -83,7 +78,12 @@ def paper_note(fidelity: str) -> str:
     differs = "Renderer, light, flight, mesh resolution and dense stage differ here"
     if is_geometric(fidelity):
         differs = "Here nothing was photographed or reconstructed: completeness is predicted and accuracy taken as 100 %"
-    return _PAPER_NOT_COMPARABLE.format(differs=differs)
+    return (
+        "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), "
+        "without intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. "
+        f"{differs}, so absolute values do not compare; what can be held against the paper is the order of the strategies "
+        "and the sign of their differences."
+    )
 
 
 def strategies_text(names: Collection[str]) -> str:
@@ -160,15 +160,16 @@ def comparison_facts(
     label = metric_label((asked.quality or asked.objective).metric)
     measure = measure_text(label.full, plan.fidelity, plan.rocks, names)
     own = {name: [r for r in records if r.condition == name] for name in names if len(names) > 1}
+    summary = _summary(run, records, against, asked)
     return ComparisonFacts(
         run,
         asked,
         against,
         tuple(notes),
         _verdicts(run, against, asked),
-        _warnings(run, asked.instance_word),
+        _warnings(run, summary, asked.instance_word),
         f"{measure}; {counted(len(plan.rocks), asked.instance_word)}.",
-        _summary(run, records, against, asked),
+        summary,
         {name: _summary(run, found, against, asked) for name, found in own.items()},
         {name: comparison_table(records, strategies, against, of) for name, of in rows.items()},
     )
@@ -350,19 +351,19 @@ def gain_interval(d: Interval, metric: MetricRow) -> tuple[float, float | None, 
     return -d.mean, None if d.high is None else -d.high, None if d.low is None else -d.low
 
 
-def _warnings(run: EvaluationRun, word: str) -> list[str]:
+def _warnings(run: EvaluationRun, table: ComparisonTable, word: str) -> list[str]:
     out, plan = [], run.plan
     if not run.complete:
         expected = len(plan.strategies) * len(plan.instances) * plan.replicates
         out.append(
             f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
         )
-    failed = {
-        name: sum(r.strategy == name and r.status == "failed" for r in run.records)
-        for name in plan.strategies
-    }
-    if any(failed.values()):
-        listed = ", ".join(f"{strategy_label(name)} {n}" for name, n in failed.items() if n)
+    if run.failures:
+        listed = ", ".join(
+            f"{strategy_label(name)} {table.failures[name]}"
+            for name in plan.strategies
+            if table.failures[name]
+        )
         reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
         out.append(
             f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "

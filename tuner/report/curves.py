@@ -24,6 +24,7 @@ from tuner.missions.job import Trial
 from tuner.report import style
 from tuner.report.labels import MISSING
 from tuner.report.pages import write_page
+from tuner.report.table import Table
 
 AT_NUMBERS = (16, 20, 24, 32, 40)
 
@@ -95,8 +96,8 @@ def write_comparison(
     return document
 
 
-def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequence[Sequence[str]]]:
-    """Return title, head and rows of what each strategy needs for the share."""
+def share_table(document: Mapping[str, Any]) -> Table:
+    """Return what each strategy needs for the share."""
     share, score = 100 * document["share"], document["settings"]["score"]
     title = f"Photographs until {share:g} % of the targets have {score:g} %, and their ratio to {document['reference']}"
     if not share:
@@ -110,10 +111,10 @@ def share_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequen
         )
         for f in document["at_share"]
     ]
-    return title, ("strategy", "photographs", "ratio", "largest share"), rows
+    return Table.of(title, ("strategy", "photographs", "ratio", "largest share"), rows)
 
 
-def _number_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequence[Sequence[str]]]:
+def _number_table(document: Mapping[str, Any]) -> Table:
     rows = [
         (
             f"{_marked(document, row['strategy'])}, {row['photographs']}",
@@ -126,7 +127,7 @@ def _number_table(document: Mapping[str, Any]) -> tuple[str, Sequence[str], Sequ
     ]
     at = f"share at {document['settings']['score']:g} %"
     head = ("strategy, photographs", "F-score, %", f"less {document['reference']}", at, "score 0")
-    return "At equal number of photographs", head, rows
+    return Table.of("At equal number of photographs", head, rows)
 
 
 def _marked(document: Mapping[str, Any], name: str) -> str:
@@ -171,7 +172,7 @@ def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
 
 def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Floats], of: Ints) -> None:
     for index, (one, own) in enumerate(zip(series, values)):
-        x, y, colour = one.mean_photographs(of), own[:, of].mean(axis=1), style.colour(index)
+        x, y, colour = one.mean_photographs(of), own[:, of].mean(axis=1), f"C{index}"
         axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=colour, label=one.name, lw=1.4)
         low, high = curves.bounds(np.mean, own[:, of])
         if low is not None:

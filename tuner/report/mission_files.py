@@ -69,13 +69,15 @@ def read_flight(run: Path) -> Flight:
         raise UserError(f"{file} is not a mission's flight; restore it") from error
 
 
-def decided(run: Path, result: MissionResult) -> list[tuple[PlanningState, CandidatePool, IterationRecord]]:
-    """What the planner knew, among what it chose, and what came of it, capture by capture."""
+def planning_steps(
+    run: Path, result: MissionResult
+) -> list[tuple[PlanningState, CandidatePool, IterationRecord]]:
+    """The planner's state, its candidates and what it decided, for every planned view."""
     states = sorted((run / "states").glob("iter_*.npz"))
     return [(*load_state(path), record) for path, record in zip(states, result.trace)]
 
 
-def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
+def rock_of_mission(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
     """The rock that the mission in ``run`` was run on; ``UserError`` if the one found is another.
 
     ``rock``: catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.

@@ -34,11 +34,11 @@ from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.report.mission_files import (
     Flight,
-    decided,
     mission_config,
     planned_config,
+    planning_steps,
     read_flight,
-    the_rock,
+    rock_of_mission,
     thin_indices,
 )
 from tuner.report.pages import write_page
@@ -62,7 +62,7 @@ def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None)
     UserError
         A file is missing, a rock is not the one of the mission, or ``out`` cannot be written.
     """
-    missions = [_shown(run, rock) for run in runs]
+    missions = [_mission_data(run, rock) for run in runs]
     script = importlib.resources.files("tuner.report").joinpath("templates", "walk.js").read_text()
     title = " beside ".join(f"mission {mission['name']}" for mission in missions)
     data = json.dumps(missions, allow_nan=False).replace("<", "\\u003c")  # nothing in it can end the element
@@ -121,7 +121,7 @@ class _Space:
         return {"p": self.pack(vertices), "f": _packed(faces, "<u4")}
 
 
-def _shown(run: Path, rock: str | None) -> dict[str, Any]:
+def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
     """Everything that the page shows of the mission in ``run``, as JSON; arrays are packed strings."""
     result, flight, planned_by, store = (
         MissionResult.load(run),
@@ -132,8 +132,8 @@ def _shown(run: Path, rock: str | None) -> dict[str, Any]:
     fidelity = result.provenance.get("fidelity", "")
     # Over photographs camera, object and place are theirs.
     config = planned_by if fidelity == PHOTOGRAPHS else mission_config(run)
-    space = _Space.of(config, the_rock(run, result, rock, store))
-    known = decided(run, result)
+    space = _Space.of(config, rock_of_mission(run, result, rock, store))
+    known = planning_steps(run, result)
     views = _views(run, flight, known)
     seeds = sum(view["name"].startswith("seed_") for view in views)
     steps = [_step(f"seed view {n} of {seeds}", n, view["t"]) for n, view in enumerate(views[:seeds], 1)]

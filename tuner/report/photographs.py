@@ -18,12 +18,12 @@ from tuner.report.style import (
     LIGHT,
     MARKERS,
     SEQUENTIAL,
-    colour,
     embed,
     look,
     new_figure,
     save_figure,
 )
+from tuner.report.table import Table
 
 REPORT_FILE = "report.html"
 MIDDLE = 2  # of THRESHOLD_FRACTIONS, which the page speaks of
@@ -52,19 +52,20 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
         error_percent=100 * photographs.reference_error_m / photographs.height_m,
         cameras=embed(_cameras(views)),
         errors=embed(_errors(photographs, reference), "png"),
-        rows=[
-            (100 * fraction, *values)
-            for fraction, *values in zip(
-                THRESHOLD_FRACTIONS,
-                photographs.halves.completeness,
-                photographs.halves.precision,
-                photographs.halves.f_score,
-                strict=True,
-            )
-        ],
+        halves=_halves(photographs),
         can=_can(photographs, views),
         cannot=_cannot(views),
         absent=[p.source for p in photographs.photographs if not p.registered],
+    )
+
+
+def _halves(photographs: PhotographSet) -> Table:
+    """How one half of the photographs agrees with the other, by threshold."""
+    halves = photographs.halves
+    rows = zip(THRESHOLD_FRACTIONS, halves.completeness, halves.precision, halves.f_score, strict=True)
+    head = ("threshold, % of the height", "completeness, %", "precision, %", "F-score, %")
+    return Table.of(
+        "", head, [(f"{100 * fraction:.0f}", *(f"{v:.1f}" for v in values)) for fraction, *values in rows]
     )
 
 
@@ -135,10 +136,10 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
         for k, (way, points) in enumerate(found.curves.items()):
             number = np.array([p.photographs for p in points])
             mean = np.array([p.quality.mean for p in points])
-            above.plot(number, mean, "-", marker=MARKERS[k], color=colour(k), markersize=4, label=WAYS[way])
+            above.plot(number, mean, "-", marker=MARKERS[k], color=f"C{k}", markersize=4, label=WAYS[way])
             bounds = np.array([(p.quality.low, p.quality.high) for p in points], dtype=float)  # None: NaN
             low, high = bounds.T
-            above.fill_between(number, low, high, color=colour(k), alpha=0.12, lw=0)
+            above.fill_between(number, low, high, color=f"C{k}", alpha=0.12, lw=0)
         small = {"color": GREY, "fontsize": 8}
         left = above.get_xlim()[0]
         above.axhline(found.all_quality, color=GREY, lw=1)

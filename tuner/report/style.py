@@ -58,11 +58,6 @@ def look() -> Iterator[None]:
         yield
 
 
-def colour(index: int) -> str:
-    """Colour of the ``index``-th series."""
-    return CYCLE[index % len(CYCLE)]
-
-
 def marker(index: int) -> str:
     """Marker of the ``index``-th series; its period differs from the colours', so pairs stay distinct."""
     return MARKERS[index % len(MARKERS)]
