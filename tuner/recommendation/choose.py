@@ -45,7 +45,7 @@ from tuner.recommendation.recommendation import (
 )
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import DeterministicOutcome, Posterior, interval_95, probability_positive
+from tuner.surrogate.posterior import DeterministicOutcome, interval_95, probability_positive
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
@@ -68,13 +68,8 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
     model, outliers = without_outliers(
         InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
     )
-    constraint = constraint_of(history, data, goal, model)
-    candidates = candidates_of(data, constraint, outliers)
-    if len(candidates) > JOINT:
-        candidates = most_promising(candidates, data, goal, model)
-    posteriors = posteriors_of(candidates, data, goal, model)
-    index = choose(candidates, data, goal, posteriors, constraint)
-    return described(index, candidates, data, goal, posteriors, constraint, outliers)
+    choice = Choice(data, goal, model, constraint_of(history, data, goal, model), outliers)
+    return choice.described(choice.index())
 
 
 def constraint_of(
@@ -121,20 +116,6 @@ class Candidates:
         return {(o.instance, o.replicate): o.outcome for o in self.missions[index]}
 
 
-@dataclass(frozen=True)
-class Posteriors:
-    """The joint posteriors of the candidates, in their order, and of the default behind them."""
-
-    model: InstanceMeanGP
-    modelled: Posterior  # of what the model predicts
-    objective: Posterior  # the same, or the objective where the configuration decides it
-
-    def plausible(self, outcome: float) -> float:
-        """Return the objective clipped to what missions were taken to have measured."""
-        seen = self.model.winsorised if self.modelled is self.objective else self.objective.mean
-        return float(np.clip(outcome, min(seen), max(seen)))
-
-
 def candidates_of(
     data: CampaignData, constraint: Constraint | None, outliers: Collection[Observation]
 ) -> Candidates:
@@ -154,148 +135,174 @@ def candidates_of(
     return Candidates(values, missions, keeps, eligible, bool(kept))
 
 
-def most_promising(
-    candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP
-) -> Candidates:
-    """Return the best by their means, so many that they can be looked at jointly.
+class Choice:
+    """The candidates with their joint posterior, the choice among them, and what is said of it."""
 
-    These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
-    """
-    values, cost = candidates.values, goal.exact.first
-    best_first = model.best_first(values)
-    if cost is not None:
-        best_first.sort(key=lambda i: -cost.outcome(values[i]))
-    eligible = set(candidates.eligible)
-    few = max(TOP, JOINT // len(model.instances))
-    best = [i for i in best_first if i in eligible][:few]
-    own_default = [i for i in candidates.eligible if values[i] == data.default]
-    seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
-    return candidates.only([*best, *own_default, *seldom])
+    def __init__(
+        self,
+        data: CampaignData,
+        goal: Goal,
+        model: InstanceMeanGP,
+        constraint: Constraint | None,
+        outliers: Sequence[Observation],
+    ) -> None:
+        self.data, self.goal, self.model = data, goal, model
+        self.constraint, self.outliers = constraint, outliers
+        self.candidates = candidates_of(data, constraint, outliers)
+        if len(self.candidates) > JOINT:
+            self.candidates = self._most_promising()
+        # In the candidates' order, and the default behind them.
+        values = [*self.candidates.values, data.default]
+        self.modelled = self.objective = model.posterior(values)
+        if goal.exact.first is not None:
+            self.objective = DeterministicOutcome(data.space, goal.exact.first).posterior(values)
 
+    def _most_promising(self) -> Candidates:
+        """Return the best by their means, so many that they can be looked at jointly.
 
-def posteriors_of(
-    candidates: Candidates, data: CampaignData, goal: Goal, model: InstanceMeanGP
-) -> Posteriors:
-    """Return the posterior of the candidates and the default."""
-    values = [*candidates.values, data.default]
-    modelled = model.posterior(values)
-    if goal.exact.first is None:
-        return Posteriors(model, modelled, modelled)
-    return Posteriors(model, modelled, DeterministicOutcome(data.space, goal.exact.first).posterior(values))
+        These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
+        """
+        candidates, cost = self.candidates, self.goal.exact.first
+        best_first = self.model.best_first(candidates.values)
+        if cost is not None:
+            best_first.sort(key=lambda i: -cost.outcome(candidates.values[i]))
+        eligible = set(candidates.eligible)
+        few = max(TOP, JOINT // len(self.model.instances))
+        best = [i for i in best_first if i in eligible][:few]
+        own_default = [i for i in candidates.eligible if candidates.values[i] == self.data.default]
+        seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
+        return candidates.only([*best, *own_default, *seldom])
 
+    def plausible(self, outcome: float) -> float:
+        """Return the objective clipped to what missions were taken to have measured."""
+        seen = self.model.winsorised if self.modelled is self.objective else self.objective.mean
+        return float(np.clip(outcome, min(seen), max(seen)))
 
-def choose(
-    candidates: Candidates,
-    data: CampaignData,
-    goal: Goal,
-    posteriors: Posteriors,
-    constraint: Constraint | None,
-) -> int:
-    """Return the index of the candidate to recommend, by the rule in this file's docstring."""
-    among = candidates.eligible
-    if goal.exact.first is not None:
-        among = _cheapest(candidates, data, constraint, posteriors.objective)
-    index = fewest_changes(
-        candidates.values, among, data.default, posteriors.modelled, posteriors.model.noise_sd
-    )
-    own = candidates.outcomes(index)
-    same = [i for i in among if i == index or own.items() <= candidates.outcomes(i).items()]
-    return min(same, key=lambda i: len(changes(candidates.values[i], data.default)))
+    def changes(self, index: int) -> int:
+        """Return in how many parameters a candidate differs from the default."""
+        return len(changes(self.candidates.values[index], self.data.default))
 
+    def index(self) -> int:
+        """Return the index of the candidate to recommend, by the rule in this file's docstring."""
+        among = self.candidates.eligible if self.goal.exact.first is None else self._cheapest()
+        index = self._fewest_changes(among)
+        own = self.candidates.outcomes(index)
+        same = [i for i in among if i == index or own.items() <= self.candidates.outcomes(i).items()]
+        return min(same, key=self.changes)
 
-def _cheapest(
-    candidates: Candidates, data: CampaignData, constraint: Constraint | None, cost: Posterior
-) -> list[int]:
-    """Return the eligible of the least cost; the default alone where none is cheaper and it may keep the limit."""
-    best = max(cost.mean[i] for i in candidates.eligible)
-    among = [i for i in candidates.eligible if cost.mean[i] == best]
-    may_keep = constraint is None or constraint.probability([data.default])[0] >= MAY_KEEP
-    if cost.mean[-1] >= best and may_keep:
-        return [i for i, values in enumerate(candidates.values) if values == data.default] or among
-    return among
+    def _cheapest(self) -> list[int]:
+        """Return the eligible of the least cost; the default alone where none is cheaper and it may keep the limit."""
+        candidates, cost, default = self.candidates, self.objective, self.data.default
+        best = max(cost.mean[i] for i in candidates.eligible)
+        among = [i for i in candidates.eligible if cost.mean[i] == best]
+        may_keep = self.constraint is None or self.constraint.probability([default])[0] >= MAY_KEEP
+        if cost.mean[-1] >= best and may_keep:
+            return [i for i, values in enumerate(candidates.values) if values == default] or among
+        return among
 
+    def _fewest_changes(self, among: Sequence[int]) -> int:
+        """Return the one of ``among``, not empty, with the fewest changes that is not worse than the best of them.
 
-def described(
-    index: int,
-    candidates: Candidates,
-    data: CampaignData,
-    goal: Goal,
-    posteriors: Posteriors,
-    constraint: Constraint | None,
-    outliers: Sequence[Observation],
-) -> Recommendation:
-    """Return the recommendation of a candidate, with all that is said of it."""
-    model, values, own = posteriors.model, candidates.values[index], candidates.missions[index]
-    objective, modelled = goal.objective, goal.modelled
-    mean = objective.sign * posteriors.plausible(posteriors.objective.mean[index])
-    sd = float(posteriors.objective.sd[index])
-    gain, gain_sd = posteriors.objective.difference(index, len(candidates))
-    elsewhere = _on_next_rock(values, data, model)
-    return Recommendation(
-        values=values,
-        mean=mean,
-        sd=sd,
-        interval_95=interval_95(mean, sd),
-        per_rock=[_rock_row(model, instance, own, values, modelled.sign) for instance in model.instances],
-        default_values=dict(data.default),
-        default_mean=objective.sign * posteriors.plausible(posteriors.objective.mean[-1]),
-        improvement=gain,
-        improvement_sd=gain_sd,
-        improvement_interval_95=interval_95(gain, gain_sd),
-        noise_sd=model.noise_sd,
-        observations=len(model.observations),
-        failures=sum(not o.feasible for o in data.observations),
-        metric=objective.metric,
-        direction=objective.direction,
-        leave_one_out=model.leave_one_out(),
-        exact=goal.exact.first is not None,
-        modelled_metric=modelled.metric,
-        runner_up=_runner_up(index, candidates, data, goal, posteriors, constraint),
-        next_rock=elsewhere,
-        limit=limit_of(
-            data,
-            goal,
-            constraint,
-            values,
-            own,
-            kept=candidates.limit_kept,
-            no_worse=None if elsewhere is None else elsewhere.no_worse,
-        ),
-        outliers=_outliers(model, outliers, modelled.sign),
-    )
+        One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
+        mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`. The default is
+        taken only where it is among them.
+        """
+        posterior, noise_sd, better = self.modelled, self.model.noise_sd, list(among)
+        own = [i for i in among if self.candidates.values[i] == self.data.default]
+        if own:
+            reference = len(self.candidates)
+            better = [i for i in among if interval_95(*posterior.difference(i, reference))[0] > 0.0]
+            if not better:
+                return own[0]
+        best = max(better, key=lambda i: posterior.mean[i])
 
+        def not_worse(i: int) -> bool:
+            mean, sd = posterior.difference(i, best)
+            unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
+            return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
-def _runner_up(
-    index: int,
-    candidates: Candidates,
-    data: CampaignData,
-    goal: Goal,
-    posteriors: Posteriors,
-    constraint: Constraint | None,
-) -> RunnerUp | None:
-    """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
-    posterior = posteriors.objective
-    rivals = [
-        i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]
-    ]
-    if not rivals:
-        return None
-    rival = max(rivals, key=lambda i: posterior.mean[i])
-    values = candidates.values[rival]
-    if values == dict(data.default):
-        return None
-    difference = posterior.difference(rival, index)
-    improvement = posterior.difference(rival, len(candidates))
-    return RunnerUp(
-        values=values,
-        missions=len(candidates.missions[rival]),
-        mean=goal.objective.sign * posteriors.plausible(posterior.mean[rival]),
-        difference=difference[0],
-        difference_interval_95=interval_95(*difference),
-        improvement=improvement[0],
-        improvement_interval_95=interval_95(*improvement),
-        probability=None if constraint is None else float(constraint.probability([values])[0]),
-    )
+        return min(filter(not_worse, better), key=lambda i: (self.changes(i), -posterior.mean[i]))
+
+    def described(self, index: int) -> Recommendation:
+        """Return the recommendation of a candidate, with all that is said of it."""
+        data, goal, model, posterior = self.data, self.goal, self.model, self.objective
+        values, own = self.candidates.values[index], self.candidates.missions[index]
+        sign = goal.objective.sign
+        mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
+        gain, gain_sd = posterior.difference(index, len(self.candidates))
+        elsewhere = _on_next_rock(values, data, model)
+        return Recommendation(
+            values=values,
+            mean=mean,
+            sd=sd,
+            interval_95=interval_95(mean, sd),
+            per_rock=[self._rock_row(instance, index) for instance in model.instances],
+            default_values=dict(data.default),
+            default_mean=sign * self.plausible(posterior.mean[-1]),
+            improvement=gain,
+            improvement_sd=gain_sd,
+            improvement_interval_95=interval_95(gain, gain_sd),
+            noise_sd=model.noise_sd,
+            observations=len(model.observations),
+            failures=sum(not o.feasible for o in data.observations),
+            metric=goal.objective.metric,
+            direction=goal.objective.direction,
+            leave_one_out=model.leave_one_out(),
+            exact=goal.exact.first is not None,
+            modelled_metric=goal.modelled.metric,
+            runner_up=self._runner_up(index),
+            next_rock=elsewhere,
+            limit=limit_of(
+                data,
+                goal,
+                self.constraint,
+                values,
+                own,
+                kept=self.candidates.limit_kept,
+                no_worse=None if elsewhere is None else elsewhere.no_worse,
+            ),
+            outliers=self._outliers(),
+        )
+
+    def _rock_row(self, instance: Instance, index: int) -> RockRow:
+        """Return what a candidate had in an instance, and what is predicted of it there."""
+        sign, own = self.goal.modelled.sign, self.candidates.missions[index]
+        outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
+        observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
+        predicted = sign * self.model.predict_mission(self.candidates.values[index], instance)[0]
+        return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
+
+    def _runner_up(self, index: int) -> RunnerUp | None:
+        """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
+        posterior, candidates = self.objective, self.candidates
+        leads = [
+            i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]
+        ]
+        if not leads:
+            return None
+        rival = max(leads, key=lambda i: posterior.mean[i])
+        values = candidates.values[rival]
+        if values == dict(self.data.default):
+            return None
+        difference = posterior.difference(rival, index)
+        improvement = posterior.difference(rival, len(candidates))
+        return RunnerUp(
+            values=values,
+            missions=len(candidates.missions[rival]),
+            mean=self.goal.objective.sign * self.plausible(posterior.mean[rival]),
+            difference=difference[0],
+            difference_interval_95=interval_95(*difference),
+            improvement=improvement[0],
+            improvement_interval_95=interval_95(*improvement),
+            probability=None if self.constraint is None else float(self.constraint.probability([values])[0]),
+        )
+
+    def _outliers(self) -> tuple[Outlier, ...]:
+        """Return the missions left out, and those whose outcomes count as other numbers than measured."""
+        sign = self.goal.modelled.sign
+        moved = [(o, y) for o, y in zip(self.model.observations, self.model.winsorised) if o.outcome != y]
+        counts_as = [*((o, None) for o in self.outliers), *((o, sign * y) for o, y in moved)]
+        return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 
 
 def _on_next_rock(values: Values, data: CampaignData, model: InstanceMeanGP) -> NextRock | None:
@@ -307,13 +314,6 @@ def _on_next_rock(values: Values, data: CampaignData, model: InstanceMeanGP) -> 
     return next_rock(
         InstanceMeanGP(data.space, model.observations, data.instances, departing), values, data.default
     )
-
-
-def _outliers(model: InstanceMeanGP, left_out: Sequence[Observation], sign: float) -> tuple[Outlier, ...]:
-    """Return the missions left out, and those whose outcomes count as other numbers than measured."""
-    moved = [(o, y) for o, y in zip(model.observations, model.winsorised) if o.outcome != y]
-    counts_as = [*((o, None) for o in left_out), *((o, sign * y) for o, y in moved)]
-    return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 
 
 def without_outliers(model: InstanceMeanGP) -> tuple[InstanceMeanGP, list[Observation]]:
@@ -339,54 +339,6 @@ def without_outliers(model: InstanceMeanGP) -> tuple[InstanceMeanGP, list[Observ
             break
         model, left_out = other, [*left_out, o]
     return model, left_out
-
-
-def fewest_changes(
-    configurations: Sequence[Mapping[str, Any]],
-    among: Sequence[int],
-    default: Mapping[str, Any],
-    posterior: Posterior,
-    noise_sd: float,
-) -> int:
-    """Return the index of the configuration to use, by the rule in this file's docstring.
-
-    One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
-    mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`.
-
-    ``among``: indices of those that may be taken; not empty. The default is taken only where it is among them.
-    ``posterior``: the joint posterior of ``configurations``, in their order, and of the default behind them.
-    ``noise_sd``: the standard deviation of one mission, objective's unit.
-    """
-    reference, better = len(configurations), list(among)
-    own = [i for i in among if configurations[i] == default]
-    if own:
-        better = [i for i in among if interval_95(*posterior.difference(i, reference))[0] > 0.0]
-        if not better:
-            return own[0]
-    best = max(better, key=lambda i: posterior.mean[i])
-
-    def not_worse(i: int) -> bool:
-        mean, sd = posterior.difference(i, best)
-        unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
-        return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
-
-    return min(
-        filter(not_worse, better),
-        key=lambda i: (len(changes(configurations[i], default)), -posterior.mean[i]),
-    )
-
-
-def _rock_row(
-    model: InstanceMeanGP,
-    instance: Instance,
-    own: Sequence[Observation],
-    values: Mapping[str, Any],
-    sign: float,
-) -> RockRow:
-    outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
-    observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-    predicted = sign * model.predict_mission(values, instance)[0]
-    return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
 
 def enough(evaluated: Collection[Block], instances: Collection[InstanceLike], replicates: int) -> bool:
