@@ -348,7 +348,7 @@ def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | Dask
                 f"not complete; go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True
             )
             raise typer.Exit(130)
-        facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=asked.notes)
+        facts = comparison.ComparisonFacts(run, asked.reference, asked.asked, notes=asked.notes)
         title = f"{campaign.settings.name}: all strategies on {', '.join(short_names(plan.rocks))}"
         comparison.write_comparison_report(facts, directory, title=title)
     result = gate_result.gate_result(campaign)

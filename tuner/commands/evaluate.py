@@ -235,9 +235,9 @@ def compare(
         f"{named} on {counted(len(plan.rocks), word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
-    with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
+    with executor, ComparisonProgress(asked.asked.shown.metric) as show:
         run, directory = asked.run(usual, executor, show, out)
-    facts = comparison.comparison_facts(run, asked.reference, asked.asked, notes=notes)
+    facts = comparison.ComparisonFacts(run, asked.reference, asked.asked, notes=notes)
     for line in facts.verdicts:
         output.print(line.text, style="bold")
     tables = {"Results by strategy": facts.summary}

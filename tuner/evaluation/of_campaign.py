@@ -63,6 +63,11 @@ class ComparisonSpec:
         both = (self.objective, self.second)
         return next((o for o in both if o is not None and o.metric not in self.decided), None)
 
+    @property
+    def shown(self) -> Objective:
+        """The quality, or the objective where the configuration decides all."""
+        return self.quality or self.objective
+
 
 @dataclass(frozen=True)
 class CampaignEvaluation:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,28 +100,37 @@ class Sentence(NamedTuple):
     kind: str = ""  # better, worse, no
 
 
-@dataclass(frozen=True)
 class ComparisonFacts:
-    """What was found: sentences, then tables from the shortest to the longest."""
+    """What an evaluation says of its strategies: sentences, then tables from the shortest to the longest.
 
-    run: EvaluationRun
-    asked: ComparisonSpec
-    reference: str
-    notes: tuple[str, ...]  # what to know before the verdicts
-    verdicts: list[Sentence]
-    warnings: list[str]
-    measure: str
-    summary: ComparisonTable  # costs, the objectives and the limit
-    conditions: dict[str, ComparisonTable]  # the same, condition by condition; empty where there is one
-    tables: dict[str, ComparisonTable]  # Table I by surface; "own" where no mission has those metrics
+    ``reference``: strategy from which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
+    configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by default the
+    F-score alone. ``notes``: what to know before the verdicts.
+    """
+
+    def __init__(
+        self,
+        run: EvaluationRun,
+        reference: str | None = None,
+        asked: ComparisonSpec | None = None,
+        notes: Sequence[str] = (),
+    ) -> None:
+        self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
+        self.asked = asked or ComparisonSpec(Objective())
+        self.strategies = tuple(in_table_order(self.plan.strategies))
+        self.reference = reference or ("hyb-h" if "hyb-h" in self.strategies else self.strategies[0])
+        self.word = self.asked.instance_word
+        label = metric_label(self.asked.shown.metric)
+        names = [c.name for c in self.plan.conditions]
+        measure = measure_text(label.full, self.plan.fidelity, self.plan.rocks, names)
+        self.measure = f"{measure}; {counted(len(self.plan.rocks), self.word)}."
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON (`nbv.mission.result.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
-        plan = self.run.plan
         return {
             "complete": self.run.complete,
-            "rocks": plan.rocks,
-            "replicates": plan.replicates,
+            "rocks": self.plan.rocks,
+            "replicates": self.plan.replicates,
             "reference": self.reference,
             "measure": self.measure,
             "notes": self.notes,
@@ -133,46 +142,210 @@ class ComparisonFacts:
             "tables": self.tables,
         }
 
+    # -- tables --------------------------------------------------------------------------------------------------
 
-def comparison_facts(
-    run: EvaluationRun,
-    reference: str | None = None,
-    asked: ComparisonSpec | None = None,
-    notes: Sequence[str] = (),
-) -> ComparisonFacts:
-    """What ``run`` says of its strategies.
+    @cached_property
+    def tables(self) -> dict[str, ComparisonTable]:
+        """Table I by surface; "own" where no mission has those metrics: the metric of a mission file, and costs."""
+        rows: dict[str, Sequence[MetricRow]] = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
+        if not any("whole" in r.metrics for r in self.records):
+            shown = self.asked.shown
+            costs = sorted({f"costs.{name}" for r in self.records for name in r.costs} - {shown.metric})
+            rows = {"own": [self._row_of(o) for o in (shown, *(Objective(n, "minimise") for n in costs))]}
+        return {
+            name: comparison_table(self.records, self.strategies, self.reference, of)
+            for name, of in rows.items()
+        }
 
-    ``reference``: strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's
-    default configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by
-    default the F-score alone.
+    def _row_of(self, o: Objective) -> MetricRow:
+        """A row of a mission file's metric, with as many decimals as its spread deserves."""
+        values = [value for r in self.records if (value := r.measured(o)) is not None]
+        digits = decimals_for(float(np.std(values))) if values else 1
+        return dataclasses.replace(_row_of(o), decimals=digits)
 
-    Raises `UserError`: the reference was not evaluated.
-    """
-    records, plan = run.records, run.plan
-    strategies = tuple(in_table_order(plan.strategies))
-    asked = asked or ComparisonSpec(Objective())
-    against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
-    rows: dict[str, Sequence[MetricRow]] = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
-    if not any("whole" in r.metrics for r in records):
-        rows = {"own": _mission_file_rows(asked.quality or asked.objective, records)}
+    @cached_property
+    def summary(self) -> ComparisonTable:
+        """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
+        return self._summary(self.records)
 
-    names = [c.name for c in plan.conditions]
-    label = metric_label((asked.quality or asked.objective).metric)
-    measure = measure_text(label.full, plan.fidelity, plan.rocks, names)
-    own = {name: [r for r in records if r.condition == name] for name in names if len(names) > 1}
-    summary = _summary(run, records, against, asked)
-    return ComparisonFacts(
-        run,
-        asked,
-        against,
-        tuple(notes),
-        _verdicts(run, against, asked),
-        _warnings(run, summary, asked.instance_word),
-        f"{measure}; {counted(len(plan.rocks), asked.instance_word)}.",
-        summary,
-        {name: _summary(run, found, against, asked) for name, found in own.items()},
-        {name: comparison_table(records, strategies, against, of) for name, of in rows.items()},
-    )
+    @cached_property
+    def conditions(self) -> dict[str, ComparisonTable]:
+        """The same, condition by condition; empty where there is one."""
+        names = [c.name for c in self.plan.conditions]
+        return {
+            name: self._summary([r for r in self.records if r.condition == name])
+            for name in names
+            if len(names) > 1
+        }
+
+    def _summary(self, records: Sequence[Trial]) -> ComparisonTable:
+        asked = self.asked
+        costs = [o for o in COSTS_SHOWN if any(r.measured(o) is not None for r in records)]
+        objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
+        counts = {o.metric: o for o in (*objectives, *costs)}
+        rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
+        table = comparison_table(records, self.strategies, self.reference, rows)
+        # A cost is read beside the others': its difference would only be in the way.
+        found = [
+            dataclasses.replace(row, differences={}) if row.metric.key in counts else row
+            for row in table.rows
+        ]
+        if asked.limit is not None:
+            shares = {name: self._share_kept(records, name) for name in self.strategies}
+            most = max((share.mean for share in shares.values() if share is not None), default=0.0)
+            best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
+            limit = MetricRow("", "Limit kept", "limit", f"% of {self.word}s", True, 0)
+            found.append(ComparisonRow(limit, shares, best, None, {}))
+        return dataclasses.replace(table, rows=found)
+
+    def _share_kept(self, records: Sequence[Trial], strategy: str) -> Interval | None:
+        """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
+
+        A rock on which a mission failed has not kept it. None where the strategy has no mission.
+        """
+        second, limit = self.asked.second, self.asked.limit
+        assert second is not None and limit is not None
+        own = [r for r in records if r.strategy == strategy]
+        rocks = sorted({r.rock for r in own})
+        if not rocks:
+            return None
+        found = values_of(records, strategy, second.metric)
+        kept = 0
+        for rock in rocks:
+            values = [value for (where, _), value in found.items() if where == rock]
+            if values and len(values) == sum(r.rock == rock for r in own):
+                mean = sum(values) / len(values)
+                kept += second.sign * mean >= second.sign * limit - 1e-9 * abs(limit)
+        share = 100 * kept / len(rocks)
+        if second.metric in self.asked.decided:
+            return Interval(share, None, None, len(rocks), len(own), "none")
+        bounds = stats.binomtest(kept, len(rocks)).proportion_ci(method="wilson")
+        return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
+
+    # -- sentences -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def verdicts(self) -> list[Sentence]:
+        """The verdict on the tuned strategy, without one on the first that is not the reference, line by line."""
+        asked, reference = self.asked, self.reference
+        others = [name for name in self.plan.strategies if name != reference]
+        if not others:
+            return []
+        subject = TUNED if TUNED in others else others[0]
+        of_paper = [name for name in others if name in PAPER_STRATEGIES]
+        out = []
+        for name in (
+            [subject] if TUNED in others or reference not in PAPER_STRATEGIES else of_paper or [subject]
+        ):
+            if self.plan.owner(name) == self.plan.owner(reference):
+                continue
+            if same_photographs(self.records, (reference, name)):
+                both = strategy_label(name), strategy_label(reference)
+                out.append(
+                    Sentence("{} took the same photographs as {} in every mission.".format(*both), "no")
+                )
+                continue
+            out += [self._count(name, o) for o in asked.counts]
+            if asked.quality is not None:
+                margin = 0.0 if asked.limit is None else asked.margin
+                out.append(self._quality(name, reference, asked.quality, margin))
+        if subject == TUNED and asked.limit is not None:
+            out += self._limit()
+        if subject == TUNED and asked.quality is not None:
+            out += self._best_control(asked.quality)
+        return out
+
+    def _count(self, name: str, o: Objective) -> Sentence:
+        """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
+        own, theirs = (strategy_interval(self.records, n, o.metric) for n in (name, self.reference))
+        whom = strategy_label(self.reference)
+        if own is None or theirs is None:
+            return Sentence(f"{strategy_label(name)}: no mission in common with {whom}.")
+        gain = o.sign * (own.mean - theirs.mean)
+        text = f"{metric_label(o.metric).name}: {own.mean:.4g} in place of {theirs.mean:.4g} of {whom}."
+        return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
+
+    def _quality(
+        self, name: str, reference: str, quality: Objective, margin: float, whom: str = ""
+    ) -> Sentence:
+        """Whether a strategy's quality is better, worse, or no worse by more than the margin.
+
+        ``margin``: what may be lost and still counts as kept, in the metric's unit. ``whom``: what the reference is
+        called, where not by its label.
+        """
+        row, label = _row_of(quality), metric_label(quality.metric)
+        who, whom = strategy_label(name), whom or strategy_label(reference)
+        d = strategy_difference(self.records, name, reference, row.key)
+        if d is None:
+            return Sentence(f"{who}: no mission in common with {whom}.")
+        gain, low, high = gain_interval(d, row)
+        allowed = f" by more than {with_unit(margin, label.difference_unit)}" if margin else ""
+        if low is None or high is None:
+            begin, kind, bounds = f"{who} against {whom}", "no", "too few missions for an interval"
+        else:
+            bounds = interval_text((low, high), signed=True)
+            if low > 0:
+                begin, kind = f"{who} is better than {whom}", "better"
+            elif high < -margin:
+                begin, kind = f"{who} is worse than {whom}{allowed}", "worse"
+            elif margin and low >= -margin:
+                begin, kind = f"{who} is not worse than {whom}{allowed}", "no" if high < 0 else "better"
+            elif margin:
+                begin = f"Not known whether {who} is worse than {whom}{allowed}"
+                kind = "worse" if high < 0 else "no"
+            else:
+                begin, kind = f"No difference detected between {who} and {whom}", "no"
+        where = f"{counted(d.missions, 'paired mission')} on {counted(d.rocks, self.word)}"
+        if d.method == "replicates":  # such an interval has no spread between rocks
+            where += f", for {'this' if d.rocks == 1 else 'these'} alone"
+        said = with_unit(gain, label.difference_unit, signed=True)
+        return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
+
+    def _limit(self) -> list[Sentence]:
+        asked, share = self.asked, self._share_kept(self.records, TUNED)
+        if share is None or asked.second is None:
+            return []
+        label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
+        bound = "at least" if asked.second.direction == "maximise" else "at most"
+        text = f"Limit ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
+        text += f"): kept on {kept} of {counted(share.rocks, self.word)}"
+        if share.low is not None and share.high is not None:
+            text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
+        return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
+
+    def _best_control(self, quality: Objective) -> list[Sentence]:
+        """Against the best control at equal number that is not the reference itself; nothing where none was run."""
+        names = [name for name in controls_at_equal_number(self.plan.strategies) if name != self.reference]
+        means = {name: strategy_interval(self.records, name, quality.metric) for name in names}
+        known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
+        if not known:
+            return []
+        best = max(known, key=lambda name: known[name])
+        whom = f"the best control at equal number ({strategy_label(best)})"
+        return [self._quality(TUNED, best, quality, 0.0, whom)]
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What limits the outcome."""
+        out, run, plan = [], self.run, self.plan
+        if not run.complete:
+            expected = len(plan.strategies) * len(plan.instances) * plan.replicates
+            out.append(
+                f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
+            )
+        failed = self.summary.failures
+        if run.failures:
+            listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])
+            reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
+            out.append(
+                f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
+                "A strategy that fails where others succeed is worse than its means say."
+            )
+        if len(plan.rocks) < 3:
+            out.append(
+                f"Only {counted(len(plan.rocks), self.word)}: nothing here speaks for other {self.word}s."
+            )
+        return out
 
 
 def _row_of(objective: Objective) -> MetricRow:
@@ -181,197 +354,11 @@ def _row_of(objective: Objective) -> MetricRow:
     return MetricRow("", label.name, objective.metric, label.unit, objective.direction == "maximise")
 
 
-def _mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[MetricRow, ...]:
-    """What missions of a mission file are compared in: its metric and their costs, of which less is better."""
-    costs = sorted({f"costs.{name}" for r in records for name in r.costs} - {objective.metric})
-    rows = []
-    for o in (objective, *(Objective(name, "minimise") for name in costs)):
-        values = [value for r in records if (value := r.measured(o)) is not None]
-        digits = decimals_for(float(np.std(values))) if values else 1
-        rows.append(dataclasses.replace(_row_of(o), decimals=digits))
-    return tuple(rows)
-
-
-def _summary(
-    run: EvaluationRun, records: Sequence[Trial], reference: str, asked: ComparisonSpec
-) -> ComparisonTable:
-    """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
-    strategies = tuple(in_table_order(run.plan.strategies))
-    costs = [o for o in COSTS_SHOWN if any(r.measured(o) is not None for r in records)]
-    objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
-    counts = {o.metric: o for o in (*objectives, *costs)}
-    rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
-    table = comparison_table(records, strategies, reference, rows)
-    # A cost is read beside the others': its difference would only be in the way.
-    found = [
-        dataclasses.replace(row, differences={}) if row.metric.key in counts else row for row in table.rows
-    ]
-    if asked.limit is not None:
-        shares = {name: _share_kept(records, name, asked) for name in strategies}
-        most = max((share.mean for share in shares.values() if share is not None), default=0.0)
-        best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
-        limit = MetricRow("", "Limit kept", "limit", f"% of {asked.instance_word}s", True, 0)
-        found.append(ComparisonRow(limit, shares, best, None, {}))
-    return dataclasses.replace(table, rows=found)
-
-
-# -- verdicts ------------------------------------------------------------------------------------------------
-
-
-def _verdicts(run: EvaluationRun, reference: str, asked: ComparisonSpec) -> list[Sentence]:
-    """The verdict on the tuned strategy, without one on the first that is not ``reference``, line by line."""
-    others = [name for name in run.plan.strategies if name != reference]
-    if not others:
-        return []
-    subject = TUNED if TUNED in others else others[0]
-    of_paper = [name for name in others if name in PAPER_STRATEGIES]
-    out = []
-    for name in [subject] if TUNED in others or reference not in PAPER_STRATEGIES else of_paper or [subject]:
-        if run.plan.owner(name) == run.plan.owner(reference):
-            continue
-        if same_photographs(run.records, (reference, name)):
-            both = strategy_label(name), strategy_label(reference)
-            out.append(Sentence("{} took the same photographs as {} in every mission.".format(*both), "no"))
-            continue
-        out += [_count(run.records, name, reference, o) for o in asked.counts]
-        if asked.quality is not None:
-            margin = 0.0 if asked.limit is None else asked.margin
-            out.append(_quality(run.records, name, reference, asked, margin))
-    if subject == TUNED and asked.limit is not None:
-        out += _limit(run.records, asked)
-    if subject == TUNED and asked.quality is not None:
-        out += _best_control(run, reference, asked, asked.quality)
-    return out
-
-
-def _count(records: Sequence[Trial], name: str, reference: str, o: Objective) -> Sentence:
-    """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
-    own, theirs = (strategy_interval(records, n, o.metric) for n in (name, reference))
-    if own is None or theirs is None:
-        return Sentence(f"{strategy_label(name)}: no mission in common with {strategy_label(reference)}.")
-    gain = o.sign * (own.mean - theirs.mean)
-    what = metric_label(o.metric).name
-    text = f"{what}: {own.mean:.4g} in place of {theirs.mean:.4g} of {strategy_label(reference)}."
-    return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
-
-
-def _quality(
-    records: Sequence[Trial], name: str, reference: str, asked: ComparisonSpec, margin: float, whom: str = ""
-) -> Sentence:
-    """Whether a strategy's quality is better, worse, or no worse by more than the margin.
-
-    ``margin``: what may be lost and still counts as kept, in the metric's unit. ``whom``: what the reference is
-    called, where not by its label.
-    """
-    assert asked.quality is not None
-    row, label = _row_of(asked.quality), metric_label(asked.quality.metric)
-    who, whom = strategy_label(name), whom or strategy_label(reference)
-    d = strategy_difference(records, name, reference, row.key)
-    if d is None:
-        return Sentence(f"{who}: no mission in common with {whom}.")
-    gain, low, high = gain_interval(d, row)
-    allowed = f" by more than {with_unit(margin, label.difference_unit)}" if margin else ""
-    if low is None or high is None:
-        begin, kind, bounds = f"{who} against {whom}", "no", "too few missions for an interval"
-    else:
-        bounds = interval_text((low, high), signed=True)
-        if low > 0:
-            begin, kind = f"{who} is better than {whom}", "better"
-        elif high < -margin:
-            begin, kind = f"{who} is worse than {whom}{allowed}", "worse"
-        elif margin and low >= -margin:
-            begin, kind = f"{who} is not worse than {whom}{allowed}", "no" if high < 0 else "better"
-        elif margin:
-            begin = f"Not known whether {who} is worse than {whom}{allowed}"
-            kind = "worse" if high < 0 else "no"
-        else:
-            begin, kind = f"No difference detected between {who} and {whom}", "no"
-    where = f"{counted(d.missions, 'paired mission')} on {counted(d.rocks, asked.instance_word)}"
-    if d.method == "replicates":  # such an interval has no spread between rocks
-        where += f", for {'this' if d.rocks == 1 else 'these'} alone"
-    said = with_unit(gain, label.difference_unit, signed=True)
-    return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
-
-
-def _limit(records: Sequence[Trial], asked: ComparisonSpec) -> list[Sentence]:
-    share = _share_kept(records, TUNED, asked)
-    if share is None or asked.second is None:
-        return []
-    label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
-    bound = "at least" if asked.second.direction == "maximise" else "at most"
-    text = f"Limit ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
-    text += f"): kept on {kept} of {counted(share.rocks, asked.instance_word)}"
-    if share.low is not None and share.high is not None:
-        text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
-    return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
-
-
-def _share_kept(records: Sequence[Trial], strategy: str, asked: ComparisonSpec) -> Interval | None:
-    """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
-
-    A rock on which a mission failed has not kept it. None where the strategy has no mission.
-    """
-    assert asked.second is not None and asked.limit is not None
-    own = [r for r in records if r.strategy == strategy]
-    rocks = sorted({r.rock for r in own})
-    if not rocks:
-        return None
-    found = values_of(records, strategy, asked.second.metric)
-    kept = 0
-    for rock in rocks:
-        values = [value for (where, _), value in found.items() if where == rock]
-        if values and len(values) == sum(r.rock == rock for r in own):
-            mean = sum(values) / len(values)
-            kept += asked.second.sign * mean >= asked.second.sign * asked.limit - 1e-9 * abs(asked.limit)
-    share = 100 * kept / len(rocks)
-    if asked.second.metric in asked.decided:
-        return Interval(share, None, None, len(rocks), len(own), "none")
-    bounds = stats.binomtest(kept, len(rocks)).proportion_ci(method="wilson")
-    return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
-
-
-def _best_control(
-    run: EvaluationRun, reference: str, asked: ComparisonSpec, quality: Objective
-) -> list[Sentence]:
-    """Against the best control at equal number that is not the reference itself; nothing where none was run."""
-    names = [name for name in controls_at_equal_number(run.plan.strategies) if name != reference]
-    means = {name: strategy_interval(run.records, name, quality.metric) for name in names}
-    known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
-    if not known:
-        return []
-    best = max(known, key=lambda name: known[name])
-    whom = f"the best control at equal number ({strategy_label(best)})"
-    return [_quality(run.records, TUNED, best, asked, 0.0, whom)]
-
-
 def gain_interval(d: Interval, metric: MetricRow) -> tuple[float, float | None, float | None]:
     """``(gain, low, high)``: the difference oriented so that positive is better than the reference."""
     if metric.higher_is_better:
         return d.mean, d.low, d.high
     return -d.mean, None if d.high is None else -d.high, None if d.low is None else -d.low
-
-
-def _warnings(run: EvaluationRun, table: ComparisonTable, word: str) -> list[str]:
-    out, plan = [], run.plan
-    if not run.complete:
-        expected = len(plan.strategies) * len(plan.instances) * plan.replicates
-        out.append(
-            f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
-        )
-    if run.failures:
-        listed = ", ".join(
-            f"{strategy_label(name)} {table.failures[name]}"
-            for name in plan.strategies
-            if table.failures[name]
-        )
-        reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
-        out.append(
-            f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
-            "A strategy that fails where others succeed is worse than its means say."
-        )
-    if len(plan.rocks) < 3:
-        out.append(f"Only {counted(len(plan.rocks), word)}: nothing here speaks for other {word}s.")
-    return out
 
 
 # -- tables --------------------------------------------------------------------------------------------------
@@ -429,7 +416,7 @@ def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differen
 
 def _table_by_instance(facts: ComparisonFacts) -> Table:
     """The mean of every strategy in every instance, in the quality or the only objective."""
-    plan, o = facts.run.plan, facts.asked.quality or facts.asked.objective
+    plan, o = facts.plan, facts.asked.shown
     stems = dict(zip(plan.rocks, short_names(plan.rocks)))
     several = len(plan.conditions) > 1
     names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.instances]
@@ -496,7 +483,7 @@ def write_comparison_report(
 
     Raises `UserError`: the directory cannot be written.
     """
-    run, plan, tables = facts.run, facts.run.plan, list(facts.tables.values())
+    run, plan, tables = facts.run, facts.plan, list(facts.tables.values())
     kinds = [line.kind for line in facts.verdicts]
     rows = [row for table in (facts.summary, *tables) for row in table.rows]
     methods = {i.method for row in rows for i in (*row.cells.values(), *row.differences.values()) if i}
@@ -510,11 +497,10 @@ def write_comparison_report(
         facts=facts,
         kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
         reference=strategy_label(facts.reference),
-        word=facts.asked.instance_word,
         truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
-        summary=table_by_strategy(facts.summary, "", run, facts.asked.instance_word),
+        summary=table_by_strategy(facts.summary, "", run, facts.word),
         conditions=[
-            table_by_strategy(table, f"Under {name}", None, facts.asked.instance_word)
+            table_by_strategy(table, f"Under {name}", None, facts.word)
             for name, table in facts.conditions.items()
         ],
         instances=_table_by_instance(facts) if len(plan.instances) > 1 else None,
@@ -522,10 +508,10 @@ def write_comparison_report(
             table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()
         ],
-        methods=interval_methods(methods, facts.asked.instance_word),
+        methods=interval_methods(methods, facts.word),
         paper=paper_note(plan.fidelity) if paper else "",
         floor=FLOOR_NOTE if any(row.floor is not None for row in rows) else "",
-        provenance=_provenance(run, facts.asked.instance_word),
+        provenance=_provenance(run, facts.word),
     )
 
 

@@ -8,7 +8,7 @@ from made_evaluations import made_run
 from tuner.evaluation.of_campaign import ComparisonSpec
 from tuner.evaluation.run import EvaluationRun
 from tuner.problem.objective import Objective
-from tuner.report.comparison import comparison_facts
+from tuner.report.comparison import ComparisonFacts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
@@ -29,7 +29,7 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
 
 
 def said(tuned: float = 97.0, asked: ComparisonSpec = FEWEST, **changes: object) -> list[str]:
-    return [line.text for line in comparison_facts(run(tuned, **changes), "hyb-h", asked).verdicts]
+    return [line.text for line in ComparisonFacts(run(tuned, **changes), "hyb-h", asked).verdicts]
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from tuner.evaluation.comparison import comparison_table
 from tuner.report.comparison import (
+    ComparisonFacts,
     cell,
-    comparison_facts,
     gain_interval,
     table_by_strategy,
     table_i,
@@ -71,20 +71,20 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
 
 
 def test_no_interval_no_verdict() -> None:
-    facts = comparison_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
+    facts = ComparisonFacts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
     assert "too few missions for an interval" in facts.verdicts[0].text
     assert "better" not in facts.verdicts[0].text
     assert any("nothing here speaks for other rocks" in warning for warning in facts.warnings)
 
 
 def test_terminal_tables() -> None:
-    facts = comparison_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
+    facts = ComparisonFacts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
     for width in (80, 140):
         text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
         assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
         assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
-    many = comparison_facts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
+    many = ComparisonFacts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
     text = printed(table_by_strategy(many.summary, ""), 80)
     assert max(map(len, text.splitlines())) <= 80 and "…" not in text
     cells = [cell(many.summary.rows[-1], name) for name in names]
@@ -97,7 +97,7 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
     taken = {"covis": "c", "greedy-oracle": "g"}
     records = [dataclasses.replace(r, photographs=taken.get(r.strategy, "b")) for r in run.records]
     run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
-    facts = comparison_facts(run, "hyb-h")
+    facts = ComparisonFacts(run, "hyb-h")
     names = [row.name for row in table_by_strategy(facts.summary, "").rows]
     assert names == ["Covis", "B-aware", "Hyb-H = B-aware", "Greedy oracle"]
     assert "Hyb-H = B-aware" in table_i(facts.tables["whole"], "").columns
@@ -113,7 +113,7 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
 
 def test_the_page_names_failures(tmp_path: Path) -> None:
     failed = tuple(("b-aware", "slab", k) for k in range(3))
-    page = write_comparison_report(comparison_facts(made_run(LEVELS, failed=failed)), tmp_path, paper=True)
+    page = write_comparison_report(ComparisonFacts(made_run(LEVELS, failed=failed)), tmp_path, paper=True)
     source = page.read_text()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
     assert source.count('id="verdict"') == 1 and "No difference detected" not in text

@@ -13,7 +13,7 @@ from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign_page import write_campaign_report
-from tuner.report.comparison import comparison_facts, write_comparison_report
+from tuner.report.comparison import ComparisonFacts, write_comparison_report
 from tuner.report.mission_view import write_mission_view
 
 WIDTHS = (420, 1200)
@@ -27,7 +27,7 @@ def campaign_page(folder: Path) -> Path:
 def evaluation_page(folder: Path) -> Path:
     names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "matchable", "random")
     run = made_run({name: 60.0 - i for i, name in enumerate(names)}, rocks=("arch", "fin"), replicates=3)
-    return write_comparison_report(comparison_facts(run, "hyb-h"), folder, title="Held out")
+    return write_comparison_report(ComparisonFacts(run, "hyb-h"), folder, title="Held out")
 
 
 def mission_page(folder: Path) -> Path:
