@@ -8,6 +8,7 @@ enough where the lower bound of its quality over the replicates keeps the asked 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -149,30 +150,25 @@ def read_enough(
         raise UserError(f"the mission with all photographs gave no {metric}{why}")
     asked = keep_percent / 100.0 * reached
     found: dict[str, list[Point]] = {way: [] for way in WAYS}
-    smallest: Smallest | None = None
+    smallest, smallest_rank = None, (math.inf, 0.0)
     for strategy in curves.plan.strategies:
-        way, evaluated = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
-        qualities = [trial.value(metric) or 0.0 for trial in evaluated]
-        interval = mean_interval({"set": qualities})
-        if interval is None:
-            continue
-        if interval.low is not None and interval.high is not None:
-            interval = dataclasses.replace(
-                interval, low=max(0.0, interval.low), high=min(100.0, interval.high)
-            )
+        way, trials = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
+        interval = mean_interval({"set": [t.value(metric) or 0.0 for t in trials]})
+        if interval is None or interval.low is None or interval.high is None:
+            continue  # not run to the end
+        low, high = max(0.0, interval.low), min(100.0, interval.high)
+        interval = dataclasses.replace(interval, low=low, high=high)
         images, registered = (
-            float(np.mean([trial.costs.get(key, 0.0) for trial in evaluated]))
+            float(np.mean([trial.costs.get(key, 0.0) for trial in trials]))
             for key in ("images", "registered_images")
         )
         point = Point(images, registered, interval)
         found[way].append(point)
-        quality, typical = sorted(zip(qualities, evaluated, strict=True), key=lambda pair: pair[0])[
-            len(evaluated) // 2
-        ]
-        candidate = Smallest(way, point, typical.replicate, quality, tuple(typical.metrics.get("taken", ())))
-        keeps = interval.low is not None and interval.low >= asked
-        if keeps and (smallest is None or _rank(candidate) < _rank(smallest)):
-            smallest = candidate
+        if low >= asked and (images, -low) < smallest_rank:
+            typical = sorted(trials, key=lambda t: t.value(metric) or 0.0)[len(trials) // 2]
+            taken = tuple(typical.metrics.get("taken", ()))
+            smallest = Smallest(way, point, typical.replicate, typical.value(metric) or 0.0, taken)
+            smallest_rank = images, -low
     key = metric.rpartition(".")[2]
     ceiling = whole.metrics["reference"]["ceiling"].get(key, float("nan"))
     return Enough(
@@ -183,10 +179,6 @@ def read_enough(
         {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in found.items() if points},
         smallest,
     )
-
-
-def _rank(one: Smallest) -> tuple[float, float]:
-    return one.plan.photographs, -(one.plan.quality.low or 0.0)
 
 
 def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
