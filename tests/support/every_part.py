@@ -16,7 +16,7 @@ from nbv.rocks import sdf
 from nbv.scene.raycast import RaycastRenderer
 from nbv.scorers import Scorer
 from nbv.types import GateDecision
-from tuner.samplers.plain import RandomSampler
+from tuner.samplers.plain import PlainSampler
 
 LOW = Scorer("low", lambda terms, pool, config: 1.0 - pool.positions_m[:, 2] / 4.0, weights=lambda config: Weights())
 
@@ -56,7 +56,7 @@ PLACES = {
     "renderers": ("dim", "Dim"),
     "dense": ("nearer", "nearer"),
     "metrics": ("farthest", "FARTHEST"),
-    "samplers": ("drawn", "RandomSampler"),
+    "samplers": ("drawn", "PlainSampler"),
     "fidelities": ("counted", "Counted.run"),
     "families": ("egg", "egg"),
 }

@@ -31,8 +31,8 @@ SAMPLERS = Registry(
     "samplers",
     {
         "gp": "tuner.samplers.gp:GPSampler",
-        "sobol": "tuner.samplers.plain:SobolSampler",
-        "random": "tuner.samplers.plain:RandomSampler",
+        "sobol": "tuner.samplers.plain:PlainSampler",
+        "random": "tuner.samplers.plain:PlainSampler",
         "tpe": "tuner.samplers.optuna:OptunaSampler",
         "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
     },

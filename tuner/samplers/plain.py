@@ -12,27 +12,16 @@ from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal,
 
 
 @dataclass(frozen=True)
-class SobolSampler:
-    """Scrambled Sobol sequence."""
+class PlainSampler:
+    """A scrambled Sobol sequence, or uniform draws from the unit cube."""
 
     settings: SamplerSettings
-    name: str = "sobol"
+    name: str  # sobol or random
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        return initial_proposal(self.settings, missions_asked(history, pending), self.name)
-
-
-@dataclass(frozen=True)
-class RandomSampler:
-    """Uniform in the unit cube."""
-
-    settings: SamplerSettings
-    name: str = "random"
-
-    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
-        number = missions_asked(history, pending)
-        if number < self.settings.defaults:
-            return initial_proposal(self.settings, number, self.name)
-        rng = np.random.default_rng(derived_seed(self.settings.seed, number))
-        values = self.settings.space.from_unit(rng.random(self.settings.space.dimension))
+        s, number = self.settings, missions_asked(history, pending)
+        if self.name == "sobol" or number < s.defaults:
+            return initial_proposal(s, number, self.name)
+        rng = np.random.default_rng(derived_seed(s.seed, number))
+        values = s.space.from_unit(rng.random(s.space.dimension))
         return Proposal(values, {"sampler": self.name, "phase": "random"})
