@@ -41,14 +41,15 @@ class AdaptiveMission:
         self.recorder = recorder
         self.planner = Planner(config, gate, viewpoints)
         self.captures: list[Capture] = []
-        self._found = False  # the target, where it has to be looked for
+        self._target_is_uncertain = target_must_be_found(config) and viewpoints.follows_target
+        self._found = not self._target_is_uncertain
 
     def run(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.run_seed_phase()
         self.look_for_target(model)
         self.run_adaptive_phase(model)
-        if self._to_be_found():
+        if not self._found:
             self.recorder.located(None)
         return self.finish()
 
@@ -57,7 +58,7 @@ class AdaptiveMission:
         self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
-            if k > 0 and k == self.config.seed.retarget_after and self._target_must_be_found():
+            if k > 0 and k == self.config.seed.retarget_after and self._target_is_uncertain:
                 self.retarget()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
@@ -111,9 +112,6 @@ class AdaptiveMission:
         self.config = config
         self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
 
-    def _target_must_be_found(self) -> bool:
-        return target_must_be_found(self.config) and self.planner.viewpoints.follows_target
-
     def retarget(self) -> None:
         """Place the remaining seeds around the target that the photographs so far show, if they show one."""
         with self.recorder.timed("partial_model"):
@@ -126,12 +124,9 @@ class AdaptiveMission:
                 self._turn_to_target(self.config.changed(target_m=target_m))
         self.recorder.retargeted(target_m)
 
-    def _to_be_found(self) -> bool:
-        return self._target_must_be_found() and not self._found
-
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""
-        config = with_target_found(self.config, model) if self._to_be_found() else None
+        config = None if self._found else with_target_found(self.config, model)
         if config is not None:
             self._found = True
             self._turn_to_target(config)
