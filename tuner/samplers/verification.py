@@ -8,16 +8,15 @@ have replicates, are the favourite's whatever exploring promises.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
 from tuner.acquisition.constrained import Constraint
 from tuner.acquisition.expected_saving import LogExpectedSaving
-from tuner.problem.instances import Instance
 from tuner.problem.observations import (
-    Block,
     Observation,
     Proposal,
     blocks_evaluated,
@@ -70,9 +69,14 @@ def verification(
         values = configurations[int(model.posterior(configurations).mean.argmax())]
     missions: list[Observation] = [*history, *pending]
     own = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
-    block = _unseen_block(model.instances, replicates, own, missions, values)
-    metadata = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
-    return None if block is None else Proposal(values, metadata, *block)
+    counts = {instance: sum((instance, k) in own for k in range(replicates)) for instance in model.instances}
+    least = min(counts.values())
+    if least >= replicates:
+        return None
+    fewest = [instance for instance, count in counts.items() if count == least]
+    proposal = Proposal(values, {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain})
+    instance, replicate = next_block(fewest, replicates, missions, proposal)
+    return dataclasses.replace(proposal, instance=instance, replicate=replicate)
 
 
 def _worth_confirming(
@@ -111,19 +115,3 @@ def _worth_confirming(
         scores = value(x.unsqueeze(1))
     chosen = int(scores.argmax())
     return configurations[open_[chosen]], float(scores[chosen].exp())
-
-
-def _unseen_block(
-    instances: Sequence[Instance],
-    replicates: int,
-    own: Collection[Block],
-    missions: Sequence[Observation],
-    values: Values,
-) -> Block | None:
-    """Return the next block of a configuration that has run ``own``, in an instance it has run least; None if there is none."""
-    counts = {instance: sum((instance, k) in own for k in range(replicates)) for instance in instances}
-    least = min(counts.values())
-    if least >= replicates:
-        return None
-    fewest = [instance for instance, count in counts.items() if count == least]
-    return next_block(fewest, replicates, missions, Proposal(values, {}))
