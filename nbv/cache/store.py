@@ -93,7 +93,8 @@ class Store:
             data = read_bytes(path, DEFAULT_MAX_BYTES)
         except UserError:  # absent, or no file: others may write to a shared folder
             return None
-        arrays = _unpack(data) if _is_sound(kind, key, data) else None
+        sound = data[:_HEAD_BYTES] == _MAGIC + _checksum(kind, key, memoryview(data)[_HEAD_BYTES:])
+        arrays = _unpack(data) if sound else None
         if arrays is None:
             with contextlib.suppress(OSError):  # another process has pruned it, or nobody may write there
                 path.unlink()
@@ -172,11 +173,6 @@ def _unpack(data: bytes) -> Arrays | None:
             return {name: entry[name] for name in entry.files}
     except Exception:  # zipfile, zlib and NumPy each raise families of their own
         return None
-
-
-def _is_sound(kind: str, key: str, data: bytes) -> bool:
-    """Whether it is what was put under (kind, key)."""
-    return data[:_HEAD_BYTES] == _MAGIC + _checksum(kind, key, memoryview(data)[_HEAD_BYTES:])
 
 
 def _checksum(kind: str, key: str, payload: memoryview) -> bytes:

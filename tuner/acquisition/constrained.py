@@ -168,22 +168,17 @@ def propose_constrained(
                 model.model, baseline, MONTE_CARLO_SAMPLES, seed
             )
         elif isinstance(first, DeterministicOutcome):
-            acquisition = _saving(first, constraint, model, running)
+            evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
+            keeping = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
+            # Before anything counts as keeping the limit, all that may keep it saves against the most expensive there is.
+            best = float(max(first.posterior(keeping).mean) if keeping else first.worst() - 1.0)
+            at_least, quantile = constraint.at_least, constraint.quantile
+            acquisition = LogExpectedSaving(model, first, at_least, quantile, best, running)
         else:
             acquisition = _with_probability(first, constraint, running, seed)
         position, score = maximise(model, acquisition, seed, near=near, allowed=known)
     unit_gain = 1.0 if isinstance(first, DeterministicOutcome) else first.mean_scale
     return model.space.from_unit(position), math.exp(score) * unit_gain
-
-
-def _saving(
-    cost: DeterministicOutcome, constraint: Constraint, model: InstanceMeanGP, running: torch.Tensor | None
-) -> AcquisitionFunction:
-    evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
-    kept_so_far = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
-    # Before anything counts as keeping the limit, all that may keep it saves against the most expensive there is.
-    best = max(cost.posterior(kept_so_far).mean) if kept_so_far else cost.worst() - 1.0
-    return LogExpectedSaving(model, cost, constraint.at_least, constraint.quantile, float(best), running)
 
 
 def _with_probability(

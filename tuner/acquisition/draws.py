@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
@@ -31,7 +30,7 @@ def draw(
     count: int,
     seed: int,
 ) -> list[Values]:
-    """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
+    """Return ``count`` configurations, each the best of one posterior draw that may work; no two are alike.
 
     A draw is over points everywhere and near the best run. With a limit of the second objective: the best of the first where
     the draw keeps it, else what comes nearest. What the configuration decides is the same in every draw.
@@ -54,7 +53,17 @@ def draw(
             draws = torch.where(
                 second >= constraint.floor(), draws + _TIE_BREAK * second, second - _VIOLATION_PENALTY
             )
-        return _distinct(model, points, draws, generator)
+        if model.feasibility is not None:
+            # Each draw has one opinion on what works: a point's own would let some of many through.
+            chance = model.feasibility.log_chance(tensor(points)).exp()
+            refused = torch.rand(count, 1, dtype=chance.dtype, generator=generator) > chance
+            draws[refused] -= _INFEASIBLE_PENALTY
+    chosen: list[int] = []
+    for one in draws:
+        if len(chosen) < len(points):
+            one[chosen] = -torch.inf
+        chosen.append(int(one.argmax()))
+    return [model.space.from_unit(points[i]) for i in chosen]
 
 
 def _drawn(
@@ -66,21 +75,3 @@ def _drawn(
         return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]
     known = model.at(inputs)
     return ((known - known.mean()) / (known.std(correction=0) + _TIE_BREAK)).expand(count, -1).clone()
-
-
-def _distinct(
-    model: InstanceMeanGP, points: Floats, draws: torch.Tensor, generator: torch.Generator
-) -> list[Values]:
-    """Return the best of each draw, (count, points), that none before has and that may work."""
-    if model.feasibility is not None:
-        # Each draw has one opinion on what works: a point's own would let some of many through.
-        chance = model.feasibility.log_chance(tensor(points)).exp()
-        draws[torch.rand(len(draws), 1, dtype=chance.dtype, generator=generator) > chance] -= (
-            _INFEASIBLE_PENALTY
-        )
-    chosen: list[int] = []
-    for draw in draws:
-        if len(chosen) < len(points):
-            draw[chosen] = -torch.inf
-        chosen.append(int(draw.argmax()))
-    return [model.space.from_unit(points[i]) for i in chosen]

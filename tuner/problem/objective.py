@@ -197,7 +197,14 @@ def _name(objective: Objective) -> str:
 
 def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
     if "(" in name:
-        return _share(name, own)
+        if (share := _SHARE.fullmatch(name)) is None:
+            raise UserError(f"{name!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
+        reaches = _objective(share["metric"], own)
+        if reaches.direction != "maximise":
+            raise UserError(
+                f"{name!r}: less of {reaches.metric} is better; a share is of what should be at least so much"
+            )
+        return Objective(f"P({reaches.metric}>={_number(share['least'], name):g})")
     if own is not None:
         if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
             raise UserError(
@@ -209,19 +216,6 @@ def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")
     return Objective(metric, direction_of(metric))
-
-
-def _share(text: str, own: Mapping[str, Direction] | None) -> Objective:
-    """Return the objective of ``P(f_score>=98)``."""
-    found = _SHARE.fullmatch(text)
-    if found is None:
-        raise UserError(f"{text!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
-    metric = _objective(found["metric"], own)
-    if metric.direction != "maximise":
-        raise UserError(
-            f"{text!r}: less of {metric.metric} is better; a share is of what should be at least so much"
-        )
-    return Objective(f"P({metric.metric}>={_number(found['least'], text):g})")
 
 
 def _number(text: str, where: str) -> float:
