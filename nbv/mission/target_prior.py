@@ -88,7 +88,17 @@ def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfi
         return None
     half_m = found.half_extent_m
     if not config.telemetry.is_exact:
-        config = above_ground(config, found.ground_m)
+        pool, flight, ground_m = config.pool, config.flight, found.ground_m
+        config = config.changed(
+            pool={
+                "min_altitude_m": pool.min_altitude_m + ground_m,
+                "max_altitude_m": pool.max_altitude_m + ground_m,
+            },
+            flight={
+                "keep_out_height_m": max(0.0, flight.keep_out_height_m + ground_m),
+                "min_camera_altitude_m": max(0.0, flight.min_camera_altitude_m + ground_m),
+            },
+        )
     return reaching_a_ring(
         config.changed(
             target_m=found.center_m,
@@ -109,21 +119,6 @@ def reaching_a_ring(config: MissionConfig) -> MissionConfig:
     if not flyable or min(flyable) <= pool.max_altitude_m:
         return config
     return config.changed(pool={"max_altitude_m": min(flyable) + ROUNDING_M})
-
-
-def above_ground(config: MissionConfig, ground_m: float) -> MissionConfig:
-    """``config`` with its altitudes, which count from the ground, in a frame whose ground lies at ``ground_m``."""
-    pool, flight = config.pool, config.flight
-    return config.changed(
-        pool={
-            "min_altitude_m": pool.min_altitude_m + ground_m,
-            "max_altitude_m": pool.max_altitude_m + ground_m,
-        },
-        flight={
-            "keep_out_height_m": max(0.0, flight.keep_out_height_m + ground_m),
-            "min_camera_altitude_m": max(0.0, flight.min_camera_altitude_m + ground_m),
-        },
-    )
 
 
 def target_must_be_found(config: MissionConfig) -> bool:

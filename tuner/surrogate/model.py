@@ -31,7 +31,7 @@ import gpytorch
 import numpy as np
 import torch
 from botorch.cross_validation import efficient_loo_cv
-from botorch.models import SingleTaskGP
+from gpytorch.kernels import Kernel
 
 from nbv.types import Floats
 from tuner.problem.instances import Instance, InstanceLike, instances_of
@@ -101,7 +101,7 @@ class InstanceMeanGP:
         # Indices of the missions that hyperparameters are fitted to.
         self.fitted_to = fitted_subset(len(feasible))
         with numerics():
-            self._fitted = self._fit(x[self.fitted_to], y[self.fitted_to])
+            self._fitted = fitted(self._kernels(), x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
     @functools.cached_property
@@ -111,20 +111,11 @@ class InstanceMeanGP:
             return None
         return Feasibility(self.space, self.unit, np.array(self._failed))
 
-    def _fit(self, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
-        """Return the model fitted to (n, d + 2) inputs and (n, 1) outcomes."""
+    def _kernels(self) -> list[Kernel]:
         settings = dataclasses.replace(self.settings, blocks=self._models_blocks)
-        kernels = [
-            mission_kernel(
-                self._ordered,
-                self.space.categorical_dimensions,
-                self.space.dimension,
-                settings,
-                tau,
-            )
-            for tau in (SPARSE_TAUS if settings.sparse and self._ordered else (None,))
-        ]
-        return fitted(kernels, x, y)
+        categorical, instance_column = self.space.categorical_dimensions, self.space.dimension
+        taus = SPARSE_TAUS if settings.sparse and self._ordered else (None,)
+        return [mission_kernel(self._ordered, categorical, instance_column, settings, tau) for tau in taus]
 
     def levels(self, instance: InstanceLike | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's: instance and block.

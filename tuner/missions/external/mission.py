@@ -7,7 +7,6 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from tuner.missions.external.program import (
     LOG_FILE,
     REQUEST_FILE,
     RESULT_FILE,
-    Camera,
     Cloud,
     Request,
     Result,
@@ -160,8 +158,12 @@ def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[d
     rock = load_rock(str(file) if file.is_file() else mesh, store)
     config = preset("campaign").with_values(score.set)
     points_m = _read_points(Path(request.output, cloud.path))
-    if cloud.cameras:
-        points_m = _aligned(points_m, cloud.cameras)
+    if cameras := cloud.cameras.values():
+        reported, estimated = ([getattr(c, name) for c in cameras] for name in ("reported", "estimated"))
+        try:
+            points_m = align_umeyama(np.array(reported), np.array(estimated)).apply(points_m)
+        except ValueError as error:  # fewer than three, or all in one place
+            raise MissionFailure("not_aligned", str(error)) from error
     if file.is_file() and score.frame == "mesh":
         points_m = frame_of_file(file).apply(points_m)
     warning = _hardly_overlap(points_m, rock, mesh)
@@ -204,13 +206,3 @@ def _read_points(path: Path) -> Floats:
     if len(points) == 0:
         raise MissionFailure("cloud_empty", f"{path} has no points")
     return points
-
-
-def _aligned(points: Floats, cameras: Mapping[str, Camera]) -> Floats:
-    """Return (N, 3) points of the cloud's frame where the reported camera centres put them."""
-    reported = np.array([camera.reported for camera in cameras.values()])
-    estimated = np.array([camera.estimated for camera in cameras.values()])
-    try:
-        return align_umeyama(reported, estimated).apply(points)
-    except ValueError as error:  # fewer than three, or all in one place
-        raise MissionFailure("not_aligned", str(error)) from error
