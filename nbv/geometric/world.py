@@ -119,21 +119,6 @@ class GeometricWorld:
 
         return lru_cache(MAX_VIEWS)(visible)
 
-    def reach_counts(self, t_m: float) -> NDArray[np.intp]:
-        """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
-        if t_m not in self._reach_counts:
-            self._reach_counts[t_m] = (self.sample_distances_m < t_m).sum(axis=1)
-        return self._reach_counts[t_m]
-
-    @cached_property
-    def _reach_counts(self) -> dict[float, NDArray[np.intp]]:
-        return {}
-
-    @cached_property
-    def neighbours_by_rank(self) -> NDArray[np.intp]:
-        """(K, S) `sample_neighbours`: every sample's nearest (itself), every sample's second nearest, ..."""
-        return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
-
 
 WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campaign comes back to its rocks
 
@@ -162,7 +147,10 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
     ]
-    if (around := _neighbours(rock, config, store)) is not None:
+    around = None
+    if config.ground.neighbours > 0:
+        around = make_surroundings(config.ground, scene.ground_seed, rock.sha256, store)
+    if around is not None:
         inputs.append(list(around.key))
     caster = cache(lambda: _caster(rock, around))
 
@@ -250,12 +238,6 @@ def _far_ground(inner_m: float) -> Floats:
     xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
     xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _neighbours(rock: Rock, config: MissionConfig, store: Store | None) -> Surroundings | None:
-    if config.ground.neighbours == 0:
-        return None
-    return make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
 
 
 def _caster(rock: Rock, around: Surroundings | None) -> RayCaster:

@@ -10,7 +10,6 @@ state, and lets a seed model be kept and continued bit for bit.
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
-from nbv.sparse.colmap import database_cache, files_of, model_of
+from nbv.sparse.colmap import files_of, model_of
 from nbv.sparse.matching import VerifiedPair
 from nbv.stopwatch import Stopwatch
 
@@ -43,27 +42,12 @@ JudgeSeed = Callable[[pycolmap.Reconstruction], str]
 """Given a seed model: "" to accept it, otherwise why it is wrong."""
 
 
-class Registration(enum.Enum):
-    """What became of an attempt to register an image."""
-
-    REGISTERED = enum.auto()
-    TOO_FEW_POINTS = enum.auto()  # of the model are visible in it
-    NO_POSE = enum.auto()  # COLMAP found none
-    REFUSED = enum.auto()  # its pose, by a judge
-    LOST = enum.auto()  # the adjustment took its points away
-
-
 @dataclass(frozen=True)
 class Attempt:
     """An attempt to register an image, and why it failed where it did."""
 
-    result: Registration
+    registered: bool
     reason: str = ""
-
-    @property
-    def registered(self) -> bool:
-        """Whether the image is in the model."""
-        return self.result is Registration.REGISTERED
 
 
 @dataclass(frozen=True)
@@ -119,8 +103,8 @@ class IncrementalModel:
             self._options.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
         self._usual = GrowthOptions(self._options.get_mapper(), self._options.get_triangulation())
         self._local_ba = self._options.get_local_bundle_adjustment()
-        self._global_ba = self._options.get_global_bundle_adjustment()
-        for ba in (self._local_ba, self._global_ba):
+        self.global_ba = self._options.get_global_bundle_adjustment()
+        for ba in (self._local_ba, self.global_ba):
             ba.ceres.solver_options.num_threads = 1
 
     def add_image(self, name: str, keypoints_px: NDArray[np.floating]) -> int:
@@ -133,21 +117,7 @@ class IncrementalModel:
 
     def add_pairs(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> None:
         """Add verified pairs ``{(id_a, id_b): pair}`` with ``id_a < id_b``."""
-        for (a, b), pair in pairs.items():
-            if not a < b:
-                raise ValueError(f"pair ({a}, {b}): the smaller image id comes first")
-            if len(pair) >= self.config.min_inliers:
-                self.pairs[(a, b)] = pair
-
-    @property
-    def global_adjustment(self) -> pycolmap.BundleAdjustmentOptions:
-        """COLMAP's options of a global adjustment."""
-        return self._global_ba
-
-    @property
-    def registered_ids(self) -> list[int]:
-        """Ids of the images with a pose, ascending."""
-        return sorted(int(i) for i in self.reconstruction.reg_image_ids())
+        self.pairs |= {ids: pair for ids, pair in pairs.items() if len(pair) >= self.config.min_inliers}
 
     # ------------------------------------------------------------------------------------------ bootstrap
 
@@ -175,25 +145,18 @@ class IncrementalModel:
             # Discarding frees the rejected model's images for the next initial pair.
             mapper.end_reconstruction(bool(reason))
             if not reason:
-                self.reconstruction = reconstruction
-                self.canonicalise()
+                # In the order in which it would be read from disk: the order of COLMAP's hash tables depends on their
+                # history and reaches the last bits of the adjustments.
+                self.reconstruction = model_of(files_of(reconstruction))
                 break
         self.captures_since_global = 0
         return reason
-
-    def canonicalise(self) -> None:
-        """Put the model in the order in which it would be read from disk.
-
-        The order of COLMAP's hash tables depends on their history and reaches the last bits of the
-        adjustments. After this, continuing here and continuing from a copy on disk are the same thing.
-        """
-        self.reconstruction = model_of(files_of(self.reconstruction))
 
     def _limit_iterations(self) -> None:
         """For all adjustments after the seed model, which begin close to where they end."""
         for ba, limit in (
             (self._local_ba, self.config.local_ba_iterations),
-            (self._global_ba, self.config.global_ba_iterations),
+            (self.global_ba, self.config.global_ba_iterations),
         ):
             if limit:
                 ba.ceres.solver_options.max_num_iterations = limit
@@ -219,7 +182,7 @@ class IncrementalModel:
             for image_id in (first, second):
                 mapper.triangulate_image(self._usual.triangulation, image_id)
         with self.stopwatch.timed("sparse.ba"):
-            mapper.adjust_global_bundle(options, self._global_ba)
+            mapper.adjust_global_bundle(options, self.global_ba)
             mapper.reconstruction.normalize()
             mapper.filter_points(options)
         return mapper.reconstruction.num_points3D() > 0
@@ -280,7 +243,7 @@ class IncrementalModel:
         """
         pycolmap.set_random_seed(_SEED)
         self._limit_iterations()
-        registered = set(self.registered_ids)
+        registered = set(self.reconstruction.reg_image_ids())
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
         is_global = self.captures_since_global + 1 >= self.config.global_ba_interval
         pairs = (
@@ -318,10 +281,6 @@ class IncrementalModel:
             mapper.end_reconstruction(False)
         self.captures_since_global = 0
 
-    def deregister(self, image_id: int) -> None:
-        """Take an image's pose and observations out of the model."""
-        self.reconstruction.deregister_frame(image_id)
-
     def _try_all(
         self,
         mapper: pycolmap.IncrementalMapper,
@@ -350,13 +309,10 @@ class IncrementalModel:
         visible = mapper.observation_manager.num_visible_points3D(image_id)
         needed = options.mapper.abs_pose_min_num_inliers
         if visible < needed:
-            reason = f"sees {visible} points of the model, registration needs {needed}"
-            return Attempt(Registration.TOO_FEW_POINTS, reason)
+            return Attempt(False, f"sees {visible} points of the model, registration needs {needed}")
         attempt = self._register(mapper, image_id, options, judge)
-        if attempt.result is Registration.NO_POSE:
-            return Attempt(Registration.NO_POSE, f"{attempt.reason} from {visible} visible points")
         if attempt.registered and not mapper.reconstruction.image(image_id).has_pose:
-            return Attempt(Registration.LOST, "lost its points in the adjustment")
+            return Attempt(False, "lost its points in the adjustment")
         return attempt
 
     def _register(
@@ -368,18 +324,13 @@ class IncrementalModel:
     ) -> Attempt:
         """Register one image and adjust locally about it."""
         with self.stopwatch.timed("sparse.mapping"):
+            visible = mapper.observation_manager.num_visible_points3D(image_id)
             if not mapper.register_next_image(options.mapper, image_id):
-                return Attempt(Registration.NO_POSE, "no consistent pose")
+                return Attempt(False, f"no consistent pose from {visible} visible points")
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
                 mapper.observation_manager.deregister_frame(image_id)
-                return Attempt(Registration.REFUSED, reason)
+                return Attempt(False, reason)
             mapper.triangulate_image(options.triangulation, image_id)
-        self._refine_locally(mapper, image_id, options)
-        return Attempt(Registration.REGISTERED)
-
-    def _refine_locally(
-        self, mapper: pycolmap.IncrementalMapper, image_id: int, options: GrowthOptions
-    ) -> None:
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_local_refinement(
                 self.config.local_ba_rounds,
@@ -389,6 +340,7 @@ class IncrementalModel:
                 options.triangulation,
                 image_id,
             )
+        return Attempt(True)
 
     def _refine_globally(self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions) -> None:
         with self.stopwatch.timed("sparse.ba"):
@@ -396,16 +348,39 @@ class IncrementalModel:
                 _GLOBAL_REFINEMENTS,
                 _GLOBAL_CHANGE,
                 options.mapper,
-                self._global_ba,
+                self.global_ba,
                 options.triangulation,
                 True,
             )
 
     def _database_cache(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> pycolmap.DatabaseCache:
-        """All images and some pairs."""
-        cameras = {CAMERA_ID: colmap_camera(self.camera)}
-        ids = [CAMERA_ID] * len(self.names)
-        return database_cache(self.names, self.keypoints_px, cameras, ids, pairs)
+        """All images and some pairs as COLMAP's in-memory cache, with one frame an image and one rig, as COLMAP wants."""
+        camera = colmap_camera(self.camera)
+        rig = pycolmap.Rig(rig_id=CAMERA_ID)
+        rig.add_ref_sensor(camera.sensor_id)
+        cache = pycolmap.DatabaseCache()
+        cache.add_camera(camera)
+        cache.add_rig(rig)
+        graph = cache.correspondence_graph
+        for image_id, (name, keypoints) in enumerate(
+            zip(self.names, self.keypoints_px, strict=True), start=1
+        ):
+            image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=CAMERA_ID, image_id=image_id)
+            image.frame_id = image_id
+            frame = pycolmap.Frame(frame_id=image_id, rig_id=CAMERA_ID)
+            frame.add_data_id(image.data_id)
+            frame.finalize_data_ids()
+            cache.add_frame(frame)
+            cache.add_image(image)
+            if not graph.exists_image(image_id):
+                graph.add_image(image_id, len(keypoints))
+        for (a, b), pair in sorted(pairs.items()):
+            geometry = pycolmap.TwoViewGeometry()
+            geometry.config = pair.config
+            geometry.inlier_matches = pair.matches
+            graph.add_two_view_geometry(a, b, geometry)
+        graph.finalize()
+        return cache
 
 
 def pairs_near(

@@ -25,11 +25,11 @@ from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.features import Features
 from nbv.sparse.mapper import IncrementalModel
 from nbv.sparse.matching import pair_angle_deg
-from nbv.sparse.priors import adjust_with_priors
 from nbv.types import Capture, Floats, UpdateReport
 
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
 ATTITUDE_SDS = 5.0  # per axis; of a turn about a random axis 1 in 20,000 is larger
+FEWEST_CAMERAS = 6  # below, the model is too small to be held by positions that err
 
 
 class SparseReconstructor:
@@ -39,7 +39,7 @@ class SparseReconstructor:
     only: to choose which pairs to match, to align the model, and to notice a wrong one.
 
     A model that disagrees with telemetry by no more than twice the distance that its specification promises is not called
-    wrong. Where telemetry errs it also is the adjustment's prior (`nbv.sparse.priors`).
+    wrong. Where telemetry errs it also is the adjustment's prior.
 
     Of ``config`` it uses the camera, ``sparse``, ``telemetry``, and the approximate target for the angle between views;
     ``correspondences`` is the source of features and verified pairs.
@@ -229,14 +229,33 @@ class SparseReconstructor:
         return self._alignment
 
     def _hold_by_telemetry(self) -> None:
-        """After a global adjustment, one more in which telemetry that errs is a prior."""
-        if self.telemetry.is_exact:
+        """After a global adjustment, one more in which telemetry that errs is a prior; it puts the model into the world frame.
+
+        COLMAP's pose-prior bundle adjustment: residuals of pixels, with a standard deviation of one pixel, and of camera centres,
+        whitened by telemetry's covariance.
+        """
+        reconstruction = self.reconstruction
+        ids = sorted(int(i) for i in reconstruction.reg_image_ids())
+        if self.telemetry.is_exact or len(ids) < FEWEST_CAMERAS:
             return
-        centers_m = {i: c.camera_center_m for i, c in enumerate(self._captures, start=1)}
+        config, priors = pycolmap.BundleAdjustmentConfig(), []
+        for image_id in ids:
+            config.add_image(image_id)
+            prior = pycolmap.PosePrior()
+            prior.pose_prior_id = image_id
+            prior.corr_data_id = reconstruction.image(image_id).data_id
+            prior.position = self._captures[image_id - 1].camera_center_m
+            prior.position_covariance = np.diag(self.telemetry.covariance_m2)
+            prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
+            priors.append(prior)
+        for camera_id in reconstruction.cameras:
+            config.set_constant_cam_intrinsics(camera_id)
+        options = pycolmap.PosePriorBundleAdjustmentOptions()
+        options.alignment_ransac.random_seed = 0
         with self._stopwatch.timed("sparse.priors"):
-            adjust_with_priors(
-                self.reconstruction, centers_m, self.telemetry.covariance_m2, self._model.global_adjustment
-            )
+            pycolmap.create_pose_prior_bundle_adjuster(
+                self._model.global_ba, options, config, priors, reconstruction
+            ).solve()
 
     def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
         """Whether a pose just found agrees with telemetry as the other cameras do."""
@@ -270,7 +289,7 @@ class SparseReconstructor:
             for row in alignment.outliers
         ]
         for row in alignment.outliers:
-            self._model.deregister(ids[row])
+            self.reconstruction.deregister_frame(ids[row])
         self._align(self.reconstruction)
         return f"taken out, pose disagrees with telemetry: {', '.join(names)}"
 
