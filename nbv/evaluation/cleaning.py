@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.evaluation.voxels import occupied_voxels
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
@@ -226,11 +225,9 @@ def _stray(points_m: Floats, radius_m: float) -> Bools:
 
     So a cluster goes only if it is both small and more than ``radius_m`` away from all others.
     """
-    voxels = occupied_voxels(points_m, radius_m)
-    pairs = cKDTree(voxels.cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    count = len(voxels.keys)
-    touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(count, count))
-    _, cluster_of_voxel = connected_components(touching, directed=False)
-    cluster = cluster_of_voxel[voxels.voxel_of]
+    cubes, cube_of = np.unique(np.floor(points_m / radius_m), axis=0, return_inverse=True)
+    pairs = cKDTree(cubes).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(cubes), len(cubes)))
+    cluster = connected_components(touching, directed=False)[1][cube_of.reshape(-1)]
     stray: Bools = np.bincount(cluster)[cluster] < CLUSTER_POINTS
     return stray

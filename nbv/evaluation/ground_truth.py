@@ -27,7 +27,6 @@ class GroundTruthSamples:
     """
 
     points_m: Floats  # (S, 3) world frame
-    normals: Floats  # (S, 3) unit, outward
     observable: Bools  # (S,)
 
 
@@ -56,7 +55,7 @@ def build_ground_truth(rock: Rock, camera_centers_m: Floats, count: int) -> Grou
     """``count`` samples of a rock and which of them cameras (C, 3) observe, as `observable_mask` has it."""
     points, normals = sample_surface_evenly(rock.vertices_m, rock.faces, count, 0)
     mask = observable_mask(RayCaster(rock.vertices_m, rock.faces), points, normals, camera_centers_m)
-    return GroundTruthSamples(points, normals, mask)
+    return GroundTruthSamples(points, mask)
 
 
 def observable_mask(caster: RayCaster, points_m: Floats, normals: Floats, camera_centers_m: Floats) -> Bools:

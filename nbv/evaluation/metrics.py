@@ -32,8 +32,8 @@ def compute_metrics(
     cloud: PointCloud,
     truth: GroundTruthSamples,
     config: EvaluationConfig,
-    target_m: tuple[float, float, float] | Floats = (0.0, 0.0, 0.8),
-    to_surface_m: Floats | None = None,
+    target_m: tuple[float, float, float] | Floats,
+    to_gt_m: Floats,
 ) -> dict[str, Any]:
     """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
 
@@ -45,20 +45,17 @@ def compute_metrics(
         (N, 3) points in the world frame.
     target_m
         Axis of the azimuth sectors (x and y are used).
-    to_surface_m
-        (N,) exact distances from the points to the reference surface (`RayCaster.distances_m`). Without them
-        the nearest sample stands for the surface, which adds about half the samples' spacing to every
-        ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
+    to_gt_m
+        (N,) distances from the points to the reference surface.
 
     Returns
     -------
     ``n_points`` that were measured, ``gt_gate_m``, ``sector_centers_deg``, and for each surface, ``whole`` and
     ``observable``, the metrics of `nbv.evaluation.registry` and ``n_gt_samples``.
     """
-    points = np.asarray(cloud.points_m, dtype=float)
+    points, to_gt = np.asarray(cloud.points_m, dtype=float), to_gt_m
     if not truth.observable.any():
         raise ValueError("no ground-truth sample is observable; check the camera shell")
-    to_gt = nearest_neighbours(truth.points_m, points)[0] if to_surface_m is None else to_surface_m
     if config.gt_gate_m > 0:
         points, to_gt = points[to_gt <= config.gt_gate_m], to_gt[to_gt <= config.gt_gate_m]
     if len(points) == 0:

@@ -57,7 +57,7 @@ def measure_cloud(
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
     scale = DEFAULT_HEIGHT_M / photographs.height_m
     to_reference_m, _ = nearest_neighbours(reference.points_m, cleaned.points_m)
-    truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
+    truth = GroundTruthSamples(scale * truth_m, np.ones(len(truth_m), dtype=bool))
     scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
     metrics["reference"] = {

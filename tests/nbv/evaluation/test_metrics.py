@@ -17,6 +17,7 @@ from nbv.evaluation.metric import (
 )
 from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registry import METRICS, find_metric, measure_all
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()
@@ -39,10 +40,12 @@ def test_every_number_of_a_result_is_a_described_metric():
 
 
 def truth_of(points, observable=None):
-    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    return GroundTruthSamples(
-        points, normals, np.ones(len(points), bool) if observable is None else observable
-    )
+    return GroundTruthSamples(points, np.ones(len(points), bool) if observable is None else observable)
+
+
+def measured(cloud, truth, config=CONFIG):
+    to_gt_m, _ = nearest_neighbours(truth.points_m, cloud.points_m)
+    return compute_metrics(cloud, truth, config, TARGET, to_gt_m)
 
 
 def sphere(n, seed, radius=0.8):
@@ -57,7 +60,7 @@ def plane(spacing=0.01, z=0.0):
 
 def test_a_surface_against_itself_is_perfect():
     points = sphere(5000, 0)
-    scores = compute_metrics(PointCloud(points), truth_of(points), CONFIG)["whole"]
+    scores = measured(PointCloud(points), truth_of(points), CONFIG)["whole"]
     assert scores["hausdorff_symmetric_mm"] == scores["c2c_mean_mm"] == scores["c2c_p95_mm"] == 0
     for t in (16, 32, 48, 64, 80):
         assert scores[f"completeness_{t}mm"] == scores[f"accuracy_{t}mm"] == scores[f"f_score_{t}mm"] == 100
@@ -66,7 +69,7 @@ def test_a_surface_against_itself_is_perfect():
 
 
 def test_an_offset_plane_gives_its_offset_in_every_distance():
-    scores = compute_metrics(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG)["whole"]
+    scores = measured(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG)["whole"]
     for name in (
         "hausdorff_gt_to_cloud_mm",
         "hausdorff_cloud_to_gt_mm",
@@ -85,7 +88,7 @@ def test_half_a_sphere_is_half_complete_and_fully_accurate():
     truth = sphere(40_000, 1)
     dense = sphere(200_000, 11)  # spacing of 6 mm, well under the smallest threshold
     cloud = dense[dense[:, 2] > TARGET[2]]
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
+    scores = measured(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
     # The band below the equator that lies within t of its rim is complete as well: t / (2 R) of the area
     # to first order (a chord t spans the height t on a vertical wall).
     assert scores["completeness_16mm"] == pytest.approx(100 * (0.5 + 0.016 / 1.6), abs=0.6)
@@ -113,7 +116,7 @@ def test_scores_are_near_those_of_the_tanks_and_temples_toolbox():
     cloud = truth[truth[:, 0] > -0.5]
     cloud = cloud + rng.normal(scale=0.02, size=cloud.shape)
     cloud = np.concatenate([cloud, np.array(TARGET) + rng.uniform(-1.3, 1.3, (500, 3))])
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
+    scores = measured(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
     for t in (48, 80):
         s, g = (
             o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)).voxel_down_sample(t / 2000)
@@ -129,10 +132,10 @@ def test_scores_are_near_those_of_the_tanks_and_temples_toolbox():
 def test_observable_part_is_scored_backwards_on_all_surface():
     truth = sphere(20_000, 6)
     observable = truth[:, 2] > TARGET[2]
-    scores = compute_metrics(PointCloud(truth), truth_of(truth, observable), CONFIG)
+    scores = measured(PointCloud(truth), truth_of(truth, observable), CONFIG)
     # Points on the hidden half are right, so accuracy stays 100 although they are far from "observable".
     assert scores["observable"]["accuracy_16mm"] == 100
-    half = compute_metrics(PointCloud(truth[observable]), truth_of(truth, observable), CONFIG)
+    half = measured(PointCloud(truth[observable]), truth_of(truth, observable), CONFIG)
     assert half["observable"]["completeness_48mm"] == 100
     assert half["whole"]["completeness_48mm"] < 55
     assert half["observable"]["n_gt_samples"] == observable.sum()
@@ -149,7 +152,7 @@ def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
     truth = sphere(20_000, 7)
     truth = truth[azimuth_sectors(truth, TARGET, 12) != 5]
     cloud = truth[~np.isin(azimuth_sectors(truth, TARGET, 12), [7, 8, 9])]
-    sectors = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]["sector_completeness_48mm"]
+    sectors = measured(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]["sector_completeness_48mm"]
     assert sectors[5] is None
     assert sectors[8] < 25 and sectors[7] < 40  # a rim of 48 mm, and the poles where sectors are narrow
     assert [sectors[k] for k in (0, 1, 2, 3, 4, 10, 11)] == [100.0] * 7
@@ -160,22 +163,22 @@ def test_the_gate_removes_far_points():
     truth = sphere(10_000, 8)
     cloud = np.concatenate([truth[::2], truth[::4] + np.array([0, 0, 0.5])])
     gated = dataclasses.replace(CONFIG, gt_gate_m=0.05)
-    off, on = (compute_metrics(PointCloud(cloud), truth_of(truth), config) for config in (CONFIG, gated))
+    off, on = (measured(PointCloud(cloud), truth_of(truth), config) for config in (CONFIG, gated))
     assert off["whole"]["accuracy_48mm"] < 80 and on["whole"]["accuracy_64mm"] == 100
     assert on["whole"]["hausdorff_cloud_to_gt_mm"] <= 50
     assert on["n_points"] < off["n_points"] == len(cloud)
     kept = cloud[cKDTree(truth).query(cloud)[0] <= 0.05]
-    assert compute_metrics(PointCloud(kept), truth_of(truth), CONFIG)["whole"] == on["whole"]
+    assert measured(PointCloud(kept), truth_of(truth), CONFIG)["whole"] == on["whole"]
 
 
 def test_nothing_to_score_is_a_failure_and_not_zero():
     truth = truth_of(sphere(1000, 9))
     with pytest.raises(MissionFailure) as failure:
-        compute_metrics(PointCloud(np.empty((0, 3))), truth, CONFIG)
+        measured(PointCloud(np.empty((0, 3))), truth, CONFIG)
     assert failure.value.reason == "empty_cloud"
     far = PointCloud(np.full((10, 3), 5.0))
     with pytest.raises(MissionFailure) as failure:
-        compute_metrics(far, truth, dataclasses.replace(CONFIG, gt_gate_m=0.05))
+        measured(far, truth, dataclasses.replace(CONFIG, gt_gate_m=0.05))
     assert failure.value.reason == "empty_cloud"
     with pytest.raises(ValueError, match="observable"):
-        compute_metrics(far, truth_of(sphere(1000, 9), np.zeros(1000, bool)), CONFIG)
+        measured(far, truth_of(sphere(1000, 9), np.zeros(1000, bool)), CONFIG)
