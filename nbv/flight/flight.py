@@ -6,17 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from nbv.config import FlightConfig, MissionConfig
-from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import hover_energy_wh, leg_energy_wh
 from nbv.flight.leg import Leg, Pose
 from nbv.flight.route import MARGIN_M, Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
+from nbv.random_streams import keyed_rng
 from nbv.terrain import Cylinder, neighbour_cylinders
 from nbv.types import Floats, Viewpoint
 
+SIGMAS_IN_TOLERANCE = 3.0
 CLEARANCE_M = 0.3  # from a neighbour: half of an X500 with its propellers
 
 
@@ -145,6 +147,24 @@ class Flight:
         self.energy_wh += hover_energy_wh(self._limits, hover_s)
         if legs:
             self._pose = legs[-1].end
+
+
+def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, key: tuple[str, int]) -> Floats:
+    """(3,) actual camera position (m) for a commanded viewpoint.
+
+    The arrival test is a box of plus or minus ``arrival_tolerance_m`` per axis. A position controller
+    does not use it up evenly: the error of each axis is normal with a third of the tolerance as standard
+    deviation, truncated to the box. It is drawn per viewpoint and ``key``, (rock's SHA-256, replicate), so it does not
+    depend on when or from where the viewpoint is flown to. Never below ``min_camera_altitude_m``.
+    """
+    uniform = keyed_rng("arrival", *key, viewpoint.id).random(3)
+    edge = ndtr(-SIGMAS_IN_TOLERANCE)
+    sigmas = ndtri(edge + uniform * (1.0 - 2.0 * edge))
+    position: Floats = (
+        np.array(viewpoint.position_m) + limits.arrival_tolerance_m / SIGMAS_IN_TOLERANCE * sigmas
+    )
+    position[2] = max(position[2], limits.min_camera_altitude_m)
+    return position
 
 
 def _keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:

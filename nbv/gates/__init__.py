@@ -3,7 +3,7 @@
 Two of them see the ground truth and are upper references, not planners: they say so (`Gate.sees_ground_truth`).
 """
 
-from nbv.gates.base import Gate, Oracle, gate_class, make_gate
+from nbv.gates.base import Gate, gate_class, make_gate
 from nbv.gates.bridging import bridge, next_between
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
@@ -11,7 +11,6 @@ from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
 __all__ = [
     "Gate",
     "GroundTruthOracle",
-    "Oracle",
     "bridge",
     "gate_class",
     "gate_features",

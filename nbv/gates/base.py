@@ -5,40 +5,17 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
+from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
 from nbv.scorers.scorer import argsort_descending
-from nbv.types import Bools, CandidatePool, Floats, GateDecision, PlanningState, Ranking
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Which samples are covered in one state, and how far the others have come."""
-
-    covered: Bools  # (S,)
-    visited_m: Floats  # (V, 3); used by "matchable" only
-    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
-
-
-class Oracle(Protocol):
-    """What an oracle gate may ask of the ground truth."""
-
-    @property
-    def config(self) -> MissionConfig:
-        """Its ``gate.oracle_*``."""
-
-    def coverage(self, state: PlanningState) -> Coverage:
-        """What is covered before the next capture."""
-
-    def gain(self, position_m: Floats, coverage: Coverage) -> float:
-        """What a view from ``position_m`` (3,) would add."""
+from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking
 
 
 @dataclass
@@ -64,10 +41,10 @@ class Gate(ABC):
     config: MissionConfig
     rock_sha256: str = ""
     replicate: int = 0
-    oracle: Oracle | None = None
+    oracle: GroundTruthOracle | None = None
 
     @property
-    def truth(self) -> Oracle:
+    def truth(self) -> GroundTruthOracle:
         """The ground truth."""
         if self.oracle is None:
             raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")
@@ -108,7 +85,10 @@ def gate_class(kind: str) -> type[Gate]:
 
 
 def make_gate(
-    config: MissionConfig, rock_sha256: str = "", replicate: int = 0, oracle: Oracle | None = None
+    config: MissionConfig,
+    rock_sha256: str = "",
+    replicate: int = 0,
+    oracle: GroundTruthOracle | None = None,
 ) -> Gate:
     """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
 

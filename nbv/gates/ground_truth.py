@@ -5,12 +5,13 @@ GROUND TRUTH. Nothing in this file is deployable; only the oracle gates and off-
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.gates.base import Coverage, Oracle
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster
@@ -20,6 +21,15 @@ from nbv.types import Bools, CandidatePool, Floats, PlanningState, Ranking
 
 SAMPLE_SEED = 42
 GROUND_Z_M = 0.0  # samples below are buried
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Which samples are covered in one state, and how far the others have come."""
+
+    covered: Bools  # (S,)
+    visited_m: Floats  # (V, 3); used by "matchable" only
+    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
 
 
 class GroundTruthOracle:
@@ -166,7 +176,7 @@ class GroundTruthOracle:
 
 
 def oracle_rewards(
-    oracle: Oracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
+    oracle: GroundTruthOracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
 ) -> dict[str, float]:
     """The gain of each ranking's top candidate, by scorer name: for oracle gates.
 

@@ -27,17 +27,6 @@ class Tracks:
         # A row per landmark, since tracks are listed landmark by landmark.
         self._labels = np.full((len(cosine_limit), capacity), -1, dtype=np.int16)
 
-    def copy(self, capacity: int) -> Tracks:
-        """The same tracks with room for ``capacity`` views."""
-        other = Tracks.__new__(Tracks)
-        other._cosine_limit, other.n_views = self._cosine_limit, self.n_views
-        n = self.n_views
-        other._directions = np.empty((capacity, *self._directions.shape[1:]), dtype=np.float32)
-        other._directions[:n] = self._directions[:n]
-        other._labels = np.full((len(self._labels), capacity), -1, dtype=np.int16)
-        other._labels[:, :n] = self._labels[:, :n]
-        return other
-
     def add(
         self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0, point_views: int = 1
     ) -> int:

@@ -34,7 +34,7 @@ from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.rocks.mesh import vertex_normals
-from nbv.terrain import Body, Surroundings, make_surroundings
+from nbv.terrain import joined, make_surroundings
 from nbv.types import Bools, Floats
 
 SURFACE_SAMPLES = 3_000
@@ -78,11 +78,6 @@ class GeometricWorld:
     aim_m: Point
     caster: Callable[[], RayCaster]  # of the rock and its neighbours, made when it is first needed
     camera: CameraConfig
-
-    @cached_property
-    def seed_models(self) -> Recent[Any]:
-        """What `nbv.geometric.reconstructor` makes of seeds: the same for all configurations with these seeds."""
-        return Recent(8)
 
     @cached_property
     def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
@@ -152,7 +147,11 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         around = make_surroundings(config.ground, scene.ground_seed, rock.sha256, store)
     if around is not None:
         inputs.append(list(around.key))
-    caster = cache(lambda: _caster(rock, around))
+
+    @cache
+    def caster() -> RayCaster:
+        solid, _ = joined(rock, around)
+        return RayCaster(solid.vertices_m, solid.faces)
 
     def made(arrays: Arrays) -> GeometricWorld:
         plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
@@ -238,13 +237,6 @@ def _far_ground(inner_m: float) -> Floats:
     xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
     xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _caster(rock: Rock, around: Surroundings | None) -> RayCaster:
-    parts: list[Rock | Body] = [rock, *(() if around is None else around.neighbours)]
-    first = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
-    faces = [part.faces + n for part, n in zip(parts, first)]
-    return RayCaster(np.concatenate([part.vertices_m for part in parts]), np.concatenate(faces))
 
 
 def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Bools:

@@ -19,22 +19,17 @@ _LEAF = 32  # points in a leaf of a tree
 _LEAF_FOR_ONE = 128  # where one neighbour is asked for: half the time of 32 for a cloud half a metre off
 
 
-def nearest_neighbours(
-    points_m: Floats, queries_m: Floats, k: int = 1, within_m: float = np.inf
-) -> tuple[Floats, Ints]:
+def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple[Floats, Ints]:
     """Distances to, and indices of, the ``k`` nearest of points (N, 3), N >= ``k``, for each query (Q, 3): (Q, k) each, nearest first.
 
-    (Q,) for ``k = 1``; infinite and N where there is none nearer than ``within_m``, which saves the search. Several times faster than
-    a plain query on large clouds.
+    (Q,) for ``k = 1``. Several times faster than a plain query on large clouds.
     """
     tree = cKDTree(points_m, leafsize=_LEAF if k > 1 else _LEAF_FOR_ONE)
     if queries_m is points_m:
         order = tree.indices
     else:
         order = cKDTree(queries_m, leafsize=_LEAF, balanced_tree=False, compact_nodes=False).indices
-    sorted_distances, sorted_indices = tree.query(
-        queries_m[order], k=k, distance_upper_bound=within_m, workers=1
-    )
+    sorted_distances, sorted_indices = tree.query(queries_m[order], k=k, workers=1)
     distances, indices = np.empty_like(sorted_distances), np.empty_like(sorted_indices)
     distances[order], indices[order] = sorted_distances, sorted_indices
     return distances, indices

@@ -13,7 +13,7 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import GroundTruthOracle, Oracle, gate_class, make_gate
+from nbv.gates import GroundTruthOracle, gate_class, make_gate
 from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
@@ -68,7 +68,7 @@ class Fidelity(ABC):
     def __init__(self, context: MissionContext) -> None:
         self.context, self.vehicle_config = context, context.vehicle_config
 
-    def oracle(self) -> Oracle:
+    def oracle(self) -> GroundTruthOracle:
         """What the oracle gates, and nothing else that plans, may ask: here the true surface."""
         rock = self.context.rock
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)

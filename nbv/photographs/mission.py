@@ -16,7 +16,7 @@ from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.evaluation import Evaluation
-from nbv.gates import GroundTruthOracle, Oracle
+from nbv.gates import GroundTruthOracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
@@ -84,7 +84,7 @@ class PhotographFidelity(CloudFidelity):
             "flight_time": NOMINAL,
         }
 
-    def oracle(self) -> Oracle:
+    def oracle(self) -> GroundTruthOracle:
         """The surface of the reference, as the set's camera sees it."""
         rock = self.context.rock
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.vehicle_config)

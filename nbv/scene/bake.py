@@ -23,7 +23,7 @@ from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.rock import Rock
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import Renderer, linear_from_srgb
-from nbv.terrain import RELIEF_HALF_EXTENT_M, Body, Relief, Surroundings
+from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined
 from nbv.types import Floats, Floats32
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
@@ -70,7 +70,8 @@ def build_scene(
     """Bake the light on a rock, its ground and its surroundings, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
-    solid = _Solid.of(rock, surroundings)
+    solid, part_ends = joined(rock, surroundings)
+    vertices, faces = solid.vertices_m.astype(np.float32), solid.faces.astype(np.uint32)
     geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
     around = {} if surroundings is None else {"surroundings": surroundings.key}
     relief = None if surroundings is None else surroundings.relief
@@ -90,7 +91,9 @@ def build_scene(
     )
     rock_light = stored(
         "scene-rock",
-        lambda: _rock_arrays(solid, config, to_sun, spec, relief),
+        lambda: _rock_arrays(
+            vertices, faces, solid.albedo, config, to_sun, spec, relief, len(part_ends) == 1
+        ),
         rock=rock.sha256,
         **around,
         **geometry,
@@ -106,14 +109,14 @@ def build_scene(
         radiance = albedo * (np.float32(config.ambient) + sun)
         levels.append(np.rint(np.clip(radiance, 0, 1) * np.float32(_FULL_SCALE)).astype(np.uint16))
     return Scene(
-        solid.vertices,
-        solid.faces,
+        vertices,
+        faces,
         rock_light["radiance"],
         spec,
         tuple(levels),
         linear_from_srgb(config.sky_grey),
         camera,
-        solid.part_ends,
+        part_ends,
         relief,
     )
 
@@ -122,28 +125,6 @@ def make_renderer(scene: Scene, backend: str) -> Renderer:
     """The renderer called ``backend`` (`nbv.config.registry`); ``UserError`` if there is none or it cannot run here."""
     renderer: Renderer = RENDERERS.load(backend)(scene)
     return renderer
-
-
-@dataclass(frozen=True, eq=False)
-class _Solid:
-    """All that stands on the ground as one mesh, the rock first."""
-
-    vertices: Floats32  # (V, 3)
-    faces: NDArray[np.uint32]  # (F, 3)
-    albedo: NDArray[np.floating]  # (V, 3)
-    part_ends: tuple[int, ...]  # see `Scene`
-
-    @staticmethod
-    def of(rock: Rock, surroundings: Surroundings | None) -> _Solid:
-        bodies = () if surroundings is None else surroundings.neighbours
-        parts: list[Rock | Body] = [rock, *bodies]
-        ends = tuple(np.cumsum([len(part.vertices_m) for part in parts]).tolist())
-        return _Solid(
-            np.concatenate([part.vertices_m for part in parts]).astype(np.float32),
-            np.concatenate([part.faces + first for part, first in zip(parts, (0, *ends))]).astype(np.uint32),
-            np.concatenate([part.albedo for part in parts]),
-            ends,
-        )
 
 
 def with_relief(vertices: Floats32, faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:
@@ -166,17 +147,24 @@ def _ground_arrays(
 
 
 def _rock_arrays(
-    solid: _Solid, config: SceneConfig, to_sun: Floats, spec: GroundSpec, relief: Relief | None
+    vertices: Floats32,
+    faces: NDArray[np.uint32],
+    albedo: Floats32,
+    config: SceneConfig,
+    to_sun: Floats,
+    spec: GroundSpec,
+    relief: Relief | None,
+    is_alone: bool,
 ) -> dict[str, np.ndarray]:
-    caster = with_relief(solid.vertices, solid.faces, relief)
+    caster = with_relief(vertices, faces, relief)
     arrays: dict[str, np.ndarray] = {
-        "radiance": vertex_radiance(solid.albedo, solid.vertices, solid.faces, config, to_sun, caster)
+        "radiance": vertex_radiance(albedo, vertices, faces, config, to_sun, caster)
     }
-    box = _shadow_box(solid.vertices, to_sun)
+    box = _shadow_box(vertices, to_sun)
     if relief is not None:  # which shades itself too
         half = RELIEF_HALF_EXTENT_M
         box = (min(box[0], -half), max(box[1], half), min(box[2], -half), max(box[3], half))
-    alone = relief is None and len(solid.part_ends) == 1
+    alone = relief is None and is_alone
     for level in range(spec.levels):
         # A box of 12 m has 4 million texels: there a ray each, and smoothed.
         bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster, relief, sub=0 if alone else 1)

@@ -44,26 +44,17 @@ class RaycastRenderer:
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """See ``Renderer.rgb``."""
-        rays, position, boxes = self._rays_and_boxes(camera_from_world)
-        return self._picture(rays, position, boxes, self._ground_height(rays, position))
-
-    def close(self) -> None:
-        """There is nothing to free."""
-
-    def _rays_and_boxes(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, list[_Box]]:
-        """The pixels' rays, the camera's position, and the pixels that may show the rock and each neighbour."""
         matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
+        rays = _PixelRays(matrix[:3, :3], self._k)
         boxes = [box for corners in self._corners if (box := self._rock_box(matrix, corners)) is not None]
-        return _PixelRays(matrix[:3, :3], self._k), position, boxes
-
-    def _picture(
-        self, rays: _PixelRays, position: Floats, boxes: list[_Box], ground_m: _Height
-    ) -> NDArray[np.uint8]:
-        background = self._background(rays, position, ground_m)
+        background = self._background(rays, position, self._ground_height(rays, position))
         rgb = background if len(boxes) < 2 else background.copy()  # boxes may overlap
         for box in boxes:
             self._draw_rock(rays, position, box, background, rgb)
         return grey_levels(rgb)
+
+    def close(self) -> None:
+        """There is nothing to free."""
 
     # ---------------------------------------------------------------- ground and sky
 
@@ -198,7 +189,9 @@ class RaycastRenderer:
         found = self._cast(rays, position, fine_columns, fine_rows, self._caster)
         hit = found.face < len(self._face_radiance)  # else it is relief, or nothing
         radiance = np.zeros((*hit.shape, 3), dtype=np.float32)
-        radiance[hit] = self._surface_radiance(found.face[hit], found.uv[hit])
+        a, b, c = self._face_radiance[found.face[hit]].transpose(1, 0, 2)
+        u, v = found.uv[hit][:, :1], found.uv[hit][:, 1:]
+        radiance[hit] = (1 - u - v) * a + u * b + v * c
         # Sums over a pixel's rays as whole arrays: NumPy's own over two axes takes five times as long.
         covered = np.zeros((r1 - r0, c1 - c0), dtype=np.float32)
         total = np.zeros((r1 - r0, c1 - c0, 3), dtype=np.float32)
@@ -225,11 +218,6 @@ class RaycastRenderer:
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
         return caster.cast(bundle)
-
-    def _surface_radiance(self, face: NDArray[np.uint32], uv: Floats32) -> Floats32:
-        a, b, c = self._face_radiance[face].transpose(1, 0, 2)
-        u, v = uv[:, :1], uv[:, 1:]
-        return (1 - u - v) * a + u * b + v * c
 
 
 def _box_corners(vertices_m: Floats32) -> Floats:

@@ -11,7 +11,7 @@ import pycolmap
 
 from nbv.geometry.frames import Similarity
 from nbv.safe_files import require_whole, write_atomic
-from nbv.sparse.alignment import Alignment
+from nbv.sparse.alignment import Alignment, camera_centers
 from nbv.types import Floats, SparseModel
 
 
@@ -51,13 +51,12 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
     tracks = [sorted({element.image_id for element in point.track.elements}) for point in points]
     world_from_model = alignment.world_from_model
     poses = camera_from_world_poses(camera_from_model_poses(reconstruction), world_from_model)
-    centers = -np.einsum("mji,mj->mi", poses[:, :3, :3], poses[:, :3, 3])
     return SparseModel(
         points_m=world_from_model.apply(np.array([point.xyz for point in points]).reshape(-1, 3)),
         reprojection_error_px=np.array([point.error for point in points]),
         track_offsets=np.cumsum([0, *map(len, tracks)], dtype=np.int64),
         track_cameras=np.searchsorted(image_ids, [image_id for track in tracks for image_id in track]),
-        camera_centers_m=centers,
+        camera_centers_m=camera_centers(poses),
         camera_names=registered_names(reconstruction),
         alignment_rms_m=alignment.rms_m,
         alignment_max_m=alignment.max_m,

@@ -60,16 +60,11 @@ def nearest_two(
     return nearest, best, second
 
 
-def match_pair(
-    a: Descriptors,
-    b: Descriptors,
-    max_ratio: float = 0.8,
-    max_distance_rad: float = MAX_DISTANCE_RAD,
-) -> NDArray[np.uint32]:
+def match_pair(a: Descriptors, b: Descriptors, max_ratio: float = 0.8) -> NDArray[np.uint32]:
     """(M, 2) mutual nearest neighbours of two descriptor sets (Ka, 128) and (Kb, 128), sorted by the first.
 
     COLMAP's rule: the distance is the angle between descriptors; a match must be nearer than
-    ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
+    `MAX_DISTANCE_RAD` and than ``max_ratio`` times the second-nearest distance, in both directions.
     Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
     and the result does not depend on the linear-algebra library or its threads. (pycolmap's own matcher
     finds the same matches in a hundred times the time.)
@@ -80,7 +75,7 @@ def match_pair(
     def accepted(x: Descriptors, y: Descriptors) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         index, *products = nearest_two(x, y)
         best_rad, second_rad = (np.arccos(np.minimum(p / _NORM_SQUARED, 1.0)) for p in products)
-        return index, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
+        return index, (best_rad <= MAX_DISTANCE_RAD) & (best_rad < max_ratio * second_rad)
 
     forward, accepted_forward = accepted(a, b)
     rows = np.flatnonzero(accepted_forward)

@@ -1,7 +1,14 @@
 """What the target lies on and among: relief, neighbouring rocks, and the part of the target that is above ground."""
 
 from nbv.terrain.burial import buried_rock
-from nbv.terrain.neighbours import Body, Cylinder, Surroundings, make_surroundings, neighbour_cylinders
+from nbv.terrain.neighbours import (
+    Body,
+    Cylinder,
+    Surroundings,
+    joined,
+    make_surroundings,
+    neighbour_cylinders,
+)
 from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief, make_relief
 
 __all__ = [
@@ -11,6 +18,7 @@ __all__ = [
     "Relief",
     "Surroundings",
     "buried_rock",
+    "joined",
     "make_relief",
     "make_surroundings",
     "neighbour_cylinders",

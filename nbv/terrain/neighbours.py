@@ -12,6 +12,7 @@ from nbv.cache import Store
 from nbv.config import GroundConfig, canonical
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
+from nbv.rocks import Rock
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.procedural import generate_rock
@@ -38,11 +39,11 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One neighbour: a mesh with an albedo (V, 3) per vertex."""
+    """A mesh with an albedo per vertex."""
 
     vertices_m: Floats  # (V, 3)
     faces: Ints  # (F, 3)
-    albedo: Floats32
+    albedo: Floats32  # (V, 3)
 
 
 @lru_cache(maxsize=64)
@@ -119,6 +120,15 @@ def make_surroundings(
         _bodies(cylinders, ground_seed, rock_sha256, store),
         (canonical(ground), ground_seed, rock_sha256),
     )
+
+
+def joined(rock: Rock, around: Surroundings | None) -> tuple[Body, tuple[int, ...]]:
+    """All that stands on the ground as one mesh, the rock first, and where the vertices of each part end."""
+    parts: list[Rock | Body] = [rock, *(() if around is None else around.neighbours)]
+    ends = tuple(np.cumsum([len(part.vertices_m) for part in parts]).tolist())
+    faces = [part.faces + first for part, first in zip(parts, (0, *ends))]
+    vertices, albedo = ([getattr(part, name) for part in parts] for name in ("vertices_m", "albedo"))
+    return Body(np.concatenate(vertices), np.concatenate(faces), np.concatenate(albedo)), ends
 
 
 def _lowest(relief: Relief, center: Floats, radius_m: float) -> float:

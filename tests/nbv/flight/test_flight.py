@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight import Airspace, Flight, Pose
-from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import power_w
+from nbv.flight.flight import arrival_position
 from nbv.flight.leg import fly_straight
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.viewpoints import raw_candidates, seed_viewpoints
