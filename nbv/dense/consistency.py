@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from nbv.dense.views import DepthMaps, Floats32, PosedViews, pixel_matrix
+from nbv.dense.views import DepthMaps, PosedViews, pixel_matrix
+from nbv.types import Floats32
 
 
 def check_consistency(depth_maps: DepthMaps, views: PosedViews) -> DepthMaps:

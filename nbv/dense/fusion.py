@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
 from nbv.dense.stereo import backproject, depth_normals
-from nbv.dense.views import DepthMaps, Floats32, PosedViews
+from nbv.dense.views import DepthMaps, PosedViews
 from nbv.errors import MissionFailure
-from nbv.types import Floats, Ints, PointCloud
+from nbv.types import Floats, Floats32, Ints, PointCloud
 
 SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.views import DepthMaps, Floats32, PosedViews, pixel_matrix
-from nbv.types import Floats
+from nbv.dense.views import DepthMaps, PosedViews, pixel_matrix
+from nbv.types import Floats, Floats32
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface
 _BLOCK_PX = 3  # 5 loses 0.5 to 1.2 points of F-score at 16 mm (15016, 24 + 8 views)

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig, DenseConfig
 from nbv.geometry.frames import camera_center_m, intrinsic_matrix
 from nbv.geometry.matchability import usable_angles
-from nbv.types import Floats
+from nbv.types import Floats, Floats32
 
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
-Floats32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,10 @@ class GeometricReconstructor(Reconstructor):
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
     are known exactly, so the alignment residual is 0.
 
-    A photograph registers that matches ``sparse.min_inliers`` landmarks of the model; where ``scene.match_angle_deg`` is a limit,
-    landmarks that two registered photographs have, as COLMAP's points. Whatever is out is tried again after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
-    ``ground_features`` mean anything.
+    A photograph registers if it matches ``sparse.min_inliers`` landmarks of the model. Where ``scene.match_angle_deg`` limits
+    matching, only landmarks of two registered photographs count, as COLMAP's points do. Photographs that did not register are
+    tried again after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and
+    whether there are ``ground_features`` matter.
     """
 
     def __init__(

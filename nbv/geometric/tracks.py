@@ -2,7 +2,7 @@
 
 Detections of one landmark in two views match when their lines of sight differ little enough; a track is a
 connected set of matching detections, as in COLMAP. A landmark may have several tracks (seen from opposite
-sides, say), and each is a point of its new.
+sides, say), and each becomes a point of its own.
 """
 
 from __future__ import annotations

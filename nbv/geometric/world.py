@@ -1,9 +1,8 @@
 """What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
 
-Points, and who of the default viewpoints sees them, are computed once per rock and kept in the store; what other viewpoints
-see, when they are first visited. Visibility is
-resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
-a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
+Points are computed once per rock and kept in the store; what a viewpoint sees is computed when it is first visited.
+Visibility is resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by a
+centimetre or two. Angles and incidences use the actual positions.
 A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
 """
 
@@ -32,7 +31,6 @@ from nbv.geometry.visibility import (
 )
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
-from nbv.rocks.families import generated_name
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import joined, make_surroundings
 from nbv.types import Bools, Floats
@@ -72,47 +70,34 @@ class GeometricWorld:
     observable: Bools  # (S,) what `nbv.evaluation` counts as observable
     sample_neighbours: NDArray[np.int32]  # (S, K) nearest samples, the sample itself first
     sample_distances_m: Floats  # (S, K)
-    shell_m: Floats  # (V, 3) default viewpoints, aimed at `aim_m`; none of a drawn rock, of which aims differ
-    shell_landmarks: Bools  # (V, L) what they see
-    shell_samples: Bools  # (V, S)
-    aim_m: Point
     caster: Callable[[], RayCaster]  # of the rock and its neighbours, made when it is first needed
     camera: CameraConfig
 
     @cached_property
     def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
         """(L,) landmarks that a camera at a nominal position, aimed at a point, has in its image, front side, not hidden."""
-        return self._visibility(
-            self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG, self.shell_landmarks
-        )
+        return self._visibility(self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG)
 
     @cached_property
     def samples_seen(self) -> Callable[[Point, Point], Bools]:
         """(S,) samples, as `landmarks_seen` has it."""
-        return self._visibility(
-            self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG, self.shell_samples
-        )
+        return self._visibility(self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG)
 
     def _visibility(
-        self, points_m: Floats, normals: Floats, max_incidence_deg: float, of_shell: Bools
+        self, points_m: Floats, normals: Floats, max_incidence_deg: float
     ) -> Callable[[Point, Point], Bools]:
         starts = lifted(points_m, normals, LIFT_M)
-        rows = {tuple(position): row for row, position in enumerate(self.shell_m.tolist())}
 
+        @lru_cache(MAX_VIEWS)
         def visible(position_m: Point, aim_m: Point) -> Bools:
-            row = rows.get(position_m) if aim_m == self.aim_m else None
-            if row is not None:
-                known: Bools = of_shell[row]
-                return known
             center = np.array(position_m)
-            seen = in_frustum(points_m, center[None], np.array(aim_m), self.camera)[:, 0] & (
-                points_m[:, 2] >= 0
-            )
+            seen: Bools = in_frustum(points_m, center[None], np.array(aim_m), self.camera)[:, 0]
+            seen &= points_m[:, 2] >= 0
             ask = np.flatnonzero(seen)
             seen[ask] = seen_from(center, starts[ask], normals[ask], self.caster(), max_incidence_deg)
             return seen
 
-        return lru_cache(MAX_VIEWS)(visible)
+        return visible
 
 
 WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campaign comes back to its rocks
@@ -153,24 +138,15 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         solid, _ = joined(rock, around)
         return RayCaster(solid.vertices_m, solid.faces)
 
-    def made(arrays: Arrays) -> GeometricWorld:
-        plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
-        fixed = {"aim_m": config.target_m, "caster": caster, "camera": config.camera}
-        return GeometricWorld(**{**arrays, **plain, **fixed})
-
-    def build() -> Arrays:
-        arrays = _build(rock, config, caster())
-        positions = camera_shell(config)[: 0 if generated_name(rock.name) else None]
-        nothing = {name: np.zeros((0, 0)) for name in ("shell_m", "shell_landmarks", "shell_samples")}
-        world = made({**arrays, **nothing})
-        visibility = {"shell_landmarks": world.landmarks_seen, "shell_samples": world.samples_seen}
-        seen = {
-            name: np.array([visible(tuple(p), config.target_m) for p in positions.tolist()])
-            for name, visible in visibility.items()
-        }
-        return {**arrays, "shell_m": positions, **seen}
-
-    return made(cached(store, "geometric-worlds", build, code=__name__, inputs=inputs))
+    arrays = cached(
+        store,
+        "geometric-worlds",
+        lambda: _build(rock, config, caster()),
+        code=__name__,
+        inputs=inputs,
+    )
+    plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
+    return GeometricWorld(**{**arrays, **plain, "caster": caster, "camera": config.camera})
 
 
 def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:

@@ -126,7 +126,7 @@ class PhotogrammetricReconstructor(Reconstructor):
     def finish(self) -> Cloud:
         """Dense cloud from the registered photographs at the poses that SfM found.
 
-        One that was made before is made again if somebody looks at it.
+        Where the store has its metrics, the cloud is computed only if its points are read.
         """
         self._to_refine = True
         cloud = LazyCloud(self._fuse)

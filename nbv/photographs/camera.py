@@ -1,4 +1,4 @@
-"""A camera that takes photographs which were taken: each where it was really taken from."""
+"""The camera of a mission over a set: a photograph that exists stands for each that the mission takes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NO_GROUND_M = -1e6  # a hand that holds a camera may be anywhere
 
 
 class PhotographCamera(Camera):
-    """Over the photographs of a set that may be taken, which ``viewpoints`` are of; none can be aimed anew.
+    """Returns the set's photograph at each of its ``viewpoints``; where it looks cannot be changed.
 
     Telemetry reports the reference's pose, with the errors that the configuration's ``telemetry`` says (drawn as in any
     mission; they are added to the true pose, where a vehicle's take it away from the reported one).

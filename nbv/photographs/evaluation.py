@@ -4,9 +4,9 @@ Scores have the names that they have on rocks, and their meaning on a rock of 1.
 height. Cloud and reference are scaled to that height before they are compared.
 
 The cloud is registered first (`nbv.evaluation.registration`): it lies where the alignment with telemetry has put it. Of
-the cloud only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and Temples: the rest
-of the room is not the object; nor is what most masks of the set say is not. No plane of the ground is sought: the reference has been taken off its ground, and on a low
-object what is left of it may be a plane itself (a quarter of a mound of sand went that way).
+the cloud only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and Temples, and what
+most masks show as the object. The ground plane is not removed: the reference has no ground, and on a low object part of the
+surface may be a plane itself (a quarter of a mound of sand was lost so).
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, r
 from nbv.types import Bools, Floats
 
 FORMAT = 1
-SET_FILE, IMAGES, MASKS, SPARSE = "set.json", "images", "masks", "sparse"
+SET_FILE, IMAGES, MASKS = "set.json", "images", "masks"
+SPARSE = "sparse"  # COLMAP's binary model in the set's frame; its images are called ``NAME.jpg``
 REFERENCE_FILE, SURFACE_FILE = "reference.ply", "surface.npz"
 THRESHOLD_FRACTIONS = (0.01, 0.02, 0.03, 0.04, 0.05)  # of the object's height
 MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
@@ -195,11 +196,6 @@ class PhotographSet:
     def true_height_m(self) -> float | None:
         """The object's height in metres, where there is a scale."""
         return None if self.metres_per_unit is None else self.height_m * self.metres_per_unit
-
-    @property
-    def sparse_folder(self) -> Path:
-        """COLMAP's binary model in the set's frame; its images are called ``NAME.jpg``."""
-        return self.folder / SPARSE
 
     def image(self, name: str) -> NDArray[np.uint8]:
         """(H, W, 3) the undistorted photograph; `UserError` where the file is missing, damaged or of another size."""

@@ -27,8 +27,8 @@ def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
 def linear_image(image: Image.Image) -> Linear:
     """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored.
 
-    `ValueError` where it is of no format that textures have (some of Pillow's start other programs), or its pixels have more than 8
-    `UserError` for more pixels than `MAX_PIXELS`, before they are unpacked.
+    `ValueError` where its format is not among `FORMATS` (some of Pillow's readers start other programs) or its pixels have more
+    than 8 bits; `UserError` for more than `MAX_PIXELS`, before they are decoded.
     """
     if image.format not in (*FORMATS, None):
         raise ValueError(f"{image.format} is no format of textures")

@@ -65,35 +65,44 @@ def synthesise_ground(
     ``y = (i + 0.5) * texel - half``.
     """
     shape = (spec.size_px, spec.size_px)
-    heights = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
-    log_albedos = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
-    shades = [np.ones(shape, np.float32) for _ in range(spec.levels)]
+    textures = [
+        _Textures(np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.ones(shape, np.float32))
+        for _ in range(spec.levels)
+    ]
 
     octaves = int(np.floor(np.log2(LARGEST_NODE_M / spec.texel_m))) + 1
     for octave in range(octaves):
         node_m = spec.texel_m * 2**octave
         slope = 0.16 if node_m < 0.1 else 0.07
         contrast = 0.13 if node_m < 0.1 else 0.07
-        for kind, targets, amplitude in (
-            ("height", heights, slope * node_m),
-            ("albedo", log_albedos, contrast),
-        ):
+        for kind, amplitude in (("height", slope * node_m), ("albedo", contrast)):
             lattice = _lattice(seed, kind, octave, spec)
             for level in range(min(octave + 1, spec.levels)):
-                targets[level] += amplitude * _upsample(lattice, octave, level, spec)
-    _scatter_discs(seed, to_sun, spec, heights, log_albedos, shades)
+                target = textures[level].height if kind == "height" else textures[level].log_albedo
+                target += amplitude * _upsample(lattice, octave, level, spec)
+    _scatter_discs(seed, to_sun, spec, textures)
 
-    cosines = []
-    for level, height in enumerate(heights):
+    painted = []
+    for level, texture in enumerate(textures):
+        height = texture.height
         if relief is not None:
             height += relief.raster_m(spec.texel_centres_m(level)).astype(np.float32)
         slope_y, slope_x = np.gradient(height, np.float32(spec.texel_m * 2**level))
         cosine = (to_sun[2] - slope_x * to_sun[0] - slope_y * to_sun[1]) / np.sqrt(
             1 + slope_x**2 + slope_y**2
         )
-        cosines.append((np.maximum(cosine, 0) * shades[level]).astype(np.float32))
-    albedos = [np.clip(MEAN_ALBEDO * np.exp(a), 0.03, 0.6).astype(np.float32) for a in log_albedos]
-    return list(zip(albedos, cosines))
+        albedo = np.clip(MEAN_ALBEDO * np.exp(texture.log_albedo), 0.03, 0.6).astype(np.float32)
+        painted.append((albedo, (np.maximum(cosine, 0) * texture.shade).astype(np.float32)))
+    return painted
+
+
+@dataclass(frozen=True)
+class _Textures:
+    """What is painted on one level of the clipmap, (S, S) each."""
+
+    height: Floats32  # in metres
+    log_albedo: Floats32
+    shade: Floats32  # share of the sun that stones leave
 
 
 def _lattice(seed: int, kind: str, octave: int, spec: GroundSpec) -> Floats32:
@@ -126,12 +135,7 @@ def _central(grid: Floats32, size: int) -> Floats32:
 
 
 def _scatter_discs(
-    seed: int,
-    to_sun: NDArray[np.float64],
-    spec: GroundSpec,
-    heights: list[Floats32],
-    log_albedos: list[Floats32],
-    shades: list[Floats32],
+    seed: int, to_sun: NDArray[np.float64], spec: GroundSpec, textures: list[_Textures]
 ) -> None:
     """Pebbles of 1 to 4 cm radius and craters up to 5 m, each size class over the levels that resolve it."""
     shadow_shift = -to_sun[:2] / to_sun[2]
@@ -156,17 +160,9 @@ def _scatter_discs(
                 disc = _Disc(centres[i], radii[i], texel, half)
                 if pebble:
                     shadow = _Disc(centres[i] + 0.35 * radii[i] * shadow_shift, radii[i], texel, half)
-                    _draw_pebble(
-                        disc,
-                        shadow,
-                        0.5 * steep[i],
-                        tones[i],
-                        heights[level],
-                        log_albedos[level],
-                        shades[level],
-                    )
+                    _draw_pebble(disc, shadow, 0.5 * steep[i], tones[i], textures[level])
                 else:
-                    _draw_crater(disc, 0.16 * steep[i], tones[i], heights[level], log_albedos[level])
+                    _draw_crater(disc, 0.16 * steep[i], tones[i], textures[level])
         size_class += 1
 
 
@@ -191,30 +187,22 @@ class _Disc:
         return part, np.hypot(dy[:, None], dx) * np.float32(self.texel_m / self.radius_m)
 
 
-def _draw_pebble(
-    disc: _Disc,
-    shadow: _Disc,
-    steepness: float,
-    tone: float,
-    height: Floats32,
-    log_albedo: Floats32,
-    shade: Floats32,
-) -> None:
+def _draw_pebble(disc: _Disc, shadow: _Disc, steepness: float, tone: float, on: _Textures) -> None:
     """A half-buried stone with a tone and a shadow of its own."""
-    part, d = shadow.window(shade, 1.0)
+    part, d = shadow.window(on.shade, 1.0)
     part *= 1 - 0.8 * np.clip(4 * (1 - d), 0, 1)
-    part, d = disc.window(shade, 0.9)
+    part, d = disc.window(on.shade, 0.9)
     part[d < 0.9] = 1
-    part, d = disc.window(log_albedo, 1.0)
+    part, d = disc.window(on.log_albedo, 1.0)
     part += tone * np.clip(3 * (1 - d), 0, 1)
-    part, d = disc.window(height, 1.0)
+    part, d = disc.window(on.height, 1.0)
     part += steepness * disc.radius_m * np.maximum(1 - d * d, 0)
 
 
-def _draw_crater(disc: _Disc, steepness: float, tone: float, height: Floats32, log_albedo: Floats32) -> None:
+def _draw_crater(disc: _Disc, steepness: float, tone: float, on: _Textures) -> None:
     """A bowl with a low rim, a little brighter or darker than its surroundings."""
-    part, d = disc.window(height, 1.6)
+    part, d = disc.window(on.height, 1.6)
     bowl = np.minimum(d * d - 1, 0) + 0.25 * np.exp(-(((d - 1) / 0.2) ** 2))
     part += steepness * disc.radius_m * bowl
-    part, d = disc.window(log_albedo, 1.2)
+    part, d = disc.window(on.log_albedo, 1.2)
     part += tone * np.clip(1.5 * (1.2 - d), 0, 1)

@@ -112,12 +112,13 @@ class Prediction:
             return np.zeros(len(candidates_m))
         seen, incidence = _visibility(self.samples_m, self.normals, candidates_m, self.config)
         new = good_view(seen, incidence)
-        unmatched = np.log1p(
-            -np.minimum(self.good, np.float32(0.999))
-        )  # (V, S) of each view, were it a partner
-        partners = (
-            _matchable(candidates_m, self.model.camera_centers_m, self.config).astype(np.float32) @ unmatched
+        # (V, S) of each view, were it a partner
+        unmatched = np.log1p(-np.minimum(self.good, np.float32(0.999)))
+        # As seen from the target.
+        cosine = (
+            _directions(candidates_m, self.config) @ _directions(self.model.camera_centers_m, self.config).T
         )
+        partners = usable_cosines(cosine, self.config.dense).astype(np.float32) @ unmatched
         helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
         gained: Floats = ((new * helps) @ missing).astype(float) / total
         return gained
@@ -179,12 +180,6 @@ def _visibility(
 def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
     directions = cameras_m - np.array(config.target_m)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
-
-
-def _matchable(candidates_m: Floats, cameras_m: Floats, config: MissionConfig) -> Bools:
-    """(C, V) whether two views lie within the pair angles, as seen from the target."""
-    cosine = _directions(candidates_m, config) @ _directions(cameras_m, config).T
-    return usable_cosines(cosine, config.dense)
 
 
 def _log_odds(share: float) -> float:

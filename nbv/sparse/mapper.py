@@ -18,6 +18,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, SparseConfig
+from nbv.errors import MissionFailure
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.colmap import files_of, model_of
 from nbv.sparse.matching import VerifiedPair
@@ -37,9 +38,6 @@ _ENOUGH_SEEDS = 0.75  # share of them; points that came with the rest once hid a
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
 """Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
-
-JudgeSeed = Callable[[pycolmap.Reconstruction], str]
-"""Given a seed model: "" to accept it, otherwise why it is wrong."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +119,19 @@ class IncrementalModel:
 
     # ------------------------------------------------------------------------------------------ bootstrap
 
-    def bootstrap(self, judge: JudgeSeed, judge_pose: Judge | None) -> str:
-        """Build the seed model from all images so far; returns "" or why there is none.
+    def bootstrap(
+        self, require_good: Callable[[pycolmap.Reconstruction], object], judge_pose: Judge | None
+    ) -> None:
+        """Build the seed model from all images so far.
 
-        Up to three initial pairs are tried until ``judge`` accepts the model. With ``judge_pose``, where more than a
-        quarter is left over it is tried once more, with few matches and with points that only two images see.
+        Up to three initial pairs are tried until ``require_good`` does not raise `MissionFailure` at the model; the last failure
+        is raised, or ``seed_model_failed`` where no pair is fit to start from. With ``judge_pose``, where more than a quarter is
+        left over it is tried once more, with few matches and with points that only two images see.
         """
         pycolmap.set_random_seed(_SEED)
         with self.stopwatch.timed("sparse.mapping"):
-            cache = self._database_cache(self.pairs)
-            mapper = pycolmap.IncrementalMapper(cache)
-        reason = "no pair of seed images is fit to start from"
+            mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
+        failure = MissionFailure("seed_model_failed", "no pair of seed images is fit to start from")
         for _ in range(_MAX_INITIAL_PAIRS):
             reconstruction = pycolmap.Reconstruction()
             mapper.begin_reconstruction(reconstruction)
@@ -141,16 +141,18 @@ class IncrementalModel:
             self._grow(mapper, self._usual)
             if judge_pose and reconstruction.num_reg_images() < _ENOUGH_SEEDS * len(self.names):
                 self._join(mapper, judge_pose)
-            reason = judge(reconstruction)
-            # Discarding frees the rejected model's images for the next initial pair.
-            mapper.end_reconstruction(bool(reason))
-            if not reason:
-                # In the order in which it would be read from disk: the order of COLMAP's hash tables depends on their
-                # history and reaches the last bits of the adjustments.
-                self.reconstruction = model_of(files_of(reconstruction))
-                break
-        self.captures_since_global = 0
-        return reason
+            try:
+                require_good(reconstruction)
+            except MissionFailure as error:
+                failure = error
+                mapper.end_reconstruction(True)  # frees the rejected model's images for the next initial pair
+                continue
+            mapper.end_reconstruction(False)
+            # In the order in which it would be read from disk: the order of COLMAP's hash tables depends on their
+            # history and reaches the last bits of the adjustments.
+            self.reconstruction = model_of(files_of(reconstruction))
+            return
+        raise failure
 
     def _limit_iterations(self) -> None:
         """For all adjustments after the seed model, which begin close to where they end."""

@@ -96,27 +96,18 @@ class SparseReconstructor:
         disagrees with telemetry.
         """
         self._take_in(captures)
-        failure = MissionFailure("seed_model_failed", "")
 
-        def judge(reconstruction: pycolmap.Reconstruction) -> str:
-            nonlocal failure
+        def require_good(reconstruction: pycolmap.Reconstruction) -> None:
             count = reconstruction.num_reg_images()
-            try:
-                if count < self.config.min_registered_seeds:
-                    raise MissionFailure(
-                        "seed_model_failed",
-                        f"only {count} of {len(captures)} seed images registered "
-                        f"(sparse.min_registered_seeds is {self.config.min_registered_seeds})",
-                    )
-                self._align(reconstruction)
-            except MissionFailure as error:
-                failure = error
-                return error.message
-            return ""
+            if count < self.config.min_registered_seeds:
+                raise MissionFailure(
+                    "seed_model_failed",
+                    f"only {count} of {len(captures)} seed images registered "
+                    f"(sparse.min_registered_seeds is {self.config.min_registered_seeds})",
+                )
+            self._align(reconstruction)
 
-        reason = self._model.bootstrap(judge, None if self.telemetry.is_exact else self._judge_attitude)
-        if reason:
-            raise failure if failure.message else MissionFailure("seed_model_failed", reason)
+        self._model.bootstrap(require_good, None if self.telemetry.is_exact else self._judge_attitude)
         self._hold_by_telemetry()
         dropped = self._drop_outliers()
         registered = set(registered_names(self.reconstruction))

@@ -18,6 +18,7 @@ from nbv.dense import PosedViews, dense_cloud
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.mission import config_for_set
+from nbv.photographs.photograph_set import SPARSE
 
 
 def main() -> None:
@@ -33,7 +34,7 @@ def main() -> None:
     taken = sorted(photographs.registered, key=lambda p: p.name)[:: asked.every]
     images = {p.name: photographs.image(p.name) for p in taken}
     poses = {p.name: p.camera_from_world for p in taken if p.camera_from_world is not None}
-    model = pycolmap.Reconstruction(photographs.sparse_folder)
+    model = pycolmap.Reconstruction(photographs.folder / SPARSE)
     points_m = np.array([point.xyz for point in model.points3D.values()])
     half_m = np.array(photographs.extents_m) / 2 + MARGIN * photographs.height_m
     points_m = points_m[(np.abs(points_m - photographs.target_m) <= half_m).all(axis=1)]

@@ -17,7 +17,7 @@ from nbv.geometry.frames import align_umeyama
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs import importer as importer_module
 from nbv.photographs.importer import ImportOptions, import_photographs
-from nbv.photographs.photograph_set import sets_folder
+from nbv.photographs.photograph_set import SPARSE, sets_folder
 
 pytestmark = pytest.mark.slow  # by the fixture
 
@@ -111,7 +111,7 @@ def test_a_failure_late_leaves_nothing(
 def test_a_model_of_other_photographs_of_the_same_names(ball_set: PhotographSet, tmp_path: Path) -> None:
     other = write_folder(tmp_path / "other", POSITIONS_M[::-1][:20], seed=3)
     with pytest.raises(UserError, match="model of other photographs") as told:
-        import_photographs(other, "other", ImportOptions(model=ball_set.sparse_folder), silent)
+        import_photographs(other, "other", ImportOptions(model=ball_set.folder / SPARSE), silent)
     assert "correlation" in str(told.value)
     assert "other" not in list_sets()
 
