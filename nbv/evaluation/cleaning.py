@@ -60,15 +60,10 @@ def clean_cloud(
     * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
 
-    `MissionFailure` ``empty_cloud``: nothing is left.
+    Where the ground has relief, ``ground_height_m`` gives its true height (P,) under points (P, 3): the plane is then sought, and
+    the slab removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
 
-    Parameters
-    ----------
-    cloud
-        (N, 3) points in the world frame, colours and normals optional.
-    ground_height_m
-        Where the ground has relief: its true height (P,) under points (P, 3). The plane is then sought, and the slab
-        removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
+    `MissionFailure` ``empty_cloud``: nothing is left.
 
     Returns
     -------

@@ -37,16 +37,9 @@ def compute_metrics(
 ) -> dict[str, Any]:
     """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
 
-    `MissionFailure` ``empty_cloud``: no point, or none within the configured gate. `ValueError` where no sample is observable.
+    ``target_m`` is the axis of the azimuth sectors, ``to_gt_m`` (N,) how far the cloud's points are from the reference surface.
 
-    Parameters
-    ----------
-    cloud
-        (N, 3) points in the world frame.
-    target_m
-        Axis of the azimuth sectors (x and y are used).
-    to_gt_m
-        (N,) distances from the points to the reference surface.
+    `MissionFailure` ``empty_cloud``: no point, or none within the configured gate. `ValueError` where no sample is observable.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Store, cached
+from nbv.cache import Arrays, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
@@ -69,17 +69,12 @@ class SimulatedCamera(Camera):
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""
-        inputs = [self._rock.sha256, self._replicate, *self._world, viewpoint.id, true_pose]
-        return cached(
-            self._store,
-            "photographs",
-            lambda: {"image": self._see(viewpoint, true_pose)},
-            code=__name__,
-            inputs=inputs,
-        )["image"]
-
-    def _see(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
-        if self._renderer is None:
-            self._renderer = self._make_renderer(self._sensor.drawn)
         key = (self._rock.sha256, self._replicate, viewpoint.id)
-        return self._sensor.photograph(self._renderer, true_pose, key)
+
+        def make() -> Arrays:
+            if self._renderer is None:
+                self._renderer = self._make_renderer(self._sensor.drawn)
+            return {"image": self._sensor.photograph(self._renderer, true_pose, key)}
+
+        inputs = [self._rock.sha256, self._replicate, *self._world, viewpoint.id, true_pose]
+        return cached(self._store, "photographs", make, code=__name__, inputs=inputs)["image"]

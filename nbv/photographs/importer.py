@@ -25,7 +25,7 @@ from nbv.photographs.dense_reference import (
     surface_of,
     weak_sectors,
 )
-from nbv.photographs.folder import Progress, SourcePhotograph, find_masks, read_folder
+from nbv.photographs.folder import Progress, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.mapping import solve
 from nbv.photographs.object_frame import find_object, placement
@@ -182,14 +182,13 @@ def _write_pictures(source: ImportSource, model: SolvedModel, pinhole: CameraCon
 def _records(source: ImportSource, model: SolvedModel, folder: Path) -> tuple[Photograph, ...]:
     """The photographs as the set has them, with their poses in ``model``."""
     poses: dict[str, Floats] = dict(zip(model.names, model.poses, strict=True))
-
-    def record(photograph: SourcePhotograph) -> Photograph:
-        return Photograph(
+    return tuple(
+        Photograph(
             name=photograph.name,
             source=str(photograph.path.relative_to(folder)).encode(errors="replace").decode(),
             sha256=photograph.sha256,
             camera_from_world=poses.get(photograph.name),
             masked=photograph.name in source.masks,
         )
-
-    return tuple(map(record, source.photographs))
+        for photograph in source.photographs
+    )

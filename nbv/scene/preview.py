@@ -23,15 +23,13 @@ def preview(rock: Rock, store: Store | None = None) -> NDArray[np.uint8]:
     camera = CameraConfig(width_px=320, height_px=240, focal_px=320.0)
     renderer = make_renderer(build_scene(rock, config, camera, store=store), config.backend)
     target = np.array([0.0, 0.0, float(np.max(rock.vertices_m[:, 2])) / 2])
-    rows = -(-len(VIEWS_DEG) // COLUMNS)
-    cell_h, cell_w = camera.height_px + GAP_PX, camera.width_px + GAP_PX
-    sheet = np.full((rows * cell_h - GAP_PX, COLUMNS * cell_w - GAP_PX, 3), 255, dtype=np.uint8)
-    for i, (azimuth, elevation) in enumerate(np.radians(VIEWS_DEG)):
+    cells = []
+    for azimuth, elevation in np.radians(VIEWS_DEG):
         outward = np.array(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
         )
         picture = renderer.rgb(look_at(target + RADIUS_M * outward, target))
-        top, left = (i // COLUMNS) * cell_h, (i % COLUMNS) * cell_w
-        sheet[top : top + camera.height_px, left : left + camera.width_px] = picture
+        cells.append(np.pad(picture, ((0, GAP_PX), (0, GAP_PX), (0, 0)), constant_values=255))
     renderer.close()
-    return sheet
+    rows = [np.hstack(cells[start : start + COLUMNS]) for start in range(0, len(cells), COLUMNS)]
+    return np.vstack(rows)[:-GAP_PX, :-GAP_PX]

@@ -7,20 +7,8 @@ ring has a viewpoint due north of the target; `Viewpoint.azimuth_deg` is the sam
 project's convention, counter-clockwise from east. A ring of 6 therefore is not the ring that one
 would get by counting from east.
 
-With the paper's values the raw pool holds 170 candidates, ``cand_000`` to ``cand_169``:
-
-================  =====  ======  ==========
-ring              count  z (m)   ids
-================  =====  ======  ==========
-10 deg, lateral      58   1.408  000 .. 057
-15 deg, lateral      29   1.706  058 .. 086
-25 deg, lateral      19   2.279  087 .. 105
-35 deg, lateral      14   2.807  106 .. 119
-35 deg, upper        17   2.807  120 .. 136
-45 deg, upper        17   3.275  137 .. 153
-55 deg, upper        16   3.667  154 .. 169
-================  =====  ======  ==========
-
+With the paper's values the raw pool holds 170 candidates, ``cand_000`` to ``cand_169``: lateral rings of 58, 29, 19 and 14 at
+10, 15, 25 and 35 degrees (1.408 to 2.807 m high), then upper ones of 17, 17 and 16 at 35, 45 and 55 degrees (to 3.667 m).
 The spacing filter removes 7 upper candidates at 35 degrees, where both bands have a ring: 163 remain.
 A minimum altitude of 1.5 m (the public code's) instead of 1.3 m also rejects the whole 10 degree
 ring, the densest one: 105 remain.
