@@ -4,8 +4,7 @@ Where telemetry errs, a cloud can be right in shape and wrong in place. As geore
 vehicle's telemetry puts it; registered it is measured after the similarity that fits it best to the true surface, as
 Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest point (Besl and McKay 1992), with
 correspondences up to a distance that shrinks in stages; first a shift alone, from 0.2 m on with turn and scale
-(Umeyama 1991). It begins where the target that stands in
-the cloud lies on the true one (`place_on_target`).
+(Umeyama 1991). It starts from the shift that puts the target found in the cloud on the true one (`place_on_target`).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from nbv.flight.leg import Leg
 GRAVITY_M_S2 = 9.81
 AIR_KG_M3 = 1.225  # sea level, 15 degrees: ISO 2533
 ROTORS = 4
-_J_PER_WH = 3600.0
+J_PER_WH = 3600.0
 
 
 def power_w(vehicle: FlightConfig, climb_m_s: float = 0.0) -> float:
@@ -38,9 +38,4 @@ def leg_energy_wh(vehicle: FlightConfig, leg: Leg) -> float:
     if leg.duration_s <= 0:
         return 0.0
     climb_m_s = (leg.end.position_m[2] - leg.start.position_m[2]) / leg.duration_s
-    return power_w(vehicle, climb_m_s) * leg.duration_s / _J_PER_WH
-
-
-def hover_energy_wh(vehicle: FlightConfig, duration_s: float) -> float:
-    """Of waiting in the air."""
-    return power_w(vehicle) * duration_s / _J_PER_WH
+    return power_w(vehicle, climb_m_s) * leg.duration_s / J_PER_WH

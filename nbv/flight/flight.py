@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from nbv.config import FlightConfig, MissionConfig
-from nbv.flight.energy import hover_energy_wh, leg_energy_wh
+from nbv.flight.energy import J_PER_WH, leg_energy_wh, power_w
 from nbv.flight.leg import Leg, Pose
 from nbv.flight.route import MARGIN_M, Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
@@ -144,7 +144,7 @@ class Flight:
         self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
         self.path_length_m += sum(leg.path_length_m for leg in legs)
         self.energy_wh += sum(leg_energy_wh(self._limits, leg) for leg in legs)
-        self.energy_wh += hover_energy_wh(self._limits, hover_s)
+        self.energy_wh += power_w(self._limits) * hover_s / J_PER_WH
         if legs:
             self._pose = legs[-1].end
 

@@ -8,7 +8,7 @@ from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import PhotographViewpoints
 from nbv.types import Camera, Capture, Floats, Viewpoint
 
-_NO_GROUND_M = -1e6  # a hand that holds a camera may be anywhere
+_NO_GROUND_M = -1e6  # a set has no ground that a camera must stay above
 
 
 class PhotographCamera(Camera):

@@ -1,7 +1,7 @@
 """Missions over photographs that were really taken: the loop, scorers and gates of any mission, nothing rendered.
 
-Each photograph can be taken once, from where it was taken. What a hand and a clock did is not known, so the flight is
-nominal: straight legs between the places, no errors of arrival.
+Each photograph of the set can be taken once, at its own place. How the photographer moved is unknown, so the flight is
+nominal: straight legs between the places, without arrival errors.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Light computed once: the sun does not move and the surfaces are Lambertian, so radiance has no view.
+"""Light computed once: the sun does not move and the surfaces are Lambertian, so radiance does not depend on the view.
 
 Rock: a linear radiance per vertex. Ground: a clipmap of linear radiance with the rock's cast shadow.
 A photograph is then nothing but look-ups of the same numbers.
