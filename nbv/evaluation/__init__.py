@@ -1,6 +1,6 @@
 """Cleaning, ground truth and metrics. Only this room and the oracle gates see the true mesh."""
 
 from nbv.evaluation.evaluate import Evaluation, evaluate_cloud
-from nbv.evaluation.ground_truth import camera_shell, ground_truth
+from nbv.evaluation.ground_truth import ground_truth
 
-__all__ = ["Evaluation", "camera_shell", "evaluate_cloud", "ground_truth"]
+__all__ = ["Evaluation", "evaluate_cloud", "ground_truth"]

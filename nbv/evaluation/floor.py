@@ -10,13 +10,14 @@ import numpy as np
 
 from nbv.cache import Store, cached_json
 from nbv.config import MissionConfig
-from nbv.evaluation.ground_truth import GroundTruthSamples, camera_shell, observable_mask
+from nbv.evaluation.ground_truth import GroundTruthSamples, observable_mask
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock
 from nbv.rocks.mesh import face_areas
 from nbv.types import Floats
+from nbv.viewpoints import camera_shell
 
 SAMPLES_PER_VOXEL = 2.0  # per voxel area of surface: with 4 the floors of two rocks moved by 0.4 mm or less
 MIN_SAMPLES, MAX_SAMPLES = 1_000, 1_000_000

@@ -13,7 +13,7 @@ from nbv.geometry.sampling import sample_surface_evenly
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, lifted, seen_from
 from nbv.rocks import Rock
 from nbv.types import Bools, Floats, Ints
-from nbv.viewpoints import shell_viewpoints
+from nbv.viewpoints import camera_shell
 
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
 
@@ -28,14 +28,6 @@ class GroundTruthSamples:
 
     points_m: Floats  # (S, 3) world frame
     observable: Bools  # (S,)
-
-
-def camera_shell(config: MissionConfig) -> Floats:
-    """(C, 3) the paper's seed rings and the unfiltered candidate rings about the target: where a mission may photograph from.
-
-    They depend on nothing else, so that configurations are measured against the same observable surface.
-    """
-    return np.array([view.position_m for view in shell_viewpoints(config)])
 
 
 def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
-from nbv.evaluation.ground_truth import camera_shell, observable_mask
+from nbv.evaluation.ground_truth import observable_mask
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
@@ -34,6 +34,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import joined, make_surroundings
 from nbv.types import Bools, Floats
+from nbv.viewpoints import camera_shell
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from nbv.config import CameraConfig
-from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
+from nbv.evaluation import Evaluation, evaluate_cloud
 from nbv.mission.fidelity import MissionContext
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
@@ -13,6 +13,7 @@ from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.types import Cloud
+from nbv.viewpoints import camera_shell
 
 
 class PhotogrammetricFidelity(CloudFidelity):

@@ -27,7 +27,7 @@ from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.scorers.matchable import FEWEST_POINTS, ball, points_on_rock, sample_hull
 from nbv.scorers.scorer import Scorer, SharedTerms
 from nbv.types import Bools, CandidatePool, Floats, Floats32, SparseModel
-from nbv.viewpoints import shell_viewpoints
+from nbv.viewpoints import camera_shell
 
 SAMPLES = 600
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
@@ -131,8 +131,7 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     samples, normals = sample_hull(points, hull, SAMPLES)
     above = samples[:, 2] > 0.0
     samples, normals = samples[above], normals[above]
-    shell = np.array([view.position_m for view in shell_viewpoints(config)])
-    seen, _ = _visibility(samples, normals, shell, config)
+    seen, _ = _visibility(samples, normals, camera_shell(config), config)
     observable = seen.sum(axis=0) >= FEWEST_OBSERVING
     samples, normals = samples[observable], normals[observable]
     seen, incidence = _visibility(samples, normals, cameras_m, config)

@@ -15,13 +15,13 @@ ring, the densest one: 105 remain.
 """
 
 from nbv.viewpoints.pool import RINGS, ViewpointSource, candidate_pool
-from nbv.viewpoints.rings import raw_candidates, seed_viewpoints, shell_viewpoints
+from nbv.viewpoints.rings import camera_shell, raw_candidates, seed_viewpoints
 
 __all__ = [
     "RINGS",
     "ViewpointSource",
+    "camera_shell",
     "candidate_pool",
     "raw_candidates",
     "seed_viewpoints",
-    "shell_viewpoints",
 ]

@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable
 from functools import lru_cache
 
+import numpy as np
+
 from nbv.config import MissionConfig, PoolConfig, SeedConfig
-from nbv.types import Viewpoint
+from nbv.types import Floats, Viewpoint
 
 RingPosition = tuple[
     float, float, float
@@ -116,10 +118,10 @@ def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
     return _raw_candidates(config.pool, config.target_m)
 
 
-def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The paper's seed rings and unfiltered candidates about the target: where a mission may photograph from.
+def camera_shell(config: MissionConfig) -> Floats:
+    """(C, 3) the paper's seed rings and unfiltered candidates about the target: where a mission may photograph from.
 
     The same for every layout of seeds and pool, so that all are measured against one observable surface.
     """
     seeds = _seeds(config.target_m, _seed_positions(SeedConfig(), 0.0))
-    return [*seeds, *_raw_candidates(PoolConfig(), config.target_m)]
+    return np.array([v.position_m for v in (*seeds, *_raw_candidates(PoolConfig(), config.target_m))])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints, shell_viewpoints
+from nbv.viewpoints import camera_shell, candidate_pool, raw_candidates, seed_viewpoints
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
@@ -102,12 +102,12 @@ def test_every_ring_may_have_its_radius_and_phase() -> None:
 
 
 def test_the_observable_surface_is_the_same_for_every_layout() -> None:
-    plain = shell_viewpoints(MissionConfig())
-    assert plain == shell_viewpoints(turn(20, lowest_deg=10.0, radius_m=3.0))
-    assert plain == shell_viewpoints(
-        MissionConfig().with_values({"pool.radius_m": 2.5, "pool.upper_count": 3})
-    )
-    assert plain == [*seed_viewpoints(MissionConfig()), *raw_candidates(MissionConfig())]
+    plain = camera_shell(MissionConfig())
+    views = [*seed_viewpoints(MissionConfig()), *raw_candidates(MissionConfig())]
+    np.testing.assert_array_equal(plain, [view.position_m for view in views])
+    other_pool = MissionConfig().with_values({"pool.radius_m": 2.5, "pool.upper_count": 3})
+    for other in (turn(20, lowest_deg=10.0, radius_m=3.0), other_pool):
+        np.testing.assert_array_equal(plain, camera_shell(other))
 
 
 def test_the_number_of_photographs_cuts_the_budget() -> None:
