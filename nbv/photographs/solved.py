@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
 from nbv.photographs.import_source import ImportSource
-from nbv.sparse.camera import CAMERA_ID, colmap_camera
-from nbv.sparse.colmap import camera_from_world_poses
+from nbv.sparse.colmap import CAMERA_ID, camera_from_world_poses, colmap_camera
 from nbv.types import Floats, Ints
 
 _ACROSS = ("p0", "p2", "s0", "s1", "sx1")  # COLMAP's lens parameters whose sign is that of x

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
@@ -56,8 +57,7 @@ class PhotographViewpoints(ViewpointSource):
 
     def nearest(self, positions_m: Floats) -> Ints:
         """(K,) which photographs were taken at (K, 3)."""
-        apart_m = np.linalg.norm(positions_m.reshape(-1, 1, 3) - self.positions_m, axis=2)
-        return apart_m.argmin(axis=1)
+        return cdist(positions_m.reshape(-1, 3), self.positions_m).argmin(axis=1)
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """The nearest photographs to the seed viewpoints turned by ``turn_deg``: the assignment with the least sum of squared angles.

@@ -1,4 +1,4 @@
-"""Between arrays and COLMAP's model, and files that other programs open."""
+"""Between arrays and COLMAP's camera and model, and files that other programs open."""
 
 from __future__ import annotations
 
@@ -9,10 +9,26 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from nbv.config import CameraConfig
 from nbv.geometry.frames import Similarity
 from nbv.safe_files import require_whole, write_atomic
 from nbv.sparse.alignment import Alignment, camera_centers
 from nbv.types import Floats, SparseModel
+
+CAMERA_ID = 1  # every photograph of a mission comes from one camera
+
+
+def colmap_camera(camera: CameraConfig) -> pycolmap.Camera:
+    """A ``PINHOLE`` camera with known intrinsics; both count pixel centres at half-integers."""
+    out = pycolmap.Camera(
+        model="PINHOLE",
+        width=camera.width_px,
+        height=camera.height_px,
+        params=np.array([camera.focal_px, camera.focal_px, camera.width_px / 2, camera.height_px / 2]),
+        camera_id=CAMERA_ID,
+    )
+    out.has_prior_focal_length = True
+    return out
 
 
 def registered_names(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, SparseConfig
 from nbv.errors import MissionFailure
-from nbv.sparse.camera import CAMERA_ID, colmap_camera
-from nbv.sparse.colmap import files_of, model_of
+from nbv.sparse.colmap import CAMERA_ID, colmap_camera, files_of, model_of
 from nbv.sparse.matching import VerifiedPair
 from nbv.stopwatch import Stopwatch
 

@@ -9,7 +9,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, SparseConfig
-from nbv.sparse.camera import colmap_camera
+from nbv.sparse.colmap import colmap_camera
 from nbv.sparse.features import Features
 from nbv.types import Floats
 
