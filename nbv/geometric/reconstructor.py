@@ -18,8 +18,6 @@ MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 # Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Rings of 12 and 14 seeds at 20
 # degrees do not register, those of 16, 18 and 24 do (boulder, vesicular): 172 to 246 and from 272 on.
 HELD_LANDMARKS = 258
-
-
 MIN_TRACK_LENGTH = 3
 NOISE_PX = 0.5
 

@@ -32,7 +32,7 @@ from nbv.geometry.visibility import (
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
-from nbv.terrain import joined, make_surroundings
+from nbv.terrain import joined_mesh, make_surroundings
 from nbv.types import Bools, Floats
 from nbv.viewpoints import camera_shell
 
@@ -46,8 +46,6 @@ TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
-
-
 MAX_VIEWS = 1_000  # views of one world that are kept in memory, 7 kB each
 Point = tuple[float, float, float]
 
@@ -136,7 +134,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
 
     @cache
     def caster() -> RayCaster:
-        solid, _ = joined(rock, around)
+        solid, _ = joined_mesh(rock, around)
         return RayCaster(solid.vertices_m, solid.faces)
 
     arrays = cached(

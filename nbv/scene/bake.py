@@ -23,7 +23,7 @@ from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.rock import Rock
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import Renderer, linear_from_srgb
-from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined
+from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined_mesh
 from nbv.types import Floats, Floats32
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
@@ -70,7 +70,7 @@ def build_scene(
     """Bake the light on a rock, its ground and its surroundings, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
-    solid, part_ends = joined(rock, surroundings)
+    solid, part_ends = joined_mesh(rock, surroundings)
     vertices, faces = solid.vertices_m.astype(np.float32), solid.faces.astype(np.uint32)
     geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
     around = {} if surroundings is None else {"surroundings": surroundings.key}

@@ -5,7 +5,7 @@ from nbv.terrain.neighbours import (
     Body,
     Cylinder,
     Surroundings,
-    joined,
+    joined_mesh,
     make_surroundings,
     neighbour_cylinders,
 )
@@ -18,7 +18,7 @@ __all__ = [
     "Relief",
     "Surroundings",
     "buried_rock",
-    "joined",
+    "joined_mesh",
     "make_relief",
     "make_surroundings",
     "neighbour_cylinders",

@@ -122,7 +122,7 @@ def make_surroundings(
     )
 
 
-def joined(rock: Rock, around: Surroundings | None) -> tuple[Body, tuple[int, ...]]:
+def joined_mesh(rock: Rock, around: Surroundings | None) -> tuple[Body, tuple[int, ...]]:
     """All that stands on the ground as one mesh, the rock first, and where the vertices of each part end."""
     parts: list[Rock | Body] = [rock, *(() if around is None else around.neighbours)]
     ends = tuple(np.cumsum([len(part.vertices_m) for part in parts]).tolist())
