@@ -13,7 +13,7 @@ from nbv.config import DENSE_BACKENDS
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import points_to_search
-from nbv.dense.views import DepthMaps, PosedViews
+from nbv.dense.views import DenseBackend, PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.types import Floats, PointCloud
@@ -40,6 +40,12 @@ def with_best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
     return {**values, "dense.backend": "patchmatch"}
 
 
+def make_backend(name: str) -> DenseBackend:
+    """The dense backend called ``name``; the names stand in `nbv.config.registry`. `UserError` if there is none."""
+    backend: DenseBackend = DENSE_BACKENDS.load(name)
+    return backend
+
+
 def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> PointCloud:
     """The fused cloud of images with known poses: depth maps, checked against each other.
 
@@ -58,7 +64,7 @@ def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> Poi
     if config.search == "sparse":
         assert sparse_points_m is not None
         views = replace(views, surface_m=points_to_search(sparse_points_m, views.target_m, config))
-    maps: DepthMaps = DENSE_BACKENDS.load(config.backend)(views)
+    maps = make_backend(config.backend)(views)
     if not maps:
         raise MissionFailure(
             "too_few_views",

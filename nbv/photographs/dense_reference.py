@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from nbv.cache import cached
-from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig, EvaluationConfig
-from nbv.dense import PosedViews, patchmatch_runs
+from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
+from nbv.dense import PosedViews, make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import points_to_search, sgbm_depth_maps
@@ -124,7 +124,7 @@ class ReferenceMaker:
         if config.backend == "sgbm":
             maps = sgbm_depth_maps(posed, WORKERS, lambda done: progress(what, done, len(views)))
         else:
-            maps = DENSE_BACKENDS.load(config.backend)(posed)
+            maps = make_backend(config.backend)(posed)
         for name in maps:
             if (mask := read_mask(self.folder, name, self.camera)) is not None:
                 size_px = (small.width_px, small.height_px)

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import PosedViews, patchmatch_runs
 from nbv.dense.patchmatch import read_depth_maps, write_workspace
-from nbv.dense.reconstruct import dense_cloud
+from nbv.dense.reconstruct import dense_cloud, make_backend
 from nbv.dense.stereo import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import look_at
@@ -73,9 +73,9 @@ def test_patchmatch_without_cuda_names_the_remedy():
     if pycolmap.has_cuda:
         pytest.skip("pycolmap has CUDA here")
     with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
-        DENSE_BACKENDS.load("patchmatch")(PosedViews({}, {}, CameraConfig(), TARGET, CONFIG))
+        make_backend("patchmatch")(PosedViews({}, {}, CameraConfig(), TARGET, CONFIG))
     with pytest.raises(UserError, match="sgbm, patchmatch"):
-        DENSE_BACKENDS.load("magic")
+        make_backend("magic")
 
 
 @pytest.mark.slow
