@@ -1,4 +1,4 @@
-"""What the studies of adaptive plans share: generated rocks whose size is roughly known, and plans to fly there."""
+"""What the studies of adaptive plans share: generated rocks whose size is roughly known, and adaptive plans on them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from research.other_shapes import SHAPES, load_shape
 
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
 FIDELITIES: dict[str, Any] = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
-Listener = Callable[[Any, SparseModel, MissionConfig], None]  # what is believed comes last
+Listener = Callable[[Any, SparseModel, MissionConfig], None]  # the last is what the vehicle plans by
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,
@@ -42,21 +42,21 @@ def base(**values: Any) -> MissionConfig:
 
 
 @dataclass(frozen=True)
-class Flown:
+class AdaptiveMission:
     """A mission and the sparse model that it ended with; None where it had none."""
 
     result: MissionResult
     model: SparseModel | None
-    believed: MissionConfig  # what it planned by, the target as it was found
+    vehicle_config: MissionConfig  # what it planned by, the target as it was found
 
 
 class _Kept:
     """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept, and about what it was to be."""
 
-    def __init__(self, inner: Any, listen: Listener, believed: MissionConfig) -> None:
+    def __init__(self, inner: Any, listen: Listener, vehicle_config: MissionConfig) -> None:
         self._inner, self._listen = inner, listen
         self.model: SparseModel | None = None
-        self.believed = believed
+        self.vehicle_config = vehicle_config
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -68,7 +68,7 @@ class _Kept:
         return self._keep(self._inner.add(capture))
 
     def retarget(self, target_m: tuple[float, float, float], crop_half_width_m: float) -> None:
-        self.believed = self.believed.with_values(
+        self.vehicle_config = self.vehicle_config.with_values(
             {"target_m": target_m, "dense.crop_half_width_m": crop_half_width_m}
         )
         self._inner.retarget(target_m, crop_half_width_m)
@@ -79,7 +79,7 @@ class _Kept:
 
     def _keep(self, report: UpdateReport) -> UpdateReport:
         self.model = report.model
-        self._listen(self._inner, report.model, self.believed)
+        self._listen(self._inner, report.model, self.vehicle_config)
         return report
 
 
@@ -88,8 +88,8 @@ def run_missions(
     rock: str,
     fidelity: str = "geometric",
     replicate: int = 0,
-    listen: Listener = lambda reconstructor, model, believed: None,
-) -> Flown:
+    listen: Listener = lambda reconstructor, model, vehicle_config: None,
+) -> AdaptiveMission:
     """One mission in this process; nothing is written.
 
     Parameters
@@ -99,7 +99,7 @@ def run_missions(
     fidelity
         A name in `FIDELITIES`.
     listen
-        Called with the reconstructor, its model and what is believed, after the seeds and after every further photograph.
+        Called with the reconstructor, its model and `vehicle_config`, after the seeds and after every further photograph.
     """
     kept: list[Any] = []
 
@@ -112,4 +112,4 @@ def run_missions(
             kept[:] = [self.reconstructor]
 
     result = Listening.run(config, rock, replicate)
-    return Flown(result, kept[0].model, kept[0].believed)
+    return AdaptiveMission(result, kept[0].model, kept[0].vehicle_config)

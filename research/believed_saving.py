@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m research.believed_saving --seeds 6
 
-The missions are the tests' fake ones on two rocks: 24 photographs are the fewest that give 98. Both fly 24 missions, whose last
+The missions are the tests' fake ones on two rocks: 24 photographs are the fewest that give 98. Both run 24 missions, whose last
 ones confirm the favourite by the same rule.
 """
 

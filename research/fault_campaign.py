@@ -113,7 +113,7 @@ class Flight:
         self.aborted: set[str] = set()  # missions that were ended by a signal as of their own
         self.damaged: set[str] = (
             set()
-        )  # missions whose results were taken away from the campaign: those fly again
+        )  # missions whose results were taken away from the campaign: those run again
         self._sessions = 0
 
     def start(
@@ -307,7 +307,7 @@ class Flight:
             self.count("lost", f"{len(known)} of {self.budget} missions")
 
     def _name(self, where: str, trials: Sequence[Trial]) -> str:
-        """A mission's directory by that in which it flew: workers of a cluster have folders of their own."""
+        """A mission's directory by that in which it ran: workers of a cluster have folders of their own."""
         kind, _, rest = where.partition("-")
         return Path(trials[int(rest.split("-")[0])].directory).name if kind == "mission" else where
 

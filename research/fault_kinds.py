@@ -130,7 +130,7 @@ def anybody_cannot_write(flight: Flight) -> None:
 
 
 def full_disk(flight: Flight) -> None:
-    """A small file system of its own is filled to the last byte while missions fly, and emptied after a while."""
+    """A small file system of its own is filled to the last byte while missions run, and emptied after a while."""
     session, filler = flight.start(), flight.run.parent / "filler"
     while not session.ended():
         flight.moment(session)
@@ -146,7 +146,7 @@ def full_disk(flight: Flight) -> None:
 
 
 def read_only_disk(flight: Flight) -> None:
-    """The file system is read-only when the session begins; then another session flies a little."""
+    """The file system is read-only when the session begins; then another session runs a little."""
     disk = flight.run.parent
     remount = ["mount", "-o", "remount,ro", str(disk)]
     while subprocess.run(remount, capture_output=True).returncode:  # somebody still writes
@@ -262,7 +262,7 @@ def damaged_file(flight: Flight) -> None:
     if path.name == "mission.json":
         flight.damaged.add(path.parent.name)
     session, lines = flight.start(), flight.lines()
-    flight.wait(session, 60, stop=lambda: flight.lines() > lines)  # it names the damage, or flies
+    flight.wait(session, 60, stop=lambda: flight.lines() > lines)  # it names the damage, or runs
     flight.moment(session, 4)
     send(None if session.ended() else session.pid, signal.SIGKILL)
     flight.close(session)
@@ -271,7 +271,7 @@ def damaged_file(flight: Flight) -> None:
 
 
 def store_entry(flight: Flight) -> None:
-    """While missions fly, entries of the store they share are torn, flipped, emptied or put under another's name."""
+    """While missions run, entries of the store they share are torn, flipped, emptied or put under another's name."""
     rng, session, store = flight.rng, flight.start(), Path(os.environ["GATETUNE_HOME"]) / "store" / "faults"
     while not session.ended():
         flight.moment(session, 3)

@@ -117,7 +117,7 @@ def tell(out: Path) -> None:
 
 
 def main() -> None:
-    """Fly what is not in the file yet, then tell."""
+    """Run what is not in the file yet, then tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--rocks", nargs="+", required=True)
     parser.add_argument("--conditions", nargs="+", default=["ideal", "field"])

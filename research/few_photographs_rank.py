@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m research.few_photographs_rank --rocks slab vesicular cleft --out rank.csv
 
-The default, then in turn points near it and anywhere, flown with photographs (replicate 0) and geometrically (mean of
+The default, then in turn points near it and anywhere, run with photographs (replicate 0) and geometrically (mean of
 replicates 0 to 2) on each rock. Spearman's rank correlation of the F-scores at 48 mm (observable surface, preset `campaign`),
 a failed mission the worst, 95 % bootstrap percentiles over configurations. Goes on where a file ends.
 """
@@ -113,7 +113,7 @@ def spearman(rows: list[dict[str, str]], chosen: list[str] | None = None) -> flo
 
 
 def main() -> None:
-    """Fly what is not in the file yet, then tell."""
+    """Run what is not in the file yet, then tell."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rocks", nargs="+", required=True)
     parser.add_argument("--configurations", type=int, default=24)

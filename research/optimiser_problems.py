@@ -39,7 +39,7 @@ from tuner.problem.search_space import Parameter, SearchSpace, Values
 ROCK = "one"
 ROCKS = ("boulder", "waist", "cavern", "breccia")
 TRUTH_REPLICATES = 4
-FIRST_TRUTH_REPLICATE = 1000  # no campaign flies these
+FIRST_TRUTH_REPLICATE = 1000  # no campaign runs these
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class Memo:
             self._connection.execute("create table if not exists flown (key text primary key, outcome text)")
 
     def get(self, key: str, run_missions: Callable[[], dict[str, Any] | None]) -> dict[str, Any] | None:
-        """What is stored under ``key``, flown if nothing is."""
+        """What is stored under ``key``, run if nothing is."""
         key = f"{self._version}/{key}"
         row = self._connection.execute("select outcome from flown where key = ?", (key,)).fetchone()
         if row is None:

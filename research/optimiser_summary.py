@@ -33,7 +33,7 @@ class Run:
     costs: Floats  # of the checkpoints
     truths: Floats
     ask_s: Floats  # CPU seconds of the asks that were not trivial
-    left_out: float | None = None  # share inside of the leave-one-out 95 % intervals, all missions flown
+    left_out: float | None = None  # share inside of the leave-one-out 95 % intervals, all missions run
 
     def reached(self, level: float) -> float:
         """Cost at which the recommendation was first as good as ``level``; infinite if never."""

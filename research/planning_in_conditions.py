@@ -1,4 +1,4 @@
-"""Planned views against orbits, with photographs: known targets, targets to be found, neighbours, and the stop flown.
+"""Planned views against orbits, with photographs: known targets, targets to be found, neighbours, and the stop run.
 
     python -m research.planning_in_conditions fly --condition field --out field.csv --rock boulder-20001 ...
     python -m research.planning_in_conditions tell field.csv
@@ -34,8 +34,8 @@ RETARGETED: dict[str, Any] = {"seed.retarget_after": 12}
 ORBITS: dict[str, dict[str, Any]] = {
     "one ring": {},
     "two rings": TWO_RINGS,
-    "one ring, re-aimed": RETARGETED,
-    "two rings, re-aimed": {**TWO_RINGS, **RETARGETED},
+    "one ring, re-targeted": RETARGETED,
+    "two rings, re-targeted": {**TWO_RINGS, **RETARGETED},
 }
 PLANNED: dict[str, dict[str, Any]] = {
     "adaptive": {"gate.kind": "predicted"},
@@ -49,7 +49,7 @@ PLANNED: dict[str, dict[str, Any]] = {
     "random views in the tuned pool": {"gate.kind": "random", "pool.max_altitude_m": 1.45},
 }
 STOPPED = "stopped"
-# Flown beside those of ``conditions/``.
+# Run beside those of ``conditions/``.
 CONDITIONS = {
     # They hide the larger part of the rock from a third of the lowest ring.
     "neighbours": Condition(
@@ -101,7 +101,7 @@ def mission(
         path = "observable.f_score_48mm"
         score = result.metric(f"registered.{path}" if "registered" in result.metrics else path)
     if evaluated.model is not None:
-        told = predict(evaluated.model, evaluated.believed).f_score_percent
+        told = predict(evaluated.model, evaluated.vehicle_config).f_score_percent
     photographs, registered = int(costs["images"]), int(costs["registered_images"])
     row = (photographs, registered, f"{score:.3f}", f"{told:.3f}", f"{costs['flight_time_s']:.1f}")
     return (Path(rock).stem, condition, arm, *row, result.reason or result.status)

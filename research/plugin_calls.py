@@ -44,7 +44,7 @@ def timed(function: Any, times: Times) -> Any:
     return call
 
 
-def fly(kind: str) -> None:
+def run(kind: str) -> None:
     values = {**BASE, "gate.kind": kind, "stop.adaptive_budget": 36, "seed.count": 12}
     mission = run_geometric_mission(preset("campaign").with_values(values), "slab")
     assert mission.status != "failed", mission.message
@@ -62,13 +62,13 @@ def main() -> None:
     plugins.register("scorers", "low", low)
     loaded = plugins.plugins("scorers")["low"].loaded
     object.__setattr__(loaded, "main_term", timed(loaded.main_term, whole))
-    fly("low")
+    run("low")
     tell("scorer, beside its own work", np.subtract(whole, own))
     plugins.use(f"echo={sys.executable} -c {shlex.quote(PROGRAM)}")
     times: Times = []
     decide = ExternalGate.decide
     ExternalGate.decide = lambda self, *rest: timed(decide, times)(self, *rest)  # type: ignore[method-assign]
-    fly("echo")
+    run("echo")
     tell("program, first call, which starts it", times[:1])
     tell("program, later calls", times[1:])
 

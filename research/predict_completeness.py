@@ -5,7 +5,7 @@
     python -m research.predict_completeness shapes kept --out shapes.csv
 
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
-completeness at 48 mm of the observable surface. ``fit`` flies rocks of training seeds of all families and the shapes that may
+completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
 be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
 without it; ``check`` predicts with what is there. ``--rocks`` counts seeds of each family; ``--others`` takes the families
 that are no boulders. ``shapes`` predicts the shapes of `research.other_shapes`, and says how planned views do against random

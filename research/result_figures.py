@@ -2,7 +2,7 @@
 
     python -m research.result_figures [NAME ...] [--data docs/results/data] [--out docs/images]
 
-Every figure is a function of one or two files in ``docs/results/data``; no mission is flown. NAME is a figure's name,
+Every figure is a function of one or two files in ``docs/results/data``; no mission is run. NAME is a figure's name,
 all of them unless given.
 """
 
@@ -24,7 +24,7 @@ from tuner.report.style import CYCLE
 
 Row = dict[str, str]
 NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
-WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer flies many rocks
+WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer runs many rocks
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
 
 

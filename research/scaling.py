@@ -7,7 +7,7 @@
 
 ``busy``: a campaign of sampler gp (``gate_and_weights``, six rocks) on a real Dask scheduler, of whose workers every thread is a
 slot. A slot waits in proportion to the photographs of measured missions (``field_missions.csv``), ``--seconds`` in the mean, and
-answers with a synthetic score. The share is of all slots, from when all have flown to when the last mission is launched: the
+answers with a synthetic score. The share is of all slots, from when all have run to when the last mission is launched: the
 slots' own times.
 ``dask``: the same campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds. Its
 missions are geometric, or take ``--seconds`` in which they compute nothing.
@@ -77,7 +77,7 @@ def measured(mean_s: float) -> list[float]:
 
 
 class Waits:
-    """What workers do instead of flying."""
+    """What workers do instead of running missions."""
 
     def __init__(self, durations: list[float]) -> None:
         self.durations = durations
@@ -201,7 +201,7 @@ class Instant:
         self._jobs: list[MissionJob] = []
 
     def submit(self, job: MissionJob) -> None:
-        """Flown."""
+        """Run."""
         self._jobs.append(job)
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
@@ -210,7 +210,7 @@ class Instant:
         return [self._outcome(job) for job in jobs]
 
     def cancel_all(self) -> None:
-        """Nothing flies."""
+        """Nothing runs."""
         self._jobs = []
 
     def _outcome(self, job: MissionJob) -> Trial:
@@ -223,7 +223,7 @@ class Instant:
 
 
 def kilobytes(process: int) -> int:
-    """Memory, with what it shares: the share of a server that forks depends on how many missions fly."""
+    """Memory, with what it shares: the share of a server that forks depends on how many missions run."""
     lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
 

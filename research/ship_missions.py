@@ -38,7 +38,7 @@ def main() -> None:
     if campaign.status().remaining:
         parser.error(f"{arguments.run} is not finished")
     if s.sources:
-        parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
+        parser.error(f"{arguments.run} learned from other campaigns; run it with --learn-from {NOTHING}")
     rocks = " ".join(f"--rock {rock}" for rock in s.rocks)
     command = (
         f"gatetune campaign run --name shipped --space {s.space.name} --fidelity {s.fidelity} --budget {s.budget} "

@@ -1,4 +1,4 @@
-"""A configuration tuned in ``ideal`` and one tuned over conditions, flown on held-out rocks in conditions neither has seen.
+"""A configuration tuned in ``ideal`` and one tuned over conditions, run on held-out rocks in conditions neither has seen.
 
     OMP_NUM_THREADS=1 python -m research.unseen_conditions --ideal runs/ideal --worlds runs/worlds \\
         --condition harsh low-sun --rock arch fin cairn spire cleft $HELD_OUT --out runs/unseen --data unseen_conditions.csv
@@ -30,7 +30,7 @@ METRICS = ("f_score_48mm", "completeness_48mm", "accuracy_48mm", "c2c_mean_mm")
 
 
 def main() -> None:
-    """Fly what is not flown yet, then tell."""
+    """Run what is not run yet, then tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--ideal", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True)

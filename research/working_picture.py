@@ -1,6 +1,6 @@
 """The README's picture: one held-out rock at the paper's values and at the tuned ones.
 
-gatetune campaign run --quick --name tune    # what `make tune` flies; it recommends the values below
+gatetune campaign run --quick --name tune    # what `make tune` runs; it recommends the values below
 gatetune mission run --rock mushroom --set dense.agreeing_views=3 --out runs/mushroom-paper
 gatetune mission run --rock mushroom --set dense.agreeing_views=3 --set PATH=VALUE ... --out runs/mushroom-tuned
 python -m research.working_picture --rock mushroom runs/mushroom-paper runs/mushroom-tuned

@@ -41,7 +41,10 @@ class Registry(Mapping[str, str]):
         return sum(1 for _ in self)
 
     def load(self, name: str) -> Any:
-        """What ``name`` stands for; ``UserError`` if nothing has that name, or a plug-in is no such thing."""
+        """Import and return the object registered as ``name``.
+
+        Raises `UserError`: the name is unknown, or a plug-in's object is not of the kind that its group asks for.
+        """
         found = self.plugin(name)
         if found is not None:
             return found.loaded
@@ -50,7 +53,7 @@ class Registry(Mapping[str, str]):
         return pkgutil.resolve_name(self.own[name])
 
 
-# A `nbv.scorers.scorer.Scorer` each. Flown alone by the gate of the same name.
+# A `nbv.scorers.scorer.Scorer` each. The gate of the same name always takes its ranking.
 SCORERS = Registry(
     "scorers",
     {

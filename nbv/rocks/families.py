@@ -81,7 +81,7 @@ def _stack(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
         blocks.append(sdf.box(p, at, half, 0.08, turn))
         height += 2 * half_height
         wide = max(0.22, wide * rng.uniform(0.65, 1.05))
-    return sdf.fused(blocks)
+    return sdf.union_of(blocks)
 
 
 def _breccia(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
@@ -95,7 +95,7 @@ def _breccia(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
         turn = sdf.rotation(rng.uniform(0, 180), *rng.uniform(-20, 20, size=2))
         lobes.append(sdf.ellipsoid(p, at, size, turn))
     planes = int(rng.integers(10, 18))
-    return sdf.intersection(sdf.fused(lobes), facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
+    return sdf.intersection(sdf.union_of(lobes), facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
 
 
 def _mesa(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
@@ -115,7 +115,7 @@ def _limbs(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
         bearing, out = rng.uniform(0, 2 * np.pi), rng.uniform(0.35, 0.8)
         end = (out * np.cos(bearing), out * np.sin(bearing), 0.0 if low else rng.uniform(0.7, 1.5))
         parts.append(sdf.capsule(p, (0, 0, rng.uniform(0.6, 1.1)), end, rng.uniform(0.07, 0.17)))
-    return sdf.fused(parts)
+    return sdf.union_of(parts)
 
 
 def _handle(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
@@ -134,7 +134,7 @@ def _handle(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
         around = ((0.8 * wide, low), (reach, low + 0.1), (reach, high - 0.1), (0.8 * wide, high))
         knots = [(r * np.cos(bearing), r * np.sin(bearing), z) for r, z in around]
         bars = [sdf.capsule(p, a, b, radius) for a, b in pairwise(knots)]
-        body = sdf.union(body, sdf.fused(bars), 0.04)
+        body = sdf.union(body, sdf.union_of(bars), 0.04)
     return body
 
 
@@ -147,7 +147,7 @@ def _plates(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
         at = (*rng.uniform(-0.25, 0.25, 2), rng.uniform(0.3, 1.2))
         lean = rng.uniform(-20, 20, 2) if rng.uniform() < 0.7 else (90.0, 0.0)
         parts.append(sdf.box(p, at, half, 0.01, sdf.rotation(rng.uniform(0, 180), *lean)))
-    return sdf.fused(parts)
+    return sdf.union_of(parts)
 
 
 # A body at points (N, 3) as a generator draws it, and what makes the family hard.
@@ -170,8 +170,8 @@ SHAPES = {
 EVERY = {**FAMILIES, **SHAPES}
 
 
-def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
-    """What draws a family, built in or a plug-in's, and what makes it hard; None where there is none."""
+def family_generator(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
+    """The function that draws a family's rocks, and a phrase on what makes them hard; None for an unknown family."""
     plugin = beside(EVERY.keys(), "families").get(family)
     if plugin is None:
         return EVERY.get(family)
@@ -180,7 +180,7 @@ def drawn_by(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], 
 
 def generated_recipe(family: str, seed: int) -> Recipe:
     """The rock that ``seed`` draws from ``family``; `UserError` where there is no such family or seed."""
-    found = drawn_by(family)
+    found = family_generator(family)
     if found is None:
         named = ", ".join((*EVERY, *plugins("families")))
         raise UserError(f"there is no family {family!r} of rocks; choose from {named}")
@@ -211,7 +211,7 @@ def generated_recipe(family: str, seed: int) -> Recipe:
 def generated_name(name: str) -> tuple[str, int] | None:
     """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
     found = _NAME.fullmatch(name)
-    return (found[1], int(found[2])) if found and drawn_by(found[1]) else None
+    return (found[1], int(found[2])) if found and family_generator(found[1]) else None
 
 
 def _split_of(seed: int) -> Split:

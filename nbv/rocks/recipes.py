@@ -174,7 +174,7 @@ def cairn(q: Floats, seed: int) -> Floats:
         block = sdf.box(q, center, half, 0.09, sdf.rotation(*angles))
         hewn = facets(q, seed * 10 + k, 7, center, 1.15 * max(half))
         parts.append(sdf.intersection(block, hewn, 0.03))
-    return sdf.fused(parts)
+    return sdf.union_of(parts)
 
 
 @recipe("held-out", 22, Paint(grey=0.3, clasts=0.4, dust=0.4), bend=(0.05, 0.6), relief=0.9)
@@ -214,7 +214,7 @@ def terrace(q: Floats, seed: int) -> Floats:
     for x, y, top, (a, b), yaw in steps:
         half = 0.5 * (top + 0.3)
         parts.append(sdf.box(q, (x, y, top - half), (a, b, half), 0.07, sdf.rotation(yaw, 3, -2)))
-    return sdf.fused(parts)
+    return sdf.union_of(parts)
 
 
 @recipe("held-out", 25, Paint(grey=0.27, clasts=0.35, dust=0.3), bend=(0.04, 0.6), relief=0.9)

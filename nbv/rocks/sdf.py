@@ -60,13 +60,13 @@ def half_space(points: Floats, normal: Sequence[float] | Floats, offset: float) 
 
 
 def union(a: Floats, b: Floats, smooth_m: float) -> Floats:
-    """Smooth union (polynomial, after Quilez)."""
+    """The union of two bodies, blended over ``smooth_m`` (polynomial smooth minimum, after Quilez)."""
     h = np.maximum(smooth_m - np.abs(a - b), 0) / smooth_m
     return np.minimum(a, b) - h * h * smooth_m / 4
 
 
-def fused(parts: Iterable[Floats]) -> Floats:
-    """The union of all parts, one after the other, with seams of 5 cm."""
+def union_of(parts: Iterable[Floats]) -> Floats:
+    """The union of all parts, in order, each blended into the ones before it over 5 cm."""
     return functools.reduce(lambda whole, part: union(whole, part, 0.05), parts)
 
 

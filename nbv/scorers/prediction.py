@@ -2,10 +2,10 @@
 
 The surface is estimated as the convex hull of the sparse points on the rock and of a smaller ball about
 the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
-(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes come where it is weakest: the least
-chance of the best nine tenths. They also come where nobody knows of a surface: of what is open from above, like a bucket, the
-hull is a lid on which no point was ever found. So the third feature, beside the rock's height, is the share of the top without
-a point, where lines of sight have already taken away what cameras look through. A logistic curve of the three gives a lower
+(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes are expected where this
+chance is least: the first feature is the least chance of the best nine tenths. They also occur where the hull is not the
+surface: over a shape that is open from above, like a bucket, the hull is a lid without any point. So the third feature, beside
+the rock's height, is the share of the top without a point, after lines of sight have carved what cameras look through. A logistic curve of the three gives a lower
 quartile: three in four states of simulated missions on training rocks and shapes, to which it was fitted, are at least as
 complete (``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
 """

@@ -23,7 +23,7 @@ class HasExpectedGain(Protocol):
     """A prediction of the dense cloud (`nbv.scorers.prediction`)."""
 
     def expected_gain(self, candidates_m: Floats) -> Floats:
-        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to reconstruct."""
+        """(C,) for each candidate (C, 3): share of the surface predicted to be missing that its view would reconstruct."""
         ...
 
 

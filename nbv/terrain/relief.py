@@ -91,5 +91,5 @@ def make_relief(relief_m: float, length_m: float, seed: int) -> Relief:
 
 
 def relief_of(ground: GroundConfig, seed: int) -> Relief | None:
-    """The relief that ``ground`` asks for; None where it is flat."""
+    """The height field of a ``ground``, drawn from ``seed``; None where the ground is flat."""
     return make_relief(ground.relief_m, ground.relief_length_m, seed) if ground.relief_m > 0 else None

@@ -8,7 +8,7 @@ Every request is one line and gets one line in return, ``{"ok": true, ...}`` or 
     The reply has the peer's name and version.
 ``{"do": "tell", "number", "values", "rock", "replicate", "outcome", "noise_sd"}``
     How mission ``number`` ended: larger ``outcome`` is better, null is a failure. ``noise_sd`` is the standard
-    deviation of that number where it is known, else null. A configuration that flew several rocks is several tells.
+    deviation of that number where it is known, else null. A configuration that ran on several rocks is several tells.
 ``{"do": "ask", "number", "seed", "pending": [{"number", "values", "rock", "replicate"}], "scales": {rock: [centre, scale]}}``
     The next mission. ``scales`` standardise the outcomes per rock. The reply has ``values`` and, where the peer
     chooses them itself, ``rock`` and ``replicate``; ``cpu_s`` is the processor time the ask took.

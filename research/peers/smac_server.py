@@ -32,7 +32,7 @@ _RANDOM_SHARE = {AlgorithmConfigurationFacade: 0.2, BlackBoxFacade: 0.0844723237
 
 
 def _never_called(config: Configuration, instance: str | None = None, seed: int = 0) -> float:
-    raise RuntimeError("missions are flown by the campaign")
+    raise RuntimeError("missions are run by the campaign")
 
 
 class SmacPeer:

@@ -22,7 +22,7 @@ _DOTS = 6000
 
 
 @dataclass(frozen=True)
-class Flown:
+class MissionFacts:
     """What a mission left of itself (`research.photographs.registers fly`)."""
 
     name: str
@@ -33,7 +33,7 @@ class Flown:
     seeds: int
 
 
-def read(where: Path) -> Flown:
+def read(where: Path) -> MissionFacts:
     """What the first and the last planning state of a mission hold, and what became of the views."""
     result = MissionResult.load(where)
     facts = (where / "arm.txt").read_text().splitlines()
@@ -44,17 +44,17 @@ def read(where: Path) -> Flown:
     seeds = [f"seed_{k:02d}.png" in begun.model.camera_names for k in range(begun.n_seeds)]
     registered = np.array(seeds + [record.registered for record in result.trace])
     score = row_of(facts, result)["f_score"]
-    return Flown(facts[3], score, state.model.points_m, at_m, registered, begun.n_seeds)
+    return MissionFacts(facts[3], score, state.model.points_m, at_m, registered, begun.n_seeds)
 
 
-def draw(axis: Axes, flown: Flown) -> None:
+def draw(axis: Axes, found: MissionFacts) -> None:
     """From above, in metres."""
-    step = max(1, len(flown.points_m) // _DOTS)
-    axis.plot(*flown.points_m[::step, :2].T, ".", color=GREY, markersize=1, label="points of the model")
-    of_seeds = np.arange(len(flown.at_m)) < flown.seeds
+    step = max(1, len(found.points_m) // _DOTS)
+    axis.plot(*found.points_m[::step, :2].T, ".", color=GREY, markersize=1, label="points of the model")
+    of_seeds = np.arange(len(found.at_m)) < found.seeds
     for chosen, marker, what in ((of_seeds, "o", "seed"), (~of_seeds, "^", "planned")):
         for well, shade, said in ((True, BLUE, "registered"), (False, VERMILION, "not registered")):
-            at_m = flown.at_m[chosen & (flown.registered == well)]
+            at_m = found.at_m[chosen & (found.registered == well)]
             axis.plot(
                 *at_m[:, :2].T,
                 marker,
@@ -63,11 +63,11 @@ def draw(axis: Axes, flown: Flown) -> None:
                 markerfacecolor=LIGHT if what == "seed" else shade,
                 label=f"{what}, {said}",
             )
-    seeds, planned = int(flown.registered[of_seeds].sum()), int(flown.registered[~of_seeds].sum())
-    views = len(flown.at_m) - flown.seeds
+    seeds, planned = int(found.registered[of_seeds].sum()), int(found.registered[~of_seeds].sum())
+    views = len(found.at_m) - found.seeds
     axis.set_title(
-        f"{flown.name}: F-score {flown.score:.1f}\n"
-        f"{seeds} of {flown.seeds} seeds and {planned} of {views} views registered when taken"
+        f"{found.name}: F-score {found.score:.1f}\n"
+        f"{seeds} of {found.seeds} seeds and {planned} of {views} views registered when taken"
     )
     axis.set_aspect("equal")
     axis.set_xlabel("east (m)")
@@ -81,13 +81,13 @@ def main() -> None:
     parser.add_argument("missions", type=Path, nargs=2)
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
-    flown = [read(where) for where in asked.missions]
-    all_m = np.vstack([one.at_m[:, :2] for one in flown])
+    found = [read(where) for where in asked.missions]
+    all_m = np.vstack([one.at_m[:, :2] for one in found])
     low_m, high_m = all_m.min(axis=0) - 0.5, all_m.max(axis=0) + 0.5
     with look():
         figure = new_figure(10.0, 5.4)
         axes = figure.subplots(1, 2, sharey=True)
-        for axis, one in zip(axes, flown, strict=True):
+        for axis, one in zip(axes, found, strict=True):
             draw(axis, one)
             axis.set_xlim(low_m[0], high_m[0])
             axis.set_ylim(low_m[1], high_m[1])

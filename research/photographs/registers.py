@@ -47,7 +47,7 @@ COLUMNS += ("seeds_registered", "planned", "planned_registered")
 
 
 def base_config(rock: str, seeds: int, views: int) -> MissionConfig:
-    """``seeds`` on a ring and ``views``; on a set of photographs at their median elevation, as ``photographs enough`` flies."""
+    """``seeds`` on a ring and ``views``; on a set of photographs at their median elevation, as ``photographs enough`` runs."""
     name, _, condition = rock.partition("@")
     values: dict[str, Any] = {"seed.count": seeds, "stop.adaptive_budget": views, "seed.lowest_deg": 20.0}
     values |= {
@@ -86,7 +86,7 @@ def arm(base: MissionConfig, name: str) -> MissionConfig:
 
 
 def run_missions(asked: argparse.Namespace) -> None:
-    """Fly what is not there yet; keep planning states, not photographs."""
+    """Run what is not there yet; keep planning states, not photographs."""
     for k, name, rock in itertools.product(
         range(asked.first, asked.first + asked.replicates), asked.arm, asked.rock
     ):

@@ -1,4 +1,4 @@
-"""Evaluations with known outcomes: complete metrics, made from a level per strategy, without flying."""
+"""Evaluations with known outcomes: complete metrics, made from a level per strategy, without running a mission."""
 
 from __future__ import annotations
 

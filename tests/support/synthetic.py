@@ -1,4 +1,4 @@
-"""Observations of the fake mission without any mission being flown."""
+"""Observations of the fake mission without running any mission."""
 
 from __future__ import annotations
 

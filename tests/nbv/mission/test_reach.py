@@ -52,7 +52,7 @@ def reachable(*roots: Any) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
+def evaluated() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
     """A mission that has taken its seeds, the true poses of these, and the rock's vertices."""
     missions: list[AdaptiveMission] = []
     true_poses: list[np.ndarray] = []
@@ -85,8 +85,8 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
 
 
 @pytest.mark.slow
-def test_no_true_pose_and_no_surface_can_be_reached(flown) -> None:  # type: ignore[no-untyped-def]
-    mission, true_poses, vertices_m = flown
+def test_no_true_pose_and_no_surface_can_be_reached(evaluated) -> None:  # type: ignore[no-untyped-def]
+    mission, true_poses, vertices_m = evaluated
     assert len(mission.captures) == len(true_poses) == 24
     vehicle = (mission.config, mission.flight, mission.planner.gate, mission.reconstructor, mission.captures)
     for thing in reachable(*vehicle):
@@ -98,8 +98,8 @@ def test_no_true_pose_and_no_surface_can_be_reached(flown) -> None:  # type: ign
 
 
 @pytest.mark.slow
-def test_the_walk_would_have_found_them(flown) -> None:  # type: ignore[no-untyped-def]
-    mission, _, vertices_m = flown
+def test_the_walk_would_have_found_them(evaluated) -> None:  # type: ignore[no-untyped-def]
+    mission, _, vertices_m = evaluated
     things = list(reachable(mission.camera))
     for kind in (Rock, TelemetryErrors, SimulatedCamera):
         assert any(isinstance(thing, kind) for thing in things)

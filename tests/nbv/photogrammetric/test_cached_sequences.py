@@ -37,7 +37,7 @@ def reconstructor(world=None, store=None):
     return made
 
 
-def fly(sparse, later):
+def reconstruct_all(sparse, later):
     return [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in later]
 
 
@@ -56,7 +56,10 @@ def bits(reports):
 @pytest.fixture(scope="module")
 def plain():
     """Reports of missions without a store, by the captures after the seeds."""
-    return {len(later): bits(fly(reconstructor(), later)[1:]) for later in (LATER, [*LATER[:2], *ELSEWHERE])}
+    return {
+        len(later): bits(reconstruct_all(reconstructor(), later)[1:])
+        for later in (LATER, [*LATER[:2], *ELSEWHERE])
+    }
 
 
 @pytest.fixture
@@ -65,14 +68,14 @@ def store(tmp_path):
 
 
 def filled(store):
-    return fly(reconstructor(store=store), LATER)
+    return reconstruct_all(reconstructor(store=store), LATER)
 
 
 def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
     assert bits(filled(store)[1:]) == plain[len(LATER)]
     world = Counting(SEEDS + LATER)
     again = reconstructor(world, store)
-    reports = fly(again, LATER)
+    reports = reconstruct_all(again, LATER)
     assert bits(reports[1:]) == plain[len(LATER)]
     assert world.asked == 0  # the reconstructor behind has not moved
     assert len(reports[0].model.camera_names) == len(SEEDS)
@@ -80,7 +83,7 @@ def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
 
 def test_a_mission_that_leaves_a_known_sequence_goes_on_exactly(store, plain):
     filled(store)
-    reports = fly(reconstructor(store=store), [*LATER[:2], *ELSEWHERE])
+    reports = reconstruct_all(reconstructor(store=store), [*LATER[:2], *ELSEWHERE])
     assert bits(reports[1:]) == plain[4]
 
 
@@ -88,11 +91,11 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     filled(store)
     entries = sorted((store.root / "sequence-models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
     entries[3].unlink()
-    assert bits(fly(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
+    assert bits(reconstruct_all(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
 
 
-def test_a_glimpse_leaves_nothing_behind(monkeypatch):
+def test_a_partial_model_leaves_nothing_behind(monkeypatch):
     """The model of the first six photographs, and afterwards the seed model that there would have been."""
     monkeypatch.setattr("nbv.photogrammetric.reconstructor.Correspondences", lambda *_: Counting(SEEDS))
     seen = reconstructor()

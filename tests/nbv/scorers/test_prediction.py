@@ -88,7 +88,7 @@ def test_a_top_on_which_no_point_was_found_is_predicted_to_have_holes():
     assert predict(model(cameras_m), CONFIG).bare_top == 1.0
 
 
-def flown(**values):
+def run_mission(**values):
     config = CONFIG.with_values(
         {
             "seed.count": 12,
@@ -107,11 +107,14 @@ def flown(**values):
 
 @pytest.mark.slow
 def test_a_mission_ends_when_enough_is_predicted_and_goes_on_where_it_is_not():
-    early, never = flown(**{"stop.predicted_percent": 97.0}), flown(**{"stop.predicted_percent": 100.0})
+    early, never = (
+        run_mission(**{"stop.predicted_percent": 97.0}),
+        run_mission(**{"stop.predicted_percent": 100.0}),
+    )
     assert 12 <= early.costs["images"] < 24 == never.costs["images"]
     assert {record.scorer for record in never.trace} == {"predicted"}
     assert early.metric("observable.f_score_48mm") > 96.0
-    aimless = flown(**{"stop.predicted_percent": 100.0, "gate.kind": "movement-only"})
+    aimless = run_mission(**{"stop.predicted_percent": 100.0, "gate.kind": "movement-only"})
     assert never.metric("observable.f_score_48mm") > aimless.metric("observable.f_score_48mm")
 
 

@@ -22,7 +22,7 @@ def reconstructor(world, config=CONFIG):
     return SparseReconstructor(mission(config), world)
 
 
-def fly(world=None, later=LATER):
+def reconstruct_all(world=None, later=LATER):
     world = world or LabelledPoints(SEEDS + LATER)
     sparse = reconstructor(world)
     reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in later]
@@ -30,8 +30,8 @@ def fly(world=None, later=LATER):
 
 
 @pytest.fixture(scope="module")
-def flown():
-    return fly()
+def reconstructed():
+    return reconstruct_all()
 
 
 def camera_errors_m(model, captures):
@@ -54,8 +54,8 @@ def fingerprint(model):
     )
 
 
-def test_everything_registers_in_millimetres(flown):
-    sparse, reports = flown
+def test_everything_registers_in_millimetres(reconstructed):
+    sparse, reports = reconstructed
     assert all(report.registered and not report.message for report in reports)
     model = reports[-1].model
     assert model.camera_names == tuple(c.name for c in SEEDS + LATER)
@@ -68,12 +68,12 @@ def test_everything_registers_in_millimetres(flown):
     )  # known intrinsics are never refined
 
 
-def test_same_bits_in_another_process(flown):
-    _, reports = flown
+def test_same_bits_in_another_process(reconstructed):
+    _, reports = reconstructed
     script = (
         "import hashlib, sys; sys.path[:0] = sys.argv[1:]\n"
-        "from test_sparse_mapping import fly, fingerprint\n"
-        "print(hashlib.sha256(fingerprint(fly()[1][-1].model)).hexdigest())"
+        "from test_sparse_mapping import reconstruct_all, fingerprint\n"
+        "print(hashlib.sha256(fingerprint(reconstruct_all()[1][-1].model)).hexdigest())"
     )
     here = Path(__file__).parent
     out = subprocess.run(
@@ -85,8 +85,8 @@ def test_same_bits_in_another_process(flown):
     assert out.stdout.split()[-1] == hashlib.sha256(fingerprint(reports[-1].model)).hexdigest()
 
 
-def test_a_kept_seed_model_continues_bit_for_bit(flown):
-    _, reports = flown
+def test_a_kept_seed_model_continues_bit_for_bit(reconstructed):
+    _, reports = reconstructed
     world = LabelledPoints(SEEDS + LATER)
     first = reconstructor(world)
     first.bootstrap(SEEDS)

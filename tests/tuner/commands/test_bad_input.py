@@ -22,10 +22,10 @@ WAYS = {
 LOST = {  # the machine's: said in a line, kept, run again by a resume
     "nothing": "no result.json; it ended with status 0; see",
     "half": "result.json is not valid JSON",
-    "password": "no result.json; it ended with status 1: 'fly.sh: ",
+    "password": "no result.json; it ended with status 1: 'run.sh: ",
     "crash": "no result.json; it ended with SIGSEGV: 'no licence found'",
 }
-FLY = """GAIN=$PARAMETER_gain
+SCRIPT = """GAIN=$PARAMETER_gain
 case $GATETUNE_INSTANCE in
 {ways}
 esac
@@ -33,7 +33,7 @@ printf '{{"metrics": {{"loss": %s}}}}' $GAIN > "$GATETUNE_OUTPUT/result.json"
 """
 FILE = {
     "name": "bad",
-    "command": ["sh", "fly.sh"],
+    "command": ["sh", "run.sh"],
     "parameters": {"gain": {"kind": "float", "low": 0, "high": 4, "default": 1}},
     "instances": list(WAYS),
     "metric": "loss",
@@ -45,7 +45,7 @@ RUN = ["campaign", "run", "--mission", "bad.yaml", "--sampler", "sobol", "--work
 
 def write(folder, ways=WAYS, **changes):
     cases = "\n".join(f"  {name}) {way}\n  ;;" for name, way in ways.items() if way)
-    (folder / "fly.sh").write_text(FLY.format(ways=cases))
+    (folder / "run.sh").write_text(SCRIPT.format(ways=cases))
     (folder / "bad.yaml").write_text(yaml.safe_dump({**FILE, **changes}))
 
 

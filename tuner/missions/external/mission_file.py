@@ -68,7 +68,7 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def space(self) -> SearchSpace:
-        """The parameters; ``UserError`` for one that is none."""
+        """The search space that its ``parameters`` declare; `UserError` for a declaration that is not valid."""
         found = [parameter_from_dict(n, spec, f"{self.path}: {n}") for n, spec in self.parameters.items()]
         for parameter in found:
             if parameter.also or parameter.default is None or not parameter.contains(parameter.default):
@@ -219,6 +219,6 @@ def _unchanged(file: str, sha256: str, program: str) -> MissionFile:
     mission = load_mission_file(Path(file), sha256)
     if program != mission.program:
         raise UserError(
-            f"the program of {file} changed while its missions ran; put it back, or resume and say so"
+            f"the program of {file} changed while its missions ran; restore it, or resume with --accept-changes"
         )
     return mission

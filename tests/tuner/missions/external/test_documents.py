@@ -14,7 +14,7 @@ from tuner.missions.external.program import read_result, seed_of
 
 FILE = {
     "name": "mine",
-    "command": ["python", "fly.py"],
+    "command": ["python", "run.py"],
     "parameters": {
         "gain": {"kind": "float", "low": 0.1, "high": 10, "scale": "log", "default": 1.0},
         "views": {"kind": "int", "low": 4, "high": 40, "default": 12},
@@ -51,7 +51,7 @@ def test_a_mission_file_says_what_a_mission_takes(tmp_path):
         ({"name": None}, "missing required field `name`"),
         ({"name": "a b"}, r"matching regex .* at `\$.name`"),
         ({"command": None}, "give either command or function"),
-        ({"command": "python fly.py"}, r"Expected `array`, got `str` - at `\$.command`"),
+        ({"command": "python run.py"}, r"Expected `array`, got `str` - at `\$.command`"),
         ({"direction": "up"}, r"'up' - at `\$.direction`"),
         ({"parameters": {}}, "parameters"),
         ({"parameters": {"a.b": {"low": 0, "high": 1, "default": 1}}}, "regex .* in `\\$.parameters`"),
