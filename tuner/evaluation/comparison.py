@@ -195,10 +195,10 @@ class Interval:
     method: str
 
 
-def mean_interval(by_rock: Mapping[str, Sequence[float]]) -> Interval | None:
+def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN_ROCKS) -> Interval | None:
     """Mean over rocks of the mean over replicates; None without any value.
 
-    From `MIN_ROCKS` rocks on the interval is over rocks, with fewer over replicates.
+    From ``least_rocks`` rocks on the interval is over rocks, with fewer over replicates.
     """
     groups = [np.asarray(values, dtype=float) for values in by_rock.values() if len(values)]
     if not groups:
@@ -206,7 +206,7 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]]) -> Interval | None:
     rocks, missions = len(groups), int(sum(len(g) for g in groups))
     means = np.array([g.mean() for g in groups])
     mean = float(means.mean())
-    if rocks >= MIN_ROCKS:
+    if rocks >= least_rocks:
         method, degrees = "rocks", rocks - 1
         error = float(means.std(ddof=1)) / math.sqrt(rocks)
     elif missions > rocks:

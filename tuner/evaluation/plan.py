@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,6 +73,15 @@ class EvaluationPlan:
         """Every rock under every condition, condition by condition."""
         return tuple(Instance(rock, condition.name) for condition in self.conditions for rock in self.rocks)
 
+    @property
+    def combinations(self) -> int:
+        """Strategies times instances times replicates: as many records has a complete evaluation."""
+        return len(self.strategies) * len(self.instances) * self.replicates
+
+    @property
+    def _replicates(self) -> range:
+        return range(self.first_replicate, self.first_replicate + self.replicates)
+
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
         return {
@@ -117,15 +127,11 @@ class EvaluationPlan:
 
     def jobs(self, directory: Path) -> list[MissionJob]:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""
-        jobs = []
-        for k in range(self.first_replicate, self.first_replicate + self.replicates):
-            for instance in self.instances:
-                jobs += [
-                    self._job(directory, name, instance, k)
-                    for name, owner in self._owners.items()
-                    if name == owner
-                ]
-        return jobs
+        owners = dict.fromkeys(self._owners.values())
+        return [
+            self._job(directory, name, instance, k)
+            for k, instance, name in itertools.product(self._replicates, self.instances, owners)
+        ]
 
     @functools.cached_property
     def _owners(self) -> dict[str, str]:
@@ -155,10 +161,8 @@ class EvaluationPlan:
     def records(self, directory: Path) -> list[Trial]:
         """What is known of every combination so far; missions not run yet are left out."""
         records = []
-        for name in self.strategies:
-            for instance in self.instances:
-                for k in range(self.first_replicate, self.first_replicate + self.replicates):
-                    trial = load_trial(self._job(directory, name, instance, k))
-                    if trial is not None and not trial.infrastructure_failure:
-                        records.append(dataclasses.replace(trial, strategy=name))
+        for name, instance, k in itertools.product(self.strategies, self.instances, self._replicates):
+            trial = load_trial(self._job(directory, name, instance, k))
+            if trial is not None and not trial.infrastructure_failure:
+                records.append(dataclasses.replace(trial, strategy=name))
         return records

@@ -118,7 +118,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     if not best.keep_default:
         said += f" in place of {_mean(label, best.default_mean, best.sd)}"
     if not best.exact:
-        gain = interval_text(map(label.possible, best.interval_95), _decimals(best.sd))
+        gain = interval_text(map(label.possible, best.interval_95), decimals_for(best.sd, 1))
         if not best.keep_default:
             gain = _gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)
             gain += ", positive where less" if best.direction == "minimise" else ""
@@ -168,7 +168,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     said = f"{_subject(label)} is {_mean(label, limit.mean, limit.sd)}"
     default = _mean(label, limit.default_mean, limit.sd)
     if not limit.exact:
-        said += f" ({interval_text(map(label.possible, limit.interval_95), _decimals(limit.sd))})"
+        said += f" ({interval_text(map(label.possible, limit.interval_95), decimals_for(limit.sd, 1))})"
         default += f", with probability {limit.default_probability:.2f}"
     said += f", {asked} asked for"
     if not limit.exact:
@@ -294,18 +294,13 @@ def _subject(label: MetricLabel) -> str:
 
 def _mean(label: MetricLabel, mean: float, sd: float) -> str:
     """``98.3 %``; what a configuration decides (``sd`` 0) as it is."""
-    return label.value(mean, _decimals(sd)) if sd > 0 else f"{mean:.4g} {label.unit}".strip()
+    return label.value(mean, decimals_for(sd, 1)) if sd > 0 else f"{mean:.4g} {label.unit}".strip()
 
 
 def _gain(mean: float, interval_95: tuple[float, float], sd: float, label: MetricLabel) -> str:
     """``+0.6 points (95 % interval +0.2 to +1.0)``."""
-    gain = with_unit(mean, label.difference_unit, _decimals(sd), signed=True)
-    return f"{gain} ({interval_text(interval_95, _decimals(sd), signed=True)})"
-
-
-def _decimals(sd: float) -> int:
-    """One significant digit of the uncertainty."""
-    return decimals_for(sd, 1)
+    gain = with_unit(mean, label.difference_unit, decimals_for(sd, 1), signed=True)
+    return f"{gain} ({interval_text(interval_95, decimals_for(sd, 1), signed=True)})"
 
 
 def _percent(part: int, whole: int) -> str:

@@ -86,6 +86,7 @@ class CampaignFacts:
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
         self.several_conditions = len(self.settings.conditions) > 1
+        self.word = self.settings.problem.instance_word
 
     @cached_property
     def recommendation(self) -> Recommendation | None:
@@ -182,26 +183,22 @@ def write_campaign_report(campaign: Campaign) -> Path:
         next_command=command,
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
         warnings=_warnings(facts),
-        status=facts.status,
         degraded=sum(t.state == "complete" and t.status == "degraded" for t in facts.trials),
         computing=duration(facts.status.mission_wall_s),
-        word=s.problem.instance_word,
+        facts=facts,
         best=best,
-        metric=facts.label.full,
         outcomes=_outcome_figures(facts),
         differences=_difference_figure(result),
         slices=[]
         if best is None or facts.model is None
         else draw_slices(facts.model, s.space.parameters, best.values, facts.label, facts.modelled.sign),
         noise="" if best is None else with_unit(best.noise_sd, facts.label.difference_unit, facts.digits),
-        earlier=campaign.learned,
         earlier_rocks=[Path(rock).stem for rock in campaign.learned.rocks] if campaign.learned else [],
         sources=["shipped with this program" if source == SHIPPED else source for source in s.sources],
         per_rock=None if best is None else _rock_table(facts, best),
         failures=_failure_table(facts),
         run=shlex.quote(str(directory)),
         command=reproduce_command(campaign),
-        in_step=s.in_step,
         provenance=_provenance(facts),
         settings_file=SETTINGS_FILE,
         settings_yaml=to_yaml(s.to_dict(), allow_unicode=True),
@@ -273,7 +270,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
-    said, word = worth_sentences(best, facts.settings), facts.settings.problem.instance_word
+    said, word = worth_sentences(best, facts.settings), facts.word
     if best.keep_default:
         rocks = len({t.rock for t in facts.evaluated(best.values)})
         return [*said, f"It was evaluated on {rocks} of {len(facts.settings.rocks)} {word}s."]
@@ -352,7 +349,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     ``evaluated``: rocks that the campaign has not seen, on which the recommendation was measured.
     """
     best, status, s = facts.recommendation, facts.status, facts.settings
-    problem, word = s.problem, s.problem.instance_word
+    problem, word = s.problem, facts.word
     run = shlex.join([str(facts.campaign.directory), *problem.options()])
     resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
     if s.draws_rocks:  # as many of every family as are worth an interval
@@ -481,12 +478,11 @@ def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
             ]
         )
     unit = f" in {facts.label.unit}" if facts.label.unit else ""
-    word = facts.settings.problem.instance_word
     caption = (
         f"{facts.label.full} of the recommended configuration{unit}. Predicted is the posterior mean there; measured is the "
         "mean of the missions that ran there, with their number."
     )
-    columns = (word, "missions there", "failed", "predicted", "measured", "default measured")
+    columns = (facts.word, "missions there", "failed", "predicted", "measured", "default measured")
     return Table.of("", columns, rows, caption)
 
 
@@ -506,7 +502,7 @@ def _failure_table(facts: CampaignFacts) -> Table:
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
-    columns = ("reason", "outcome", "missions", f"{facts.settings.problem.instance_word}s", "last message")
+    columns = ("reason", "outcome", "missions", f"{facts.word}s", "last message")
     return Table.of("", columns, rows)
 
 
@@ -569,9 +565,9 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
         (
             "ledger",
             "an Optuna study with one trial per mission: its study.best_trial is the best single mission"
-            f"{' that kept the limit' if s.limit is not None else ''}, on one {s.problem.instance_word}, not what is recommended",
+            f"{' that kept the limit' if s.limit is not None else ''}, on one {facts.word}, not what is recommended",
         ),
-        (f"{s.problem.instance_word}s (SHA-256)", named or "not recorded"),
+        (f"{facts.word}s (SHA-256)", named or "not recorded"),
     ]
 
 

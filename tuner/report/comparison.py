@@ -329,10 +329,8 @@ class ComparisonFacts:
         """What limits the outcome."""
         out, run, plan = [], self.run, self.plan
         if not run.complete:
-            expected = len(plan.strategies) * len(plan.instances) * plan.replicates
-            out.append(
-                f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
-            )
+            finished = f"{len(run.records)} of {plan.combinations} missions are finished"
+            out.append(f"Not complete: {finished}; the same command goes on.")
         failed = self.summary.failures
         if run.failures:
             listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])

@@ -125,8 +125,7 @@ def gate_result(campaign: Campaign) -> GateResult | None:
 def _block(directory: Path, plan: EvaluationPlan, held_out: bool) -> ResultBlock:
     records, names = plan.records(directory), in_table_order(plan.strategies)
     table = comparison_table(records, names, "hyb-h", _COLUMNS)
-    expected = len(plan.strategies) * len(plan.instances) * plan.replicates
-    complete = len(records) == expected
+    complete = len(records) == plan.combinations
     return ResultBlock(plan.rocks, held_out, plan.replicates, table, complete, directory.name, records)
 
 
