@@ -251,7 +251,7 @@ def write_scoring(
             remarks.append(Remark(path, text, partly=True))
     heuristic, scorer = config.gate.kind == "hyb-h", config.gate.geometry_scorer
     remarks += _remarks(
-        ("gate.d95_m", heuristic, _stays(values, "hybrid.heuristic.knn_p95_threshold")),
+        ("gate.d95_m", heuristic, _not_written(values, "hybrid.heuristic.knn_p95_threshold")),
         (
             "stop.knn_region",
             heuristic and config.stop.knn_region != "all",
@@ -330,7 +330,7 @@ def write_mission(
             "theirs does not ask what the next view would add",
         ),
         ("stop.predicted_percent", stop.criterion == "predicted", "theirs predicts no completeness"),
-        ("stop.knn_threshold_m", by_distance, _stays(values, "knn_distance_threshold")),
+        ("stop.knn_threshold_m", by_distance, _not_written(values, "knn_distance_threshold")),
         (
             "stop.criterion",
             by_distance and values["stopping_criterion"] != CRITERION_OF_OURS[stop.criterion],
@@ -368,13 +368,13 @@ def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
     return [Remark("seed.count", text, partly=True)]
 
 
-def _stays(values: Values, key: str) -> str:
-    """What is said of a distance that is not written: a file has it in units that only its mission knows."""
+def _not_written(values: Values, key: str) -> str:
+    """The remark on a distance that is not written, since their file has it in units of the reconstruction."""
     return f"{key} stays {values[key]:g}: {COLMAP_UNITS}"
 
 
 def _remarks(*about: tuple[str, bool, str]) -> list[Remark]:
-    """Those that hold, of (parameter, whether, what is lost)."""
+    """The remarks whose condition holds, of (parameter, condition, what is lost)."""
     return [Remark(path, text) for path, holds, text in about if holds]
 
 

@@ -55,7 +55,7 @@ BASE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Suite:
-    """All that decides a comparison but its strategies: two papers that name the same suite ran the same."""
+    """Everything that decides a comparison but its strategies: publications that name the same suite ran the same missions."""
 
     targets: tuple[str, ...]
     numbers: tuple[int, ...] = tuple(range(12, 49, 2))
@@ -112,7 +112,7 @@ SUITES = {"rocks-1": Suite(drawn_targets(60))}
 
 
 def require_room(targets: Sequence[str], config: MissionConfig) -> None:
-    """Raise `UserError` where a target reaches the views around it."""
+    """Raise `UserError` where a target extends to the viewpoints around it."""
     for target in targets:
         if is_photographed(target):
             continue
@@ -181,7 +181,7 @@ class Series:
         return sees_ground_truth(self.name.removesuffix(STOPPED))
 
     def mean_photographs(self, of: Ints) -> Floats:
-        """(K,) over the targets ``of``."""
+        """(K,) means over the targets ``of``."""
         mean: Floats = self.photographs[:, of].mean(axis=1)
         return mean
 
@@ -332,7 +332,7 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
 
 
 def share_compared(reference: Series, share: float, score: float) -> float:
-    """The share that is asked for; where the reference never has it, the largest whole twentieth that it does."""
+    """The share that is asked for or, where the reference never reaches it, the largest multiple of 5 % that it reaches."""
     reached = float((reference.scores >= score).mean(axis=1).max())
     return share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
 

@@ -44,7 +44,7 @@ _BELOW_ALL_M = -3.0
 
 @dataclass(frozen=True)
 class Point:
-    """One way at one number of photographs."""
+    """One strategy at one number of photographs."""
 
     photographs: float  # taken, mean over replicates
     registered: float
@@ -182,7 +182,7 @@ def read_enough(
 
 
 def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
-    """About how long one processor runs the missions of these plans."""
+    """An estimate of the processor time of these plans' missions, in seconds."""
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
     return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, taken_by(builtin(c))) for c, n in configs)

@@ -41,7 +41,7 @@ HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparis
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """What strategies are compared in, and how much quality may be lost and still counts as kept."""
+    """The metrics in which strategies are compared, and the loss of quality that still counts as none."""
 
     objective: Objective
     second: Objective | None = None
@@ -71,7 +71,7 @@ class ComparisonSpec:
 
 @dataclass(frozen=True)
 class CampaignEvaluation:
-    """What is run, against what, in which metrics, and what to know before the outcome."""
+    """An evaluation to run: its plan, the reference strategy, the metrics, and notes for the reader."""
 
     plan: EvaluationPlan
     reference: str

@@ -75,7 +75,7 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
 def constraint_of(
     history: Sequence[Observation], data: CampaignData, goal: Goal, model: InstanceMeanGP
 ) -> Constraint | None:
-    """Return the limit with the model of what has it; None without one, or without a mission that has both outcomes."""
+    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes."""
     both = [o for o in history if o.outcome is not None and o.second is not None]
     if goal.second is None or goal.at_least is None or not both:
         return None
@@ -158,7 +158,7 @@ class Choice:
             self.objective = DeterministicOutcome(data.space, goal.exact.first).posterior(values)
 
     def _most_promising(self) -> Candidates:
-        """Return the best by their means, so many that they can be looked at jointly.
+        """Return the best by posterior mean, few enough for a joint posterior.
 
         These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
         """
@@ -174,7 +174,7 @@ class Choice:
         return candidates.only([*best, *own_default, *seldom])
 
     def plausible(self, outcome: float) -> float:
-        """Return the objective clipped to what missions were taken to have measured."""
+        """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
         seen = self.model.winsorised if self.modelled is self.objective else self.objective.mean
         return float(np.clip(outcome, min(seen), max(seen)))
 
@@ -273,7 +273,7 @@ class Choice:
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _runner_up(self, index: int) -> RunnerUp | None:
-        """Return what keeps the limit and has the best posterior mean; None where nothing leads, or the default does."""
+        """Return the candidate with the best posterior mean that keeps the limit; None where it is the recommendation or the default."""
         posterior, candidates = self.objective, self.candidates
         leads = [
             i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]

@@ -46,7 +46,7 @@ class Goal:
     )  # what the configuration decides
 
     def after(self, history: Sequence[Observation]) -> Goal:
-        """Return the goal once missions have ended, which may say that a cost cannot be computed."""
+        """Return the goal after these missions, which may show that a metric is not deterministic after all."""
         return replace(self, exact=self.exact.agreed(history))
 
     @property

@@ -33,7 +33,7 @@ class RockRow:
 
 @dataclass(frozen=True)
 class Limit:
-    """What has a limit, at the recommended configuration: means over the training instances, in the metric's unit.
+    """The metric that has a limit, at the recommended configuration: means over the training instances, in its unit.
 
     What the configuration decides (``exact``) has standard deviations 0 and no width.
     """
@@ -89,7 +89,7 @@ class NextRock:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A mission whose outcome counts as another number than measured, or is left out."""
+    """A mission whose outcome was winsorised, or that was left out."""
 
     mission: int  # from 0
     measured: float  # of the modelled metric, in its unit

@@ -67,12 +67,12 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
 
 
 def may_fail_on_most(limit: Limit) -> bool:
-    """Whether the interval of the rocks that keep the limit reaches below a half."""
+    """Whether fewer than half of the next rocks may keep the limit, by the 95 % interval."""
     return limit.next_hundred is not None and limit.next_hundred[0] < 50
 
 
 def configuration_words(values: Mapping[str, Any], best: Recommendation, s: CampaignSettings) -> str:
-    """A configuration by what it changes of the default."""
+    """Which parameters of a configuration differ from the default."""
     changed = [path for path, value in values.items() if value != best.default_values[path]]
     planned = [path for path in changed if path.startswith(PLAN)]
     plan = plan_words(s.config(values), ceiling="pool.max_altitude_m" in changed) if planned else ""
@@ -112,7 +112,7 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 
 
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
-    """What the recommendation is worth on the training rocks, in what was asked for, then on the next rock."""
+    """The recommendation's outcome on the training rocks, then the predicted gain on a rock that was not run."""
     word, label = s.problem.instance_word, metric_label(best.metric)
     said = f"{_subject(label)} is {_mean(label, best.mean, best.sd)}"
     if not best.keep_default:
@@ -145,7 +145,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
 
 
 def outlier_sentences(best: Recommendation) -> list[str]:
-    """Which missions are outliers, and what becomes of them."""
+    """Which missions are outliers, and whether they are left out or count with another outcome."""
     name, said = short_name(metric_label(best.modelled_metric)), []
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
@@ -186,7 +186,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
 
 
 def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
-    """What may be better and is not known to be; empty where there is nothing."""
+    """The configuration with the best posterior mean where it is not the recommendation; empty without one."""
     rival = best.runner_up
     if rival is None:
         return ""
@@ -206,7 +206,7 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
 
 
 def _leads(rival: RunnerUp | None) -> bool:
-    """Whether it is known to be better than the recommendation, and so has only run too seldom to be recommended."""
+    """Whether the runner-up is better with a 95 % interval, so that only too few trials keep it from being recommended."""
     return rival is not None and rival.difference_interval_95[0] > 0.0
 
 
@@ -214,7 +214,7 @@ def _leads(rival: RunnerUp | None) -> bool:
 
 
 def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
-    """Share of each scorer, of equal choices and of switches; or that it never switched."""
+    """How often each scorer chose, how often both had the same best view, and how often the gate switched."""
     n = len(records)
     counts = collections.Counter(record.scorer for record in records)
     views = [[best.get("candidate") for best in record.top.values()] for record in records]
@@ -231,7 +231,7 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
 
 
 def traces_of(trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord]]]:
-    """Return the trials with what their planners chose, those without a planned view left out."""
+    """Return the trials that planned a view, each with its trace."""
     found = []
     for t in trials:
         with contextlib.suppress(UserError, OSError):

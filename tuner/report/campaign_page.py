@@ -70,7 +70,7 @@ OPTIMISM_NOTE = "The intervals are of the best trials where it was tuned, so the
 
 
 class CampaignFacts:
-    """Lazily computed facts of one campaign; nothing is written.
+    """What the page is made from, computed when it is first asked for.
 
     ``recommendation`` is None while there is none (`Campaign.nothing_yet`), ``model`` while no mission has succeeded.
     """
@@ -90,12 +90,12 @@ class CampaignFacts:
 
     @cached_property
     def recommendation(self) -> Recommendation | None:
-        """After all finished missions; the very one that status, export and evaluation have."""
+        """The recommendation after all finished missions, the same as in status, export and evaluation."""
         return self.campaign.recommendation(save=False)
 
     @cached_property
     def model(self) -> InstanceMeanGP | None:
-        """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
+        """The surrogate behind the recommendation; None also where every metric that was asked for is deterministic."""
         feasible = [o for o in self.campaign.history(self.trials) if o.feasible]
         if not feasible or (self.settings.second is None and self.goal.exact.first is not None):
             return None
@@ -103,7 +103,7 @@ class CampaignFacts:
 
     @property
     def digits(self) -> int:
-        """Decimals with which the modelled metric is written: what its uncertainty deserves."""
+        """Decimals of the modelled metric, by its uncertainty."""
         best = self.recommendation
         if best is None:
             return 2
@@ -118,7 +118,7 @@ class CampaignFacts:
         return config if isinstance(config, MissionConfig) else None
 
     def outcome(self, trial: Trial) -> float | None:
-        """What a mission had of the modelled metric."""
+        """A mission's value of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 
     def evaluated(self, values: Mapping[str, Any]) -> list[Trial]:
@@ -266,7 +266,7 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, in
 
 
 def sure_answer(facts: CampaignFacts) -> list[str]:
-    """What it is worth, then on how many rocks that was measured at all."""
+    """The recommendation's outcome and gain, then how many paired missions measured that gain."""
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
@@ -335,7 +335,7 @@ def gate_figure(facts: CampaignFacts) -> str:
 
 
 def _rocks_measured(facts: CampaignFacts) -> int:
-    """On how many rocks evaluations with a report have run this very recommendation."""
+    """The number of rocks on which the recommendation was evaluated and reported."""
     best = facts.recommendation
     if best is None:
         return 0
@@ -417,7 +417,7 @@ def _warnings(facts: CampaignFacts) -> list[str]:
 
 
 def _stop_reason(facts: CampaignFacts) -> str:
-    """Why missions of the budget are left, as the ledger tells."""
+    """Why the budget was not used up."""
     status, begin = facts.status, "Not finished"
     last = [t for t in facts.trials if t.state != "running" and t.reason != REFUSED][
         -MAX_CONSECUTIVE_FAILURES:
@@ -431,7 +431,7 @@ def _stop_reason(facts: CampaignFacts) -> str:
 
 
 def bounds_text(facts: CampaignFacts) -> str:
-    """Which recommended values lie at a bound of what was searched, although a mission can run beyond; empty where none does."""
+    """Which recommended values lie at a bound of the search space beyond which a mission could run; empty where none does."""
     best, s = facts.recommendation, facts.settings
     if best is None:
         return ""

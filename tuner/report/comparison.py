@@ -430,7 +430,7 @@ def _table_by_instance(facts: ComparisonFacts) -> Table:
 
 
 def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: bool = True) -> Cell:
-    """The cell of ``strategy`` in ``row``; "best" needs somebody to be better than."""
+    """The cell of ``strategy`` in ``row``, marked as best unless all strategies are equal."""
     metric, known = row.metric, sum(value is not None for value in row.cells.values())
     theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
     d = row.differences.get(strategy) if difference else None
@@ -514,7 +514,7 @@ def write_comparison_report(
 
 
 def _truth(rocks: Sequence[str]) -> str:
-    """What clouds are measured against."""
+    """The reference that clouds are measured against."""
     if are_photographed(rocks):
         return "the set's own reference"
     return "ground truth" + (" or a set's own reference" if any(map(is_photographed, rocks)) else "")

@@ -56,7 +56,7 @@ class MetricLabel:
         return "points" if self.unit == "%" else self.unit
 
     def possible(self, number: float | None) -> float | None:
-        """A prediction as something that can be: no share is above 100 %."""
+        """A prediction clipped to what is possible: a percentage to at most 100."""
         return min(number, 100.0) if self.unit == "%" and number is not None else number
 
     def value(self, number: float | None, digits: int = 1) -> str:
@@ -91,7 +91,7 @@ def format_number(number: float | None, digits: int = 1, *, signed: bool = False
 
 
 def number_text(number: float) -> str:
-    """One number of which nothing else is known: two decimals, or its first digits where they show nothing."""
+    """A number without a known uncertainty: two decimals, or its first digits where two decimals would show nothing."""
     plain = number == 0 or 0.1 <= abs(number) < 1e10
     return format_number(number, 2 if plain else 3 - math.floor(math.log10(abs(number))))
 
@@ -126,7 +126,7 @@ def counted(count: int, what: str) -> str:
 
 
 def decimals_for(spread: float, significant: int = 2) -> int:
-    """Decimals that show so many digits of an uncertainty, at least 1; negative, as for `round`, where it is huge."""
+    """Decimals that show this many digits of an uncertainty, at least 1; negative, as for `round`, for a huge one."""
     if not math.isfinite(spread) or spread <= 0:
         return 1
     decimals = significant - 1 - math.floor(math.log10(spread))

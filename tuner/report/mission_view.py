@@ -71,7 +71,7 @@ def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None)
 
 @dataclass(frozen=True)
 class _Space:
-    """What is true of the rock as it lay, which only the page knows, and how places are packed."""
+    """The true rock as it lay, which the planner does not see, and the packing of coordinates."""
 
     config: MissionConfig
     rock: Rock
@@ -194,7 +194,7 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
 def _views(
     run: Path, flight: Flight, known: list[tuple[PlanningState, CandidatePool, IterationRecord]]
 ) -> list[dict[str, Any]]:
-    """Every photograph in the order in which they were taken: when, where from, and how it looks."""
+    """Every photograph in the order taken, with its time, position and thumbnail."""
     places, lost = flight.photographed_m(), set()
     for _, pool, record in known:
         places[record.chosen] = pool.positions_m[pool.ids.index(record.chosen)]
