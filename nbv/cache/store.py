@@ -76,7 +76,10 @@ class Store:
 
     def put(self, kind: str, key: str, arrays: Arrays) -> None:
         """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
-        data = _pack(kind, key, arrays)
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)  # type: ignore[arg-type]
+        payload = buffer.getbuffer()
+        data = b"".join((_MAGIC, _checksum(kind, key, payload), payload))
         self._keep(kind, key, data)
         if self._shared is not None:
             self._shared._write(kind, key, data)
@@ -158,13 +161,6 @@ class KnownOnly(Store):
 
     def put(self, kind: str, key: str, arrays: Arrays) -> None:
         """Nothing."""
-
-
-def _pack(kind: str, key: str, arrays: Arrays) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    payload = buffer.getbuffer()
-    return b"".join((_MAGIC, _checksum(kind, key, payload), payload))
 
 
 def _unpack(data: bytes) -> Arrays | None:

@@ -11,7 +11,7 @@ from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord, json_ready
-from nbv.mission.run_directory import LOCATED, PROGRESS, TRACE, RunDirectory
+from nbv.mission.run_directory import LOCATED, PROGRESS, TRACE, RunDirectory, write_ply
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
@@ -89,7 +89,8 @@ class Recorder:
     def planned(self, plan: Plan) -> None:
         """The next view has been chosen: save the planning state."""
         if self._run is not None:
-            save_state(self._run.state_path(plan.state.iteration), plan.state, plan.pool)
+            path = self._run.root / "states" / f"iter_{plan.state.iteration:02d}.npz"
+            save_state(path, plan.state, plan.pool)
         self._planned_at_s = time.perf_counter()
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
@@ -118,7 +119,7 @@ class Recorder:
     def reconstructed(self, cloud: Cloud) -> None:
         """The photographs have become a dense cloud, which will now be measured."""
         if self._run is not None:
-            self._run.write_cloud("dense.ply", cloud)
+            write_ply(self._run.root / "dense.ply", cloud)
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

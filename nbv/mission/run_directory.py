@@ -92,18 +92,10 @@ class RunDirectory:
         with open_to_write(self.root / name, os.O_APPEND) as file:
             file.write(line.encode() + b"\n")
 
-    def state_path(self, iteration: int) -> Path:
-        """Where the planning state of ``iteration`` lies."""
-        return self.root / "states" / f"iter_{iteration:02d}.npz"
-
     @property
     def sparse_model(self) -> Path:
         """Where the final sparse model lies."""
         return self.root / "sparse" / "0"
-
-    def write_cloud(self, name: str, cloud: Cloud) -> None:
-        """Save a point cloud as binary PLY."""
-        write_ply(self.root / name, cloud)
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:

@@ -26,7 +26,7 @@ from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
 from tuner.missions.job import LOG_FILE, MissionJob, Trial, load_trial, record_failure, remove_earlier_result
-from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
+from tuner.missions.registry import DEFAULT_FIDELITY, IMPORTED_IN_FLIGHT, module_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
 if TYPE_CHECKING:
@@ -120,7 +120,8 @@ class LocalProcessExecutor(Executor):
         require(workers, MAX_WORKERS, "workers")
         super().__init__(timeout_s)
         self._workers = workers
-        self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
+        modules = [module_of(fidelity) for fidelity in preload]
+        self._preload = [name for m in modules for name in (m, *IMPORTED_IN_FLIGHT.get(m, ()))]
         self._attempts: dict[str, _Attempt] = {}
         self._ready: list[Trial] = []
         self._server: subprocess.Popen[bytes] | None = None

@@ -32,7 +32,7 @@ FIDELITIES = Registry(
 )
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
-_IMPORTED_IN_FLIGHT = {
+IMPORTED_IN_FLIGHT = {
     "nbv.photogrammetric": ("open3d", "torch"),
     "nbv.photographs.mission": ("open3d",),
     "nbv.geometric": ("open3d",),
@@ -101,12 +101,6 @@ def code_of(fidelity: str) -> str:
     except (ImportError, ValueError, OSError):  # each mission will meet it and say so
         content = b""
     return hashlib.sha256(content).hexdigest()[:32]
-
-
-def all_modules(fidelity: str) -> tuple[str, ...]:
-    """Return `module_of` the fidelity, and the modules that its missions import as they run."""
-    module = module_of(fidelity)
-    return (module, *_IMPORTED_IN_FLIGHT.get(module, ()))
 
 
 def mission_function(fidelity: str) -> Callable[..., MissionResult]:
