@@ -75,7 +75,7 @@ class AdaptiveMission:
         return report.model
 
     def _seed_model(self) -> UpdateReport:
-        with self.recorder.timed("bootstrap"):
+        with self.recorder.stopwatch.timed("bootstrap"):
             return self.reconstructor.bootstrap(self.captures)
 
     def retry_with_interleaved_seeds(self, failure: MissionFailure) -> bool:
@@ -100,7 +100,7 @@ class AdaptiveMission:
         while left and (view := next_between(views, seeds, report.model, self.config)) is not None:
             views.remove(view)
             capture = self._fly_and_photograph(view)
-            with self.recorder.timed("update"):
+            with self.recorder.stopwatch.timed("update"):
                 report = self.reconstructor.add(capture)
             left -= 1
         if left < budget:
@@ -114,7 +114,7 @@ class AdaptiveMission:
 
     def retarget(self) -> None:
         """Place the remaining seeds around the target that the photographs so far show, if they show one."""
-        with self.recorder.timed("partial_model"):
+        with self.recorder.stopwatch.timed("partial_model"):
             model = self.reconstructor.partial_model(self.captures)
         target_m = None
         if model is not None:
@@ -141,7 +141,7 @@ class AdaptiveMission:
     def run_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
         for _ in range(self.config.adaptive_budget):
-            with self.recorder.timed("planning"):
+            with self.recorder.stopwatch.timed("planning"):
                 plan = self.planner.plan(
                     model,
                     np.array([capture.viewpoint.position_m for capture in self.captures]),
@@ -161,7 +161,7 @@ class AdaptiveMission:
                     view, id=f"{view.id}b"
                 )  # revisited, or the pool has moved with the target
             capture = self._fly_and_photograph(view)
-            with self.recorder.timed("update"):
+            with self.recorder.stopwatch.timed("update"):
                 report = self.reconstructor.add(capture)
             self.recorder.updated(plan, report)
             model = report.model
@@ -171,13 +171,13 @@ class AdaptiveMission:
         """Fly home, then reconstruct the dense cloud."""
         self.flight.return_and_land()
         self.camera.close()
-        with self.recorder.timed("dense"):
+        with self.recorder.stopwatch.timed("dense"):
             return self.reconstructor.finish()
 
     def _fly_and_photograph(self, viewpoint: Viewpoint) -> Capture:
         """Photograph the target from where the vehicle really arrives."""
         position_m = self.flight.fly_to(viewpoint)
-        with self.recorder.timed("photograph"):
+        with self.recorder.stopwatch.timed("photograph"):
             capture = self.camera.take_photograph(viewpoint, position_m, self.flight.flight_time_s)
         self.captures.append(capture)
         self.recorder.photographed(capture)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import AbstractContextManager
 
 from nbv.config import MissionConfig
 from nbv.gates import gate_features
@@ -33,7 +32,7 @@ class Recorder:
         progress: RunDirectory | None = None,
         log: Log = no_log,
     ) -> None:
-        self._config, self._stopwatch = config, stopwatch
+        self._config, self.stopwatch = config, stopwatch
         self._run, self._progress, self._log = run, progress, log
         self._most_images = config.seed.total + config.adaptive_budget
         self._planned_at_s = 0.0  # wall clock
@@ -41,10 +40,6 @@ class Recorder:
         self.registered_images = 0
         self.trace: list[IterationRecord] = []
         self.notes: list[str] = []  # what went wrong on the way without ending the mission
-
-    def timed(self, stage: str) -> AbstractContextManager[None]:
-        """Count the seconds of a stage."""
-        return self._stopwatch.timed(stage)
 
     def photographed(self, capture: Capture) -> None:
         """The vehicle arrived at a viewpoint and took a photograph: keep it."""
@@ -140,8 +135,8 @@ class Recorder:
             chosen=pool.ids[decision.ranking.top],
             registered=report.registered,
             message=report.message,
-            update_s=self._stopwatch.last_s["update"],
-            planning_s=self._stopwatch.last_s["planning"],
+            update_s=self.stopwatch.last_s["update"],
+            planning_s=self.stopwatch.last_s["planning"],
         )
 
 
