@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import fake_missions
 import numpy as np
 import pytest
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.problem.objective import Objective, direction_of
 from tuner.problem.standardise import RockStandardiser
@@ -26,6 +28,18 @@ def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
     assert direction_of("observable.accuracy_48mm") == "maximise"
     with pytest.raises(UserError, match="unknown direction"):
         Objective(direction="up")  # type: ignore[arg-type]
+
+
+def test_a_metric_that_is_no_number_is_named() -> None:
+    """A metric that was not finite is null in mission.json; a share of no number is no share."""
+    result = fake_missions.well_flown(MissionConfig(), "r0", 0, {"observable": {"c2c_mean_mm": None}})
+    for path, said in (
+        ("observable.c2c_mean_mm", "unknown metric"),
+        ("observable", "not a number; name one of"),
+    ):
+        with pytest.raises(UserError, match=said):
+            result.metric(path)
+    assert not Objective("P(f_score>=abc)").is_share
 
 
 def test_standardisation_recovers_rock_offsets_and_scales() -> None:
