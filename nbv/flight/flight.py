@@ -58,7 +58,7 @@ class Flight:
         self.events: list[FlightEvent] = []
 
     def face(self, target_m: tuple[float, float, float], limits: FlightConfig) -> None:
-        """From now on head for, and go round, a target there, with limits that may lie at other heights."""
+        """Head for a target there from now on and keep out of its cylinder; the limits may have other heights."""
         self._space = replace(self._space, target_m=target_m, limits=limits)
 
     @property

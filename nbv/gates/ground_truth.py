@@ -25,7 +25,7 @@ GROUND_Z_M = 0.0  # samples below are buried
 
 @dataclass(frozen=True)
 class Coverage:
-    """Which samples are covered in one state, and how far the others have come."""
+    """Which samples are covered in one state, and how many views of the others can be matched."""
 
     covered: Bools  # (S,)
     visited_m: Floats  # (V, 3); used by "matchable" only

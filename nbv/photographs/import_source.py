@@ -72,15 +72,15 @@ class ImportSource:
         return np.asarray(picture)
 
     def up(self, name: str) -> tuple[float, float]:
-        """Direction (right, down) of the picture that is up for who looks at it."""
+        """Direction (right, down) in the picture that points up for a viewer."""
         orientation = 1 if self.upright else self.by_name[name].orientation
         right = {5: 1.0, 6: -1.0, 7: -1.0, 8: 1.0}.get(orientation, 0.0)
         return right, 0.0 if right else 1.0 if orientation in (3, 4) else -1.0
 
     def turned(self) -> ImportSource:
-        """Turned as EXIF says, unless only unturned the photographs are all of one size.
+        """The same turned as EXIF says, unless the stored pixels have fewer different sizes.
 
-        A telephone held both ways is one camera with its pixels as the sensor has them, and two once they are turned.
+        A telephone held both ways is one camera with pixels as stored, and two once they are turned.
         """
         upright, stored = ({getattr(p, k) for p in self.photographs} for k in ("upright_size_px", "size_px"))
         return replace(self, upright=len(upright) <= len(stored))

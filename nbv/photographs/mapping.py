@@ -92,7 +92,7 @@ def _median_px(model: SolvedModel) -> float:
 
 
 def _photo_consistency(model: SolvedModel, source: ImportSource) -> float:
-    """Correlation of the greys that the photographs show where the model says that they show the same point."""
+    """Intraclass correlation of the grey values that the photographs show of one point, over all points of the model."""
     if not len(model.views):
         return 0.0
     grey = np.zeros(len(model.views))

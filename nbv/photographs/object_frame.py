@@ -112,7 +112,7 @@ def _gaze_point(model: SolvedModel) -> Floats:
 
 
 def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
-    """(3,) up in the model's frame: across the horizontal sides of photographs held level, else the mean of their ups."""
+    """(3,) up in the model's frame: across the horizontal axes of level photographs, else the mean of their up directions."""
     right, down = model.poses[:, 0, :3], model.poses[:, 1, :3]
     x, y = up_in_picture[:, :1], up_in_picture[:, 1:]
     mean = (x * right + y * down).mean(axis=0)

@@ -104,9 +104,9 @@ def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
 
 
 def coarsest_step(points: Floats) -> float:
-    """The step of the coordinate whose values lie on the coarsest grid: as stored in single precision, or as they look.
+    """The coarsest step between values of one coordinate: that of single precision, or of a regular grid on which they lie.
 
-    Of the latter only where the vertices are four times as many as a coordinate's values, and a hundred: 0 otherwise.
+    A grid counts only with 100 vertices or more, and four times as many as it has values. 0 where there is neither.
     """
     steps = [0.0]
     for column in points.T[:, (np.abs(points) <= MAX_COORDINATE).all(axis=1)]:

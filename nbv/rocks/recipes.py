@@ -29,7 +29,7 @@ def recipe(
     bend: tuple[float, float] | None = None,
     relief: float = 1.0,
 ) -> Callable[[Body], Body]:
-    """Enter a rock in `RECIPES`, called as its function, which draws the bare body.
+    """Enter a rock in `RECIPES` under the name of its function, which draws the bare body.
 
     ``bend`` is amplitude and wavelength (m) of the random field by which the body is bent; ``relief`` how rough the surface is, as a
     share of `rough`, with 0 for a body that has relief of its own.

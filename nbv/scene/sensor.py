@@ -25,7 +25,7 @@ NEAREST_M = 0.1  # a target nearer than this, or behind the camera, blurs as if 
 
 
 class Sensor:
-    """The camera that photographs, as it really is; `UserError` for a lens that cannot be (`nbv.scene.lens.Lens`)."""
+    """The true camera, of which the vehicle knows a pinhole; `UserError` for a lens that cannot be (`nbv.scene.lens.Lens`)."""
 
     def __init__(self, config: MissionConfig) -> None:
         self._scene, self._config = config.scene, config.sensor
