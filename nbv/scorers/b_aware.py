@@ -7,7 +7,7 @@ import numpy as np
 from nbv.config import BAwareConfig, MissionConfig
 from nbv.geometry.neighbours import neighbour_distances
 from nbv.scorers.scorer import Scorer, SharedTerms
-from nbv.types import Bools, CandidatePool, Floats, SparseModel
+from nbv.types import CandidatePool, Floats, SparseModel
 
 BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
 
@@ -84,22 +84,15 @@ def _unit_rays(box: SparseModel) -> Floats:
     return np.column_stack([ray, np.einsum("ij,ij->i", ray, points_m)])
 
 
-def repair(
-    visible: Bools, weak: Floats, candidates_m: Floats, box: SparseModel, config: BAwareConfig
-) -> Floats:
-    """Eq. 8: (C,) share of all weakness (P,) (Eq. 6) that each candidate would repair, of the points that it sees, ``visible`` (P, C).
+def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """Eq. 8: (C,) share of all weakness (Eq. 6) that each candidate would repair, of the points that it sees.
 
     If no point is weak there is nothing to repair: zeros, through the reference's guard of 1e-8 on the denominator.
     """
-    gain = geometry_gain(candidates_m, box, config)
-    gain *= visible
-    return weak @ gain / max(float(weak.sum()), 1e-8)
-
-
-def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """Eq. 6 to 8 of a state."""
     weak = weakness(terms.box, config.b_aware)
-    return repair(terms.visible, weak, pool.positions_m, terms.box, config.b_aware)
+    gain = geometry_gain(pool.positions_m, terms.box, config.b_aware)
+    gain *= terms.visible
+    return weak @ gain / max(float(weak.sum()), 1e-8)
 
 
 B_AWARE = Scorer("b-aware", repair_share, weights=lambda config: config.b_aware.weights)
