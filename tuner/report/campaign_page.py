@@ -315,23 +315,15 @@ def gate_figure(facts: CampaignFacts) -> str:
         name: {(t.instance, t.replicate): trace for t, trace in traces_of(facts.evaluated(v))}
         for name, v in sides.items()
     }
-    common = set.intersection(*(set(traces) for traces in found.values()))
-    if not common:
+    common = set.intersection(*map(set, found.values()))
+    if not common:  # nor has a mission file's configuration a gate
+        return ""
+    gates = {name: builtin(facts.settings.config(values)).gate for name, values in sides.items()}
+    if any(gate.kind != "hyb-h" for gate in gates.values()):
         return ""
     block = min(common, key=lambda b: (facts.settings.instances.index(b[0]), b[1]))
-    panels = []
-    for name, values in sides.items():
-        config = builtin(facts.settings.config(values))
-        if config.gate.kind != "hyb-h":
-            return ""
-        panels.append(
-            (
-                f"{name}, {facts.instance_name(block[0])}, replicate {block[1]}",
-                config.gate,
-                found[name][block],
-            )
-        )
-    return draw_gate(panels)
+    where = f"{facts.instance_name(block[0])}, replicate {block[1]}"
+    return draw_gate([(f"{name}, {where}", gate, found[name][block]) for name, gate in gates.items()])
 
 
 def _rocks_measured(facts: CampaignFacts) -> int:

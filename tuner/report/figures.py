@@ -20,7 +20,7 @@ from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
 from tuner.report.labels import MetricLabel, parameter_label
-from tuner.report.style import BLACK, BLUE, GREY, ORANGE, VERMILION, embed, look, marker, new_figure
+from tuner.report.style import BLACK, BLUE, GREY, MARKERS, ORANGE, VERMILION, embed, look, new_figure
 from tuner.surrogate.model import InstanceMeanGP
 
 SLICE_POINTS = 61
@@ -81,17 +81,11 @@ def draw_outcomes(
         figure = new_figure(6.4, 3.0)
         axis = figure.subplots()
         for k, (name, points) in enumerate(trials.items()):
-            shade, shape = f"C{k}", marker(k)
+            shade, shape = f"C{k}", MARKERS[k % len(MARKERS)]
             known = [(at, value, kind) for at, value, kind in points if value is not None]
             for kind, size, fill in (("", 4, "full"), ("default", 7, "none"), ("recommended", 9, "full")):
                 own = [(at, value) for at, value, which in known if which == kind]
-                style: dict[str, Any] = {
-                    "color": shade,
-                    "ms": size,
-                    "fillstyle": fill,
-                    "ls": "",
-                    "clip_on": False,
-                }
+                style: dict[str, Any] = {"color": shade, "ms": size, "fillstyle": fill, "clip_on": False}
                 axis.plot(*np.array(own).reshape(-1, 2).T, shape, rasterized=True, **style)
             axis.plot([], [], shape, color=shade, label=name)
             failed = [at for at, value, _ in points if value is None]

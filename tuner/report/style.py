@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import base64
-import contextlib
+import functools
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +21,7 @@ from nbv.safe_files import write_atomic
 # Okabe and Ito, "Color universal design" (2008); yellow left out, too light on white paper.
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILION, PURPLE, SKY, BLACK = "#D55E00", "#CC79A7", "#56B4E9", "#000000"
+# Eleven, one more than the colours: no pair of colour and marker repeats among 110 series.
 MARKERS = ("o", "s", "^", "D", "v", "P", "h", "<", ">", "p", "*")
 GREY, LIGHT = "#6b6b6b", "#e9ecef"
 # Ten series: as many as an evaluation compares by default. The last two are Tol's wine and olive.
@@ -51,16 +52,8 @@ _RC = {
 }
 
 
-@contextlib.contextmanager
-def look() -> Iterator[None]:
-    """Matplotlib settings of this package, restored afterwards."""
-    with matplotlib.rc_context(_RC):
-        yield
-
-
-def marker(index: int) -> str:
-    """Marker of the ``index``-th series; its period differs from the colours', so pairs stay distinct."""
-    return MARKERS[index % len(MARKERS)]
+# A context in which figures have this look; matplotlib's settings are restored afterwards.
+look = functools.partial(matplotlib.rc_context, _RC)
 
 
 def embed(figure: Figure, form: Literal["svg", "png"] = "svg") -> str:
