@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,7 +69,7 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
         InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
     )
     choice = Choice(data, goal, model, constraint_of(history, data, goal, model), outliers)
-    return choice.described(choice.index())
+    return choice.recommendation(choice.chosen_index())
 
 
 def constraint_of(
@@ -99,17 +99,6 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.values)
-
-    def only(self, indices: Iterable[int]) -> Candidates:
-        """Return the candidates of these indices, in this order."""
-        order, eligible = list(dict.fromkeys(indices)), set(self.eligible)
-        return Candidates(
-            [self.values[i] for i in order],
-            [self.missions[i] for i in order],
-            [self.keeps[i] for i in order],
-            [k for k, i in enumerate(order) if i in eligible],
-            self.limit_kept,
-        )
 
     def outcomes(self, index: int) -> dict[Block, float | None]:
         """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
@@ -171,7 +160,14 @@ class Choice:
         best = [i for i in best_first if i in eligible][:few]
         own_default = [i for i in candidates.eligible if candidates.values[i] == self.data.default]
         seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
-        return candidates.only([*best, *own_default, *seldom])
+        order = list(dict.fromkeys([*best, *own_default, *seldom]))
+        return Candidates(
+            [candidates.values[i] for i in order],
+            [candidates.missions[i] for i in order],
+            [candidates.keeps[i] for i in order],
+            [k for k, i in enumerate(order) if i in eligible],
+            candidates.limit_kept,
+        )
 
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
@@ -182,7 +178,7 @@ class Choice:
         """Return in how many parameters a candidate differs from the default."""
         return len(changes(self.candidates.values[index], self.data.default))
 
-    def index(self) -> int:
+    def chosen_index(self) -> int:
         """Return the index of the candidate to recommend, by the rule in this file's docstring."""
         among = self.candidates.eligible if self.goal.exact.first is None else self._cheapest()
         index = self._fewest_changes(among)
@@ -223,7 +219,7 @@ class Choice:
 
         return min(filter(not_worse, better), key=lambda i: (self.changes(i), -posterior.mean[i]))
 
-    def described(self, index: int) -> Recommendation:
+    def recommendation(self, index: int) -> Recommendation:
         """Return the recommendation of a candidate, with all that is said of it."""
         data, goal, model, posterior = self.data, self.goal, self.model, self.objective
         values, own = self.candidates.values[index], self.candidates.missions[index]
