@@ -18,8 +18,7 @@ from typing import Any
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from research.paired_cells import difference_text, markdown_table
-from tuner.campaign.rock_choice import refuse_held_out
-from tuner.commands.console import rock_arguments
+from tuner.campaign.rock_choice import rock_arguments
 from tuner.evaluation.comparison import MetricRow, strategy_difference, strategy_interval
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.run import run_evaluation
@@ -123,8 +122,7 @@ def main() -> None:
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
     try:
-        rocks = tuple(rock_arguments(arguments.rock))
-        refuse_held_out(rocks)
+        rocks = tuple(rock_arguments(arguments.rock, tuned=True))
     except UserError as error:
         parser.error(str(error))
     plan = EvaluationPlan(arms(preset("campaign")), rocks, arguments.replicates)

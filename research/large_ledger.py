@@ -114,7 +114,7 @@ def make_ledger(directory: Path, count: int) -> None:
     with unittest.mock.patch("os.fsync"):  # nothing to lose
         for o in Landscape(0).missions(count):
             proposal = Proposal(dict(o.values), {"sampler": "gp"})
-            trial = ledger.start(proposal, Instance(o.rock, "ideal"), o.replicate, config.digest())
+            trial = ledger.start(proposal, Instance(o.rock, "ideal"), o.replicate, "", config.digest())
             trial.path.mkdir(parents=True)
             result = MissionResult(
                 "ok",

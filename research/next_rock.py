@@ -28,7 +28,7 @@ from scipy import stats
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from nbv.rocks import list_rocks
-from tuner.campaign.rock_choice import QUICK_ROCKS, training_rocks
+from tuner.campaign.rock_choice import QUICK_ROCKS, procedural_rocks
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
@@ -165,7 +165,7 @@ def campaigns(bank_file: Path, out: Path, spaces: list[str], most: int) -> None:
             for seed, left_out in enumerate(rocks[:most]):
                 rest = np.random.default_rng(seed).permutation([r for r in rocks if r != left_out])
                 rows.append(play(bank, space, [str(r) for r in rest[:size]], seed))
-        for training in (QUICK_ROCKS, training_rocks()):
+        for training in (QUICK_ROCKS, procedural_rocks("train")):
             rows += [play(bank, space, training, seed, drawn=False) for seed in range(min(most, FIXED_SEEDS))]
         print(f"{space}: played", flush=True)
     write(out, rows, "w")

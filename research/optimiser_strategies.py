@@ -23,7 +23,7 @@ import numpy as np
 
 from research.optimiser_problems import Problem
 from research.peers.sampler import PEER_NAMES, available_peers, make_peer_sampler
-from tuner.campaign.rock_choice import training_rocks
+from tuner.campaign.rock_choice import procedural_rocks
 from tuner.campaign.shipped import shipped_missions
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, next_block
@@ -165,7 +165,7 @@ class OurDesign(OneRock):
 
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     """What a campaign like ours on other rocks has flown: 96 missions on the procedural training rocks not in ``problem``."""
-    rocks = tuple(rock for rock in training_rocks() if rock not in problem.rocks)
+    rocks = tuple(rock for rock in procedural_rocks("train") if rock not in problem.rocks)
     elsewhere = dataclasses.replace(problem, rocks=rocks)
     size, replicates = 96, 2
     initial = initial_design_size(problem.space.dimension, size, trusted_default=problem.trusted_default)

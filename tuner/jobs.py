@@ -15,7 +15,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
-from tuner.campaign.settings_file import SETTINGS_FILE, asked_settings, read_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, read_settings, resolved_settings
 from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
 from tuner.evaluation.run import EvaluationRun
 from tuner.missions.executors import local_executor
@@ -62,17 +62,17 @@ def tune(
     if mission is not None:
         given["mission"] = str(mission)
     if (where / SETTINGS_FILE).is_file():
-        same = asked_settings({**read_settings(where)[0], **given}, "tune()") if given else None
+        same = resolved_settings({**read_settings(where)[0], **given}, "tune()") if given else None
         campaign = Campaign.open(where, same, fidelity=settings.get("fidelity"), mission=mission)
     else:
-        asked = asked_settings({"name": where.resolve().name, **given}, "tune()")
+        asked = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         campaign = begin_campaign(where, asked)
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
         if run_campaign(campaign, executor, on_event).found:
-            for name, asked_for in end_of_campaign(campaign).items():
-                asked_for.run(campaign.directory / name, executor)
+            for comparison in end_of_campaign(campaign):
+                comparison.run(executor)
     return campaign
 
 
@@ -114,7 +114,7 @@ def evaluate(
         where = campaign.directory if isinstance(campaign, Campaign) else Path(campaign)
         campaign = Campaign.open(where, read_only=True, mission=None if mission is None else Path(mission))
     campaign.settings.problem.require_named(mission is not None)
-    asked = held_out(
+    comparison = held_out(
         campaign,
         rocks=rocks,
         replicates=replicates,
@@ -122,9 +122,8 @@ def evaluate(
         conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
     )
-    out = None if directory is None else Path(directory)
-    with local_executor(asked.plan.fidelity, workers, timeout_s, campaign.settings.mission) as executor:
-        return asked.run(campaign.directory / "evaluation", executor, out=out)[0]
+    with comparison.executor(workers, timeout_s) as executor:
+        return comparison.run(executor, out=None if directory is None else Path(directory))[0]
 
 
 def reproduce(
@@ -154,9 +153,9 @@ def reproduce(
         Something is unknown, or the directory holds another plan.
     """
     base = preset(preset_name).with_values(overrides or {})
-    asked = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
-    with local_executor(fidelity, workers, timeout_s) as executor:
-        return asked.run(Path(directory), executor, out=Path(directory))[0]
+    comparison = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
+    with comparison.executor(workers, timeout_s) as executor:
+        return comparison.run(executor, out=Path(directory))[0]
 
 
 def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:

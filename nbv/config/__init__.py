@@ -13,21 +13,20 @@ from nbv.config.conditions import (
     load_condition,
     load_conditions,
     require_distinct,
+    shipped_files,
     under,
 )
-from nbv.config.declaration import Declaration
+from nbv.config.declaration import Declaration, canonical_path
 from nbv.config.mission_config import (
     IDEAL,
     MissionConfig,
     canonical,
-    canonical_path,
     config_from_dict,
-    is_parameter,
     parameter,
     parameters,
 )
 from nbv.config.presets import PRESETS, preset
-from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
+from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, gate_kinds
 from nbv.config.sections_planning import (
     BAwareConfig,
     GateConfig,
@@ -43,7 +42,6 @@ from nbv.config.sections_world import (
     GroundConfig,
     SceneConfig,
     SensorConfig,
-    TargetConfig,
     TelemetryConfig,
     WindConfig,
 )
@@ -68,12 +66,10 @@ __all__ = [
     "GroundConfig",
     "MissionConfig",
     "PoolConfig",
-    "Registry",
     "SceneConfig",
     "SeedConfig",
     "SensorConfig",
     "SparseConfig",
-    "TargetConfig",
     "TelemetryConfig",
     "Weights",
     "WindConfig",
@@ -83,12 +79,12 @@ __all__ = [
     "condition_from_dict",
     "config_from_dict",
     "gate_kinds",
-    "is_parameter",
     "load_condition",
     "load_conditions",
     "parameter",
     "parameters",
     "preset",
     "require_distinct",
+    "shipped_files",
     "under",
 ]

@@ -25,7 +25,7 @@ from nbv.errors import UserError
 from nbv.safe_files import read_yaml
 
 _NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
-WORLD_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")
+ENVIRONMENT_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,16 @@ def under(config: MissionConfig, condition: Condition) -> MissionConfig:
     return config_from_dict({"condition": condition.name, **condition.values}, config)
 
 
-def condition_directories() -> tuple[Path, ...]:
-    """Where named conditions are looked for: beside the package (a clone), then the installed data files."""
-    beside = Path(__file__).resolve().parents[2] / "conditions"
-    return (beside, Path(sys.prefix) / "share" / "gatetune" / "conditions")
+def shipped_files(folder: str) -> dict[str, Path]:
+    """The YAML files in ``conditions`` or ``search_spaces`` by name: those of a clone, then the installed data files."""
+    beside = Path(__file__).resolve().parents[2] / folder
+    installed = Path(sys.prefix) / "share" / "gatetune" / folder
+    return {file.stem: file for where in (installed, beside) for file in sorted(where.glob("*.yaml"))}
 
 
 def available_conditions() -> dict[str, Path]:
     """Named conditions and their files, ``ideal`` first."""
-    found: dict[str, Path] = {}
-    for directory in condition_directories():
-        for file in sorted(directory.glob("*.yaml"), key=lambda path: (path.stem != IDEAL, path.stem)):
-            found.setdefault(file.stem, file)
-    return found
+    return dict(sorted(shipped_files("conditions").items(), key=lambda item: item[0] != IDEAL))
 
 
 def load_conditions(names_or_paths: Sequence[str]) -> tuple[Condition, ...]:
@@ -113,7 +110,7 @@ def load_condition(name_or_path: str) -> Condition:
 def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
     """Build and check a condition from its YAML tree; ``source`` names it in messages.
 
-    `UserError` for a section that is not of the world, an unknown field, a value of the wrong type or out of range.
+    `UserError` for a section that does not describe the environment, an unknown field, a value of the wrong type or out of range.
     """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
         raise UserError(f"{source}: {name!r} cannot name a condition; use letters, digits and dashes")
@@ -124,11 +121,13 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
         raise UserError(f"{source}: description is {description!r}; it must be a text")
     values = {section: fields for section, fields in tree.items() if section != "description"}
     if name == IDEAL and values:
-        raise UserError(f"{source}: {IDEAL} is the world of the defaults; give the file another name")
+        raise UserError(
+            f"{source}: {IDEAL} is the name of the default environment; give the file another name"
+        )
     try:
         for section in values:
-            if section not in WORLD_SECTIONS:
-                raise UserError(_not_of_the_world(str(section)))
+            if section not in ENVIRONMENT_SECTIONS:
+                raise UserError(_no_environment(str(section)))
         if isinstance(level := values.get("telemetry"), str):
             values["telemetry"] = json.loads(json.dumps(dataclasses.asdict(telemetry_level(level))))
         condition = Condition(name, values, description)
@@ -138,7 +137,7 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
     return condition
 
 
-def _not_of_the_world(section: str) -> str:
+def _no_environment(section: str) -> str:
     if section in _NAMES:
-        return f"{section} is not of the world; a condition sets {', '.join(WORLD_SECTIONS)}"
-    return f"a condition has no section {section!r}; {nearest(section, WORLD_SECTIONS)}"
+        return f"{section} is no part of the environment; a condition sets {', '.join(ENVIRONMENT_SECTIONS)}"
+    return f"a condition has no section {section!r}; {nearest(section, ENVIRONMENT_SECTIONS)}"

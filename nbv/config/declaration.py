@@ -30,11 +30,13 @@ T = TypeVar("T")
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-Elevations = tuple[Annotated[float, Meta(gt=-90, lt=90)], ...]  # degrees
+Elevation = Annotated[float, Meta(gt=-90, lt=90)]  # degrees
+Elevations = tuple[Elevation, ...]
 Count = Annotated[int, Meta(ge=0)]
 OneOrMore = Annotated[int, Meta(ge=1)]
 TwoOrMore = Annotated[int, Meta(ge=2)]
 
+_EARLIER_NAMES = {"seed.reaim_after": "seed.retarget_after"}  # which are still read
 ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack
 _UNITS = {
     "m": "m",
@@ -74,7 +76,6 @@ class Declaration:
     limit: float | None = None  # for safety: GATETUNE_LIMITS raises it
     names: Callable[[], Collection[str]] | None = None  # the choices; a type Literal[...] has its own
     plugins: bool = False  # which plug-ins may add to
-    alias: str = ""  # an earlier name that is still read
     added: bool = False  # missions were recorded without the field: digests leave out its default
     label: str = ""  # a name for reports, where the field's own will not do
     # Of a campaign's settings:
@@ -242,14 +243,9 @@ def declared(cls: type) -> dict[str, Declaration]:
     return found
 
 
-def current_path(known: Mapping[str, Declaration], path: str) -> str:
-    """``path``, or the path of which it is an earlier name."""
-    section, _, name = path.rpartition(".")
-    if path not in known:
-        for d in known.values():
-            if d.alias and (d.path.rpartition(".")[0], d.alias) == (section, name):
-                return d.path
-    return path
+def canonical_path(path: str) -> str:
+    """The parameter path that ``path`` means: itself, or the one of which it is an earlier name."""
+    return _EARLIER_NAMES.get(path, path)
 
 
 def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
@@ -269,7 +265,7 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
     found = dict[str, Any]()
     for key, raw in tree.items():
-        path = current_path(known, f"{prefix}{key}")
+        path = canonical_path(f"{prefix}{key}")
         if path in known:
             found[path] = raw
         elif any(other.startswith(f"{path}.") for other in known):

@@ -15,7 +15,6 @@ from nbv.config.declaration import (
     ADDED,
     Declaration,
     code,
-    current_path,
     declared,
     leaves,
     not_in_paper,
@@ -220,35 +219,26 @@ def _default(f: dataclasses.Field[Any]) -> Any:
     return f.default if f.default_factory is dataclasses.MISSING else f.default_factory()
 
 
-def canonical_path(path: str) -> str:
-    """The parameter path that ``path`` means: itself, or the one of which it is an earlier name."""
-    return current_path(parameters(), path)
-
-
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:
     """Build a configuration from a nested dictionary or parameter paths; what is left out comes from ``base`` (default: ``paper``).
 
     `UserError` for an unknown key or telemetry level, wrong type, or a value out of range.
     """
-    base = base or MissionConfig()
-    if isinstance(tree, dict) and isinstance(level := tree.get("telemetry"), str):
-        tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
-    known = (
-        {path: d for key in tree for path, d in _of_plugin(str(key)).items()}
-        if isinstance(tree, dict)
-        else {}
-    )
-    found = leaves({**parameters(), **known}, tree, "mission parameter")
-    values = {path: (known | parameters())[path].from_yaml(raw) for path, raw in found.items()}
+    base, known = base or MissionConfig(), parameters()
+    if isinstance(tree, dict):
+        if isinstance(level := tree.get("telemetry"), str):
+            tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
+        known = known | {path: d for key in tree for path, d in _of_plugin(str(key)).items()}
+    found = leaves(known, tree, "mission parameter")
+    values = {path: known[path].from_yaml(raw) for path, raw in found.items()}
     sections = dict(base.plugins)
-    for section in dict.fromkeys(path.partition(".")[0] for path in known):
-        settings = settings_class(section)
-        assert settings is not None
-        own = {path.removeprefix(f"{section}."): values.pop(path) for path in known if path in values}
-        sections[section] = replaced(sections.get(section, settings()), own, f"{section}.")
-        if sections[section] == settings():
-            del sections[section]
-    return replaced(base, {**values, PLUGINS: tuple(sorted(sections.items()))})
+    of_plugins = [path for path in values if path not in parameters()]
+    for section in {path.partition(".")[0] for path in of_plugins}:
+        inner = f"{section}."
+        own = {p.removeprefix(inner): values.pop(p) for p in of_plugins if p.startswith(inner)}
+        sections[section] = replaced(getattr(base, section), own, inner)
+    changed = sorted((name, own) for name, own in sections.items() if own != type(own)())
+    return replaced(base, {**values, PLUGINS: tuple(changed)})
 
 
 def parameters() -> dict[str, Declaration]:
@@ -259,11 +249,6 @@ def parameters() -> dict[str, Declaration]:
 def parameter(path: str) -> Declaration:
     """What the parameter at ``path``, built in or a plug-in's, declares; ``KeyError`` if there is none."""
     return parameters()[path] if path in parameters() else _of_plugin(path)[path]
-
-
-def is_parameter(path: str) -> bool:
-    """Whether a built-in parameter, or a plug-in's, has that path."""
-    return path in parameters() or path in _of_plugin(path)
 
 
 def _of_plugin(path: str) -> dict[str, Declaration]:

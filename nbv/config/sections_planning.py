@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from nbv.config.declaration import (
     Count,
+    Elevation,
     Elevations,
     NonNegative,
     OneOrMore,
@@ -46,7 +47,7 @@ class SeedConfig(Section):
     rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
         1, "elevations among which the seeds of `count` alternate", added=True
     )
-    lowest_deg: float = not_in_paper(
+    lowest_deg: Elevation = not_in_paper(
         20.0,
         "the lowest of these elevations",
         why="the mean of the paper's is 24",
@@ -71,7 +72,6 @@ class SeedConfig(Section):
         "seeds after which a target of uncertain position is located and the other seeds are moved to it; "
         "0: after the last",
         added=True,
-        alias="reaim_after",
     )
     second_turn: bool = not_in_paper(
         False,
@@ -93,11 +93,10 @@ class SeedConfig(Section):
                 len(getattr(self, name)) in (0, rings), name, "empty or as long as ring_elevations_deg"
             )
         self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
-        highest_deg = self.layout_deg[-1]
-        self._need(-90 < self.lowest_deg < 90, "lowest_deg", "an elevation between -90 and 90 degrees")
-        self._need(-90 < highest_deg < 90, "span_deg", "such that no ring is beyond 90 degrees")
         self._need(self.upper_share == 0 or self.rings == 1, "upper_share", "0 where rings is not 1")
-        self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", "smaller")
+        several = self.rings > 1 or self.upper_share > 0
+        rule = "such that no ring is beyond 90 degrees"
+        self._need(not several or -90 < self.upper_deg < 90, "span_deg", rule)
         self._need(
             self.retarget_after == 0 or self.retarget_after >= 3,
             "retarget_after",

@@ -87,7 +87,12 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
-    [({"budget": 0}, "at least 1"), ({"rocks": "slab"}, "it must be a list"), ({"bugdet": 4}, "'budget'")],
+    [
+        ({"budget": 0}, "at least 1"),
+        ({"rocks": "slab"}, "it must be a list"),
+        ({"rocks": [1]}, "rocks is 1; it must be a text"),
+        ({"bugdet": 4}, "'budget'"),
+    ],
 )
 def test_a_wrong_argument_is_one_clear_error(wrong: dict[str, Any], says: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=says):

@@ -1,17 +1,22 @@
-"""The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget."""
+"""The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget.
+
+A configuration that is good on some rocks tends to be good on others. The missions of earlier campaigns, moved into the
+present search space, lead the initial design and inform the surrogate (``tuner.samplers.earlier_missions``); what they are worth
+is decided by the missions of the campaign itself.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import datetime
 import uuid
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_settings
-from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     FORMAT_VERSION,
@@ -19,9 +24,13 @@ from tuner.campaign.settings_file import (
     read_settings,
     write_settings,
 )
-from tuner.campaign.transfer import learn_from
+from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.missions.long_runs import exclusive
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Configuration, SearchSpace, Values, value_at
 from tuner.samplers.base import make_sampler
+from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -30,6 +39,8 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     Raises `UserError`: the directory holds something already or cannot be written; there is nothing to learn from
     where ``settings`` says so.
     """
+    from tuner.campaign.ledger import Ledger  # noqa: PLC0415  loads Optuna
+
     if (directory / SETTINGS_FILE).exists():
         theirs = read_settings(directory)[0]
         what = "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
@@ -43,10 +54,9 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     if settings.sources:
         learned = learn_from(settings.sources, settings.space, settings.base_config(), settings.objective)
     make_sampler(settings.sampler, sampler_settings(settings))  # refuses a search space that it cannot handle
-    was_there = directory.exists()
+    identity = uuid.uuid4().hex
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        identity = uuid.uuid4().hex
         tree = {
             "format": FORMAT_VERSION,
             "id": identity,
@@ -56,17 +66,9 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         }
         if learned is not None:
             write_atomic(directory / LEARNED_FILE, learned.to_json())
-        # Before the ledger: killed between the two, it is a campaign without missions, which a resume goes on with.
         write_settings(directory, tree)
-        try:
-            ledger = Ledger(directory, settings, identity, create=True)
-        except UserError:
-            for name in (SETTINGS_FILE, LEARNED_FILE):
-                (directory / name).unlink(missing_ok=True)
-            if not was_there:
-                with contextlib.suppress(OSError):  # not empty: somebody else's
-                    directory.rmdir()
-            raise
+        # Ended between the two, it is a campaign without missions, which a resume goes on with.
+        ledger = Ledger(directory, settings, identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)
@@ -98,6 +100,71 @@ def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
     return Campaign(directory, settings, campaign.ledger)
+
+
+def learn_from(
+    directories: Sequence[str], space: SearchSpace, base: Configuration, objective: Objective
+) -> EarlierMissions:
+    """Return the missions of earlier campaigns that are configurations of ``space``.
+
+    A mission counts where its tuned values lie in ``space``, what ``space`` does not tune is as in ``base``, and the
+    objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
+    campaign held it at.
+
+    ``directories``: the campaigns' run directories, or ``shipped``. ``base``: the configuration on which its tuned
+    values are laid.
+
+    Raises `UserError`: no campaign in a directory, too few such missions in it, a directory named twice, or nothing
+    shipped.
+    """
+    places = [SHIPPED if d == SHIPPED else str(Path(d).resolve()) for d in directories]
+    for directory, place in zip(directories, places):
+        if places.count(place) > 1:
+            raise UserError(f"{directory} is named twice to learn from; name each campaign once")
+    found: list[Observation] = []
+    rocks: list[str] = []
+    for number, directory in enumerate(directories, start=1):
+        if directory == SHIPPED:
+            one = shipped_missions(space, objective)
+        else:
+            one = _missions_of(directory, space, base, objective)
+        # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
+        names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
+        found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
+        rocks += names.values()
+    return EarlierMissions(space, tuple(rocks), tuple(found))
+
+
+def _missions_of(
+    directory: str, space: SearchSpace, base: Configuration, objective: Objective
+) -> EarlierMissions:
+    campaign = Campaign.open(Path(directory), read_only=True)
+    held, own = campaign.settings.base_config(), list[Observation]()
+    for t in campaign.trials():
+        values = _values_in(t.values, held, space, base)
+        if values is None or not t.status:
+            continue
+        raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
+        outcome = objective.oriented(raw)
+        own.append(dataclasses.replace(t, values=values, raw=raw, outcome=outcome, second=None))
+    measured = sum(o.feasible for o in own)
+    if measured < MIN_OBSERVATIONS:
+        raise UserError(
+            f"{directory}: {measured} of its {len(campaign.trials())} missions are configurations of search space "
+            f"{space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
+            "another campaign, or search the space it searched"
+        )
+    return EarlierMissions(space, campaign.settings.rocks, tuple(own))
+
+
+def _values_in(
+    tuned: Mapping[str, Any], held: Configuration, space: SearchSpace, base: Configuration
+) -> Values | None:
+    """Return ``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
+    if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):
+        return None
+    values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}
+    return values if all(p.contains(values[p.path]) for p in space.parameters) else None
 
 
 def _is_leftover(path: Path) -> bool:

@@ -1,8 +1,8 @@
 """A campaign as its run directory holds it: what was asked for, what has run, what is recommended.
 
-A trial is one mission: one configuration on one rock under one condition with one replicate. Worlds, that is, rocks under
-conditions, are taken in turn, and missions share replicate numbers, so that configurations meet on common (instance, replicate)
-pairs. The run directory::
+A trial is one mission: one configuration on one instance (a rock under a condition) with one replicate. Instances are taken
+in turn, and missions share replicate numbers, so that configurations are compared on common (instance, replicate) pairs. The
+run directory::
 
     campaign.yaml          what was asked for; a resume must agree with it
     study.journal          the ledger
@@ -19,14 +19,12 @@ import functools
 import json
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
-from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -39,7 +37,6 @@ from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.observations import Observation, Proposal
-from tuner.problem.problem import Making
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
@@ -47,6 +44,7 @@ from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, m
 from tuner.samplers.earlier_missions import EarlierMissions
 
 if TYPE_CHECKING:
+    from tuner.campaign.ledger import Ledger
     from tuner.surrogate.model import InstanceMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
@@ -123,6 +121,8 @@ class Campaign:
             No campaign there, other settings, a ledger that is missing or belongs elsewhere, a fidelity that is neither
             registered nor allowed, a mission file whose program is not allowed.
         """
+        from tuner.campaign.ledger import Ledger  # noqa: PLC0415  loads Optuna
+
         stored, identity, digest = read_settings(directory)
         if mission is not None:
             stored = with_mission_file(stored, mission, directory)
@@ -247,24 +247,24 @@ class Campaign:
         return MissionJob(
             id=f"{trial.number:04d}",
             config=config,
-            rock=s.rock_evaluated(trial.rock, trial.replicate),
+            rock=s.drawn_rock(trial.rock, trial.replicate),
             replicate=trial.replicate,
             directory=trial.path,
             keep=s.keep,
             fidelity=s.fidelity,
         )
 
-    def unseen(
-        self, rocks: Sequence[str] | None, replicates: int = 1, making: Making = nullcontext
+    def evaluation_rocks(
+        self, rocks: Sequence[str] | None, replicates: int = 1
     ) -> tuple[tuple[str, ...], int]:
         """Look up ``rocks``, or the held-out instances, and return them and the replicates with which they are evaluated.
 
         Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as
         `Problem.evaluated_on`.
         """
-        chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates, making)
+        chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates)
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
-        seen |= {self.settings.rock_evaluated(t.rock, t.replicate) for t in self.trials()}
+        seen |= {self.settings.drawn_rock(t.rock, t.replicate) for t in self.trials()}
         for rock in chosen:
             if rock in seen:
                 raise UserError(
@@ -273,7 +273,7 @@ class Campaign:
                 )
         return chosen, replicates
 
-    def photographs_taken(self, values: Mapping[str, Any]) -> int | None:
+    def mean_photographs(self, values: Mapping[str, Any]) -> int | None:
         """Return how many photographs missions at ``values`` took, mean rounded up; None where none is known."""
         numbers = [
             taken

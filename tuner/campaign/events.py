@@ -18,6 +18,7 @@ EventKind = Literal[
     "stopped",
     "done",
 ]
+Ending = Literal["budget", "interrupted", "failing", "exhausted"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class CampaignStatus:
 class CampaignSummary:
     """How one session (``run_campaign``) ended."""
 
-    stopped: Literal["budget", "interrupted", "failing", "exhausted"]
+    stopped: Ending
     message: str
     elapsed_s: float
     ask_s: float  # spent by the sampler

@@ -2,8 +2,8 @@
 
 It holds what was asked for, where that stands, and the objectives' values; what a mission measured besides is in its
 ``mission.json``. Parameters of a trial are the tuned ones only; rock, condition, replicate and the reason for the proposal are
-user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial is created running in
-one write and told once, with the attribute ``end``; finished trials are never touched again. A failed mission is a trial in
+user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial is written once as
+running and told once, with the attribute ``end``; finished trials are never changed. A failed mission is a trial in
 state FAIL, without a value. A limit on the second objective is the trial's constraint, as Optuna has them: ``study.best_trial`` is
 the best single mission that kept it, on one rock. One checksum per trial, of all that is known of it, and the missions' directories show that a
 ledger was changed outside.
@@ -41,9 +41,8 @@ _ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switc
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
-    ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``create``: make a
-    new study; it must not exist. Otherwise it must exist and belong to ``campaign_id``. ``read_only``: only look:
-    leave the files of a campaign that may be running alone.
+    ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``read_only``: only
+    look: leave the files of a campaign that may be running alone.
 
     Raises `UserError`: the journal cannot be read, or holds another campaign's study or none.
     """
@@ -54,7 +53,6 @@ class Ledger:
         settings: CampaignSettings,
         campaign_id: str,
         *,
-        create: bool = False,
         read_only: bool = False,
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -64,27 +62,19 @@ class Ledger:
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self._alone = False  # while nobody else may write, what is known is all there is
         self._shown = shown = str(directory / JOURNAL_FILE)
-        # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
-        begun = not create and (read_only or (directory / "missions").exists())
+        # Before its first mission a campaign may not have a ledger yet or, if it was killed, half of one.
+        begun = read_only or (directory / "missions").exists()
         storage = open_journal(directory, must_exist=begun, heal=not read_only)
         direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
-
         try:
             if begun:
                 self._study = optuna.load_study(study_name=settings.name, storage=storage)
             else:
                 self._study = optuna.create_study(
-                    study_name=settings.name,
-                    storage=storage,
-                    direction=direction,
-                    load_if_exists=not create,
+                    study_name=settings.name, storage=storage, direction=direction, load_if_exists=True
                 )
                 if _CAMPAIGN_ID not in self._study.user_attrs and not self._study.get_trials():
                     self._study.set_user_attr(_CAMPAIGN_ID, campaign_id)
-        except optuna.exceptions.DuplicatedStudyError as error:
-            raise UserError(
-                f"{shown} already holds a study {settings.name!r}; choose another campaign name"
-            ) from error
         except KeyError as error:
             raise UserError(
                 f"{shown} holds no study {settings.name!r}; the ledger was moved or never made: "
@@ -95,8 +85,7 @@ class Ledger:
                 f"the study {settings.name!r} in {shown} belongs to another campaign; "
                 "restore the ledger of this one"
             )
-        if not create:
-            self._require_all_there()
+        self._require_all_there()
 
     def _require_all_there(self) -> None:
         """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
@@ -113,7 +102,7 @@ class Ledger:
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Trust what is known while this process alone, which holds the run directory's lock, writes."""
+        """Read trials from memory while this process, which holds the run directory's lock, is the only one that writes."""
         self.trials()
         self._alone = True
         try:
@@ -126,12 +115,13 @@ class Ledger:
         proposal: Proposal,
         instance: Instance,
         replicate: int,
-        config_digest: str,
-        code: str = "",
+        code: str,
+        config_digest: str = "",
     ) -> Trial:
         """Enter a mission that is about to run, in one write.
 
-        ``code``: the digest of the code that runs it (`tuner.campaign.reproducibility_check`).
+        ``code``: the digest of the code that runs it (`tuner.campaign.session.ReproducibilityCheck`). ``config_digest``:
+        empty where the proposal is no configuration.
         """
         number = len(self.trials())
         entry: dict[str, Any] = {
@@ -197,8 +187,7 @@ class Ledger:
         """Return all missions in trial order."""
         if self._alone:
             return [trial for _, trial in self._known.values()]
-        found = self._study.get_trials(deepcopy=False)
-        return [self._trial(trial) for trial in found]
+        return [self._trial(row) for row in self._study.get_trials(deepcopy=False)]
 
     def _trial(self, row: FrozenTrial) -> Trial:
         """Return a row of the study; finished ones never change, so theirs are kept."""

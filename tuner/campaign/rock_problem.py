@@ -16,7 +16,7 @@ from nbv.config import IDEAL, Condition, MissionConfig, preset, under
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import are_photographed
-from tuner.campaign.rock_choice import held_out_rocks, rock_arguments
+from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
 from tuner.missions.registry import code_of
 from tuner.problem.baselines import (
     EVALUATION_BASELINES,
@@ -36,7 +36,7 @@ from tuner.problem.baselines import (
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import COUNTS, Objective, require_share
-from tuner.problem.problem import Evaluated, Making, Problem, Strategies
+from tuner.problem.problem import Evaluated, Problem, Strategies
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import rocks_that_show
 
@@ -53,7 +53,7 @@ class RockProblem(Problem):
     overrides: Mapping[str, Any]
     rocks: tuple[str, ...]
     conditions: tuple[Condition, ...]
-    runs_as: str  # the campaign's fidelity
+    campaign_fidelity: str  # the campaign's fidelity
 
     instance_word = "rock"
     code_word = "code"
@@ -123,31 +123,29 @@ class RockProblem(Problem):
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
         used = [plugin.facts for plugin in self.config(self._default).plugins_used]
-        return digest(code_of(self.runs_as), used) if used else code_of(self.runs_as)
+        return digest(code_of(self.campaign_fidelity), used) if used else code_of(self.campaign_fidelity)
 
     def photographs(self, values: Mapping[str, Any]) -> int:
         """Return seeds and planned views; 0 for a fidelity of the user's."""
-        return 0 if ":" in self.runs_as else photographs(self.config(values))
+        return 0 if ":" in self.campaign_fidelity else photographs(self.config(values))
 
     def held_out(self) -> tuple[str, ...]:
         """Return the procedural held-out rocks."""
-        return tuple(held_out_rocks())
+        return tuple(procedural_rocks("held-out"))
 
-    def evaluated_on(
-        self, rocks: Sequence[str] | None, replicates: int, making: Making
-    ) -> tuple[tuple[str, ...], int]:
+    def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
         """Return rocks that can be loaded; of families their held-out rocks, one replicate each."""
         if not rocks and are_drawn(self.rocks):
             rocks = self.rocks
         if rocks and are_drawn(asked := with_families(rocks)):  # a replicate of a family is another rock
             rocks, replicates = held_out_rocks_of(asked, replicates), 1
-        return tuple(rock_arguments(rocks or self.held_out(), making)), replicates
+        return tuple(rock_arguments(rocks or self.held_out())), replicates
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
         """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
         counted = self._counted(tuned)
         if names is None:
-            looking = any_must_look(self._base, _looking(tuned))
+            looking = any_must_look(self._base, _conditions_of_target(tuned))
             names = (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ()))
         baselines = baseline_configs(list(names), self._base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
@@ -159,7 +157,9 @@ class RockProblem(Problem):
 
     def controls(self, tuned: Evaluated) -> Strategies:
         """Return plain orbits at the recommendation's number of photographs."""
-        return where_photographed(orbits_at_number(self._counted(tuned), _looking(tuned)), tuned.rocks)
+        return where_photographed(
+            orbits_at_number(self._counted(tuned), _conditions_of_target(tuned)), tuned.rocks
+        )
 
     def _counted(self, tuned: Evaluated) -> MissionConfig:
         """Return the configuration with the number of photographs that it takes: as measured, where something may end it."""
@@ -179,8 +179,8 @@ class RockProblem(Problem):
         return True
 
 
-def _looking(tuned: Evaluated) -> Sequence[Condition]:
-    """Return the conditions under which a mission may have to look for its target: what was photographed stays where it was."""
+def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:
+    """Return the conditions that may make the target's position uncertain: none over photographs that were taken before."""
     return () if are_photographed(tuned.rocks) else tuned.conditions
 
 

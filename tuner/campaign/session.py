@@ -9,35 +9,43 @@ from __future__ import annotations
 import collections
 import concurrent.futures
 import dataclasses
+import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from nbv.errors import UserError
 from nbv.mission import MissionResult
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
-from tuner.campaign.reproducibility_check import ReproducibilityCheck
+from tuner.campaign.events import CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.campaign.simplify import simplified
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, load_trial, repeated
 from tuner.missions.long_runs import Stop, long_run
 from tuner.missions.run_jobs import run_jobs
+from tuner.problem.instances import family_of
 from tuner.problem.observations import Proposal, configuration_key, next_block
-from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
-# So many failures in a row mean that something is wrong with the set-up, not with the configurations.
+_LAST_EVENT: dict[Ending, EventKind] = {
+    "budget": "done",
+    "exhausted": "done",
+    "failing": "stopped",
+    "interrupted": "interrupted",
+}
+# After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-# So many missions tell whether anything planned registers at all.
+# From so many missions it is judged whether planned photographs register at all.
 FIRST_FEW = 6
 NOTHING_REGISTERS = (
     f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
     "again with more seeds (seed.count) or lower ones (seed.lowest_deg)"
 )
-# So many trials in a row without a photograph of their own mean that what is tuned changes nothing more.
+# After so many trials in a row without a new photograph the search space has no other plan to try.
 MAX_CONSECUTIVE_REPEATS = 12
-SIMPLIFICATIONS = 5  # of the recommendation at the end, at most
+SIMPLIFICATIONS = (
+    5  # rounds at the end in which values without effect are reset in the recommendation, at most
+)
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
 FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
@@ -76,7 +84,7 @@ def run_campaign(
     Raises
     ------
     UserError
-        The campaign is running elsewhere; rocks or the missions' code changed (`tuner.campaign.reproducibility_check`); a
+        The campaign is running elsewhere; rocks or the missions' code changed (`ReproducibilityCheck`); a
         mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
@@ -116,7 +124,7 @@ class _Session:
         self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
         self._to_retry = collections.deque[_Prepared]()
         self._in_flight: dict[str, Trial] = {}
-        self._in_vain: bool | None = None  # whether nothing planned registers; None: not known yet
+        self._nothing_registers: bool | None = None  # whether nothing planned registers; None: not known yet
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
         self._simplified = collections.deque[Proposal]()
@@ -128,7 +136,9 @@ class _Session:
         self._stop = stop
         self._recover()
         run_jobs(self, self.executor, stop)
-        repeats_in_row = self._repeats_in_row  # of the search: what simplifies its outcome repeats on purpose
+        repeats_in_row = (
+            self._repeats_in_row
+        )  # before the simplification, which repeats photographs on purpose
         for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
             if stop.is_set() or self.cancelled:
                 break
@@ -138,27 +148,24 @@ class _Session:
             run_jobs(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
-            return self._end("interrupted", "interrupted", waiting)
+            return self._end("interrupted", waiting)
         if repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
             return self._end(
                 "exhausted",
-                "done",
                 f"the last {repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
                 f"left to try, and used {self._finished} of {self._settings.budget} missions",
             )
         if self.cancelled:
             return self._end(
                 "failing",
-                "stopped",
                 f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; mend the cause, then "
                 "resume",
             )
         if self._no_planned_view_can_register(self._ledger.trials()):
-            return self._end("failing", "stopped", NOTHING_REGISTERS)
+            return self._end("failing", NOTHING_REGISTERS)
         if self._infrastructure_failures:
             return self._end(
                 "failing",
-                "stopped",
                 f"{self._infrastructure_failures} missions were ended by the machine, the last with "
                 f"{self._last_infrastructure_failure}; they are not counted, and run again by a resume",
             )
@@ -166,18 +173,15 @@ class _Session:
         if left > 0 and self._has_run_all(self._ledger.trials()):
             return self._end(
                 "exhausted",
-                "done",
                 f"all {self._settings.space.size:.0f} configurations have run with every replicate: the other {left} missions "
                 "of the budget would repeat them; for repeats give --replicates",
             )
-        return self._end("budget", "done", "the budget is used")
+        return self._end("budget", "the budget is used")
 
-    def _end(
-        self, stopped: Literal["budget", "interrupted", "failing", "exhausted"], kind: EventKind, message: str
-    ) -> CampaignSummary:
+    def _end(self, stopped: Ending, message: str) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
         best = None if stopped == "interrupted" else self.campaign.recommendation()
-        self._emit(kind, recommendation=best, message="" if stopped == "budget" else message)
+        self._emit(_LAST_EVENT[stopped], recommendation=best, message="" if stopped == "budget" else message)
         elapsed_s = time.monotonic() - self._began
         return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self.campaign.status(), best)
 
@@ -190,19 +194,20 @@ class _Session:
         for trial in trials:
             if trial.status:
                 continue
-            config = self._config(trial.values, trial.condition)
-            if isinstance(config, UserError):
-                self._count(self._refuse(trial, config))
+            try:
+                config = self._settings.config(trial.values, trial.condition)
+            except UserError as error:
+                self._count(self._refuse(trial, error))
                 continue
             job = self.campaign.job(trial, config)
             ended = load_trial(job)
-            if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
+            if ended is None or ended.reason == "user_error" or self._does_not_count(trial, ended):
                 self._to_retry.append(_Prepared(trial, job))
             else:
                 self._count(self._enter(trial, ended))
         self._reproducibility.begin()
 
-    def _is_void(self, trial: Trial, ended: Trial) -> bool:
+    def _does_not_count(self, trial: Trial, ended: Trial) -> bool:
         """Return whether the end does not count: the machine failed, or the mesh has been replaced since."""
         return ended.infrastructure_failure or self._reproducibility.is_another(trial, ended.rock_sha256)
 
@@ -267,11 +272,14 @@ class _Session:
         if proposal is None:
             return None
         instance, replicate = next_block(self._settings.instances, self._settings.blocks, trials, proposal)
-        config = self._config(proposal.values, instance.condition)
-        digest = "" if isinstance(config, UserError) else config.digest()
-        trial = self._ledger.start(proposal, instance, replicate, digest, self._reproducibility.code)
-        if isinstance(config, UserError):
-            return self._refuse(trial, config)
+        enter = functools.partial(
+            self._ledger.start, proposal, instance, replicate, self._reproducibility.code
+        )
+        try:
+            config = self._settings.config(proposal.values, instance.condition)
+        except UserError as error:  # some values exclude one another
+            return self._refuse(enter(), error)
+        trial = enter(config.digest())
         return _Prepared(trial, self.campaign.job(trial, config))
 
     def _has_run_all(self, trials: Sequence[Trial]) -> bool:
@@ -289,19 +297,12 @@ class _Session:
         few = [trial for trial in trials if trial.state == "complete"][:FIRST_FEW]
         if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
             return False
-        if self._in_vain is None:
+        if self._nothing_registers is None:
             traces = [MissionResult.load(t.path).trace for t in few if (t.path / "mission.json").is_file()]
-            self._in_vain = len(traces) == FIRST_FEW and all(
+            self._nothing_registers = len(traces) == FIRST_FEW and all(
                 trace and not any(record.registered for record in trace) for trace in traces
             )
-        return self._in_vain
-
-    def _config(self, values: Mapping[str, Any], condition: str) -> Configuration | UserError:
-        """Return the configuration of a proposal, or why there is none: some values may exclude one another."""
-        try:
-            return self._settings.config(values, condition)
-        except UserError as error:
-            return error
+        return self._nothing_registers
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
@@ -404,3 +405,59 @@ class ProposalPrefetch:
         if self._asked is not None and self._asked.done():
             asked, self._asked = self._asked, None
             self._ready.extend(asked.result())
+
+
+class ReproducibilityCheck:
+    """Compares the code and the rocks of a session's missions with those of ``campaign`` before it.
+
+    Every trial carries the digest of the code that runs it and, once it has ended, its rock's content hash. Where one differs
+    from the last trial of its kind the session stops and asks, so that no ledger mixes two experiments unnoticed. ``accept``:
+    changes since then are wanted.
+    """
+
+    def __init__(self, campaign: Campaign, *, accept: bool) -> None:
+        self._directory, self._accept = campaign.directory, accept
+        self._rocks: dict[str, tuple[str, int]] = {}
+        problem = campaign.settings.problem
+        self.code = problem.code()
+        if accept:
+            return
+        trials = campaign.trials()
+        known = [t for t in trials if t.code]
+        if known and known[-1].code != self.code:
+            self._ask(f"the {problem.code_word} of its missions changed after trial {known[-1].number}")
+        for trial in trials:
+            self._remember(trial, trial.rock_sha256)
+
+    def require(self, trial: Trial, rock_sha256: str) -> None:
+        """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""
+        if self.is_another(trial, rock_sha256):
+            before, number = self._rocks[_name(trial)]
+            self._ask(
+                f"rock {_name(trial)} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
+            )
+        self._remember(trial, rock_sha256)
+
+    def begin(self) -> None:
+        """Forget the rocks of earlier sessions where changes are wanted; called before the first mission runs."""
+        if self._accept:
+            self._rocks.clear()
+
+    def is_another(self, trial: Trial, rock_sha256: str) -> bool:
+        """Return whether `require` would refuse."""
+        return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
+
+    def _remember(self, trial: Trial, sha256: str) -> None:
+        if sha256:
+            self._rocks[_name(trial)] = (sha256, trial.number)
+
+    def _ask(self, what: str) -> None:
+        raise UserError(
+            f"{what}: its ledger would mix two kinds of missions; restore what it was, or go on all the same with "
+            f"`gatetune campaign resume {self._directory} --accept-changes`"
+        )
+
+
+def _name(trial: Trial) -> str:
+    """Return the name of the rock; of a family every replicate is another rock."""
+    return f"{trial.rock}, rock {trial.replicate}" if family_of(trial.rock) else trial.rock

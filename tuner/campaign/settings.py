@@ -21,7 +21,7 @@ from nbv.config import (
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from tuner.campaign.rock_choice import training_rocks
+from tuner.campaign.rock_choice import procedural_rocks
 from tuner.campaign.rock_problem import RockProblem
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
@@ -106,7 +106,7 @@ class CampaignSettings(Section):
         write=SearchSpace.to_dict,
     )
     rocks: tuple[str, ...] = setting(
-        lambda: tuple(training_rocks()),
+        lambda: tuple(procedural_rocks("train")),
         "training rocks, names or mesh files; any-FAMILY or any: another drawn rock of that family, or of six, in every "
         "mission, on which the default runs, too",
         shown="the procedural ones",
@@ -317,7 +317,7 @@ class CampaignSettings(Section):
 
     @functools.cached_property
     def exact(self) -> DeterministicMetrics:
-        """Which objectives the configuration decides, as far as no mission contradicts it (`Exact.agreed`)."""
+        """The objectives that the configuration alone decides, before any mission has contradicted that."""
         of = self.problem.deterministic_metric
         return DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
 
@@ -328,7 +328,7 @@ class CampaignSettings(Section):
 
     @property
     def blocks(self) -> int:
-        """Replicates per instance; where places are families, as many fresh rocks as may be run."""
+        """Replicates per instance; of a family, where each replicate is another rock, as many as the budget may need."""
         return (
             max(self.replicates, -(-self.budget // len(self.instances)))
             if self.draws_rocks
@@ -340,13 +340,13 @@ class CampaignSettings(Section):
         """Whether every mission meets a fresh rock of a family."""
         return are_drawn(self.rocks)
 
-    def rock_evaluated(self, rock: str, replicate: int) -> str:
-        """Return the rock that a mission at ``rock`` meets: a fresh one where that is a family."""
+    def drawn_rock(self, rock: str, replicate: int) -> str:
+        """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""
         return training_rock(rock, replicate, self.seed)
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """Every rock under every condition, in the order of their turns."""
+        """Every rock under every condition, in the order in which missions take them."""
         return instances_over(self.rocks, [condition.name for condition in self.conditions])
 
     @functools.cached_property

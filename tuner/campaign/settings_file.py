@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Mapping
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +20,7 @@ from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.rock_choice import (
     QUICK_HELD_OUT,
     QUICK_ROCKS,
-    Making,
     absolute_rocks,
-    refuse_held_out,
     rock_arguments,
 )
 from tuner.campaign.settings import CampaignSettings
@@ -62,11 +59,11 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     """
     tree = _checked(tree, source)
     if tree.get("mission") is None:
-        return CampaignSettings(**_values(_in_full(tree), source))
+        return CampaignSettings(**_values(_with_objectives_expanded(tree), source))
     mission = SETTINGS["mission"].from_yaml(tree.pop("mission"), source)
     if tree.pop("space", None) not in (None, mission.space.to_dict()):
         raise UserError(f"{source}: its search space is not that of {mission.path}; leave space out")
-    full = _in_full({**_said_by(mission), **tree}, mission.directions)
+    full = _with_objectives_expanded({**_settings_of_mission_file(mission), **tree}, mission.directions)
     return CampaignSettings(mission=mission, space=mission.space, **_values(full, source))
 
 
@@ -95,7 +92,9 @@ def _values(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
     return {name: SETTINGS[name].from_yaml(raw, source) for name, raw in tree.items() if raw is not None}
 
 
-def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None) -> dict[str, Any]:
+def _with_objectives_expanded(
+    tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None
+) -> dict[str, Any]:
     """Return ``tree`` with objectives written out: the text ``f_score@photographs<=21`` stands for three settings.
 
     ``directions``: which way the metrics of a mission file are better.
@@ -123,7 +122,7 @@ def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) ->
     return {**stored, "mission": {"file": str(mission.path), "sha256": mission.sha256}}
 
 
-def _said_by(mission: MissionFile) -> dict[str, Any]:
+def _settings_of_mission_file(mission: MissionFile) -> dict[str, Any]:
     """Return the settings that a mission file decides."""
     return {
         "name": mission.name,
@@ -143,10 +142,10 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
         return _checked(tree.get("settings") or {}, str(path))
-    return _from_folder(_checked(tree or {}, str(path)), path.parent)
+    return _with_paths_from(_checked(tree or {}, str(path)), path.parent)
 
 
-def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _with_paths_from(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return ``fields`` with paths as they are from here; what has neither a slash nor a suffix is a name."""
 
     def placed(text: Any) -> Any:
@@ -205,7 +204,7 @@ def first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> st
     return ""
 
 
-def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) -> dict[str, Any]:
+def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool) -> dict[str, Any]:
     """Return the YAML form of what is asked for: what was ``given`` goes before the file, the file before ``quick``.
 
     Overrides are laid over one another.
@@ -232,24 +231,24 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
     return {"name": SETTINGS["name"].default, **tree, "overrides": overrides}
 
 
-def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
+def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     """Return the settings that a YAML form means on this machine; ``source`` names a file in messages.
 
     Raises `UserError`: as `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
+    tree = _checked(tree, source)
     if tree.get("mission") is not None:
         return settings_from_dict(tree, source)
-    tree = dict(tree)
     if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
         tree["overrides"] = with_best_dense_stage(tree.get("overrides") or {})
-    if isinstance(tree.get("rocks"), (list, tuple)):
+    if tree.get("rocks") is not None:
         tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
-    if isinstance(tree.get("compare_on"), (list, tuple)):
+    if tree.get("compare_on") is not None:
         tree["compare_on"] = absolute_rocks(tree["compare_on"])
     settings = settings_from_dict(tree, source)
     _require_metrics(settings)
-    rock_arguments((*settings.rocks, *settings.compare_on), making)
-    refuse_held_out(settings.rocks)
+    rock_arguments(settings.rocks, tuned=True)
+    rock_arguments(settings.compare_on)
     return settings
 
 

@@ -29,7 +29,7 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
         config = s.config(values, instance.condition)
         folder = campaign.directory / SHOWN / name
         job = MissionJob(
-            f"{SHOWN}-{name}", config, s.rock_evaluated(instance.rock, 0), 0, folder, "all", s.fidelity
+            f"{SHOWN}-{name}", config, s.drawn_rock(instance.rock, 0), 0, folder, "all", s.fidelity
         )
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())

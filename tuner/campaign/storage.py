@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import json
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 from optuna.storages import JournalStorage
@@ -46,8 +44,7 @@ def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True
             _mend_end(path)
             # Nobody writes now: a lock file here was left by a killed process.
             path.with_name(path.name + ".lock").unlink(missing_ok=True)
-        with _without_collector():
-            return JournalStorage(JournalFileBackend(str(path), _JournalLock(str(path))))
+        return JournalStorage(JournalFileBackend(str(path), _JournalLock(str(path))))
     except UserError:
         raise
     except OSError as error:
@@ -55,19 +52,6 @@ def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True
     except Exception as error:  # Optuna's own of lines that are torn, lost, doubled or changed
         why = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise UserError(f"the ledger {path} is damaged ({why}); restore it from a copy") from error
-
-
-@contextlib.contextmanager
-def _without_collector() -> Iterator[None]:
-    """Switch off Python's cycle collector: while many lasting objects are made it would take a third of the time for nothing."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        if was_enabled:
-            gc.enable()
 
 
 def _mend_end(path: Path) -> None:

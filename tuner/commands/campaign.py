@@ -6,7 +6,7 @@ import json as _json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.padding import Padding
@@ -15,7 +15,13 @@ from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
+from tuner.campaign.begin import begin_campaign, extend_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import SEARCH, CampaignSettings
+from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings
+from tuner.campaign.shipped import SHIPPED
+from tuner.campaign.showcase import run_showcase, showcase_jobs
 from tuner.commands.campaign_display import (
     CampaignProgress,
     event_line,
@@ -25,14 +31,16 @@ from tuner.commands.campaign_display import (
     show_recommendation,
 )
 from tuner.commands.console import (
+    LOADING_ROCKS,
     AsJson,
+    ComparisonProgress,
     answer_json,
-    as_json,
     executor_at,
     load,
     note_dense_stage,
     output,
     parse_overrides,
+    require_complete,
     under_conditions,
     workers_text,
     working,
@@ -48,14 +56,17 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
+from tuner.evaluation.of_campaign import end_of_campaign
+from tuner.missions import executors
+from tuner.missions.registry import (
+    DEFAULT_FIDELITY,
+    LOW_FIDELITY_NOTE,
+    is_geometric,
+    refuse_code_of_file,
+)
 from tuner.problem.objective import objective_text
+from tuner.report.answer import use_sentence
 from tuner.report.labels import duration
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
-    from tuner.missions.cluster.executor import DaskExecutor
-    from tuner.missions.executors import LocalProcessExecutor
-    from tuner.report.gate_result import GateResult
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -99,37 +110,28 @@ def run(
 
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
-    from tuner.campaign.settings_file import SETTINGS_FILE, asked_fields, asked_settings
-    from tuner.missions.external.mission_file import load_mission_file
-    from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, refuse_code_of_file
-
     if "overrides" in given:
         given["overrides"] = parse_overrides(given["overrides"])
-    fields = asked_fields(settings, given, quick=quick)
+    fields = merged_settings(settings, given, quick=quick)
     named = str(fields["name"])
     if out is None and (named in (".", "..") or Path(named).name != named):
         raise UserError(f"--name {named!r} must be a folder name without '/'; --out names a folder elsewhere")
     directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
-    output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
+    output.print(f"campaign {fields['name']} in {directory}")
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
-        from tuner.campaign.campaign import Campaign
-
         named_mission = given.get("mission") and Path(given["mission"])
         campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
-        ready = executor_at(where, campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission)
+        ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
-    evaluated = str(fields.get("fidelity") or DEFAULT_FIDELITY)
-    refuse_code_of_file(evaluated, given.get("fidelity"), str(settings))
-    own = load_mission_file(Path(given["mission"])) if "mission" in given else None
+    refuse_code_of_file(fields.get("fidelity", DEFAULT_FIDELITY), given.get("fidelity"), str(settings))
+    with working(LOADING_ROCKS):
+        asked = resolved_settings(fields, str(settings or "command line"))
+    note_dense_stage(fields.get("overrides") or {}, asked.overrides)
     # Before anything is written: a wrong address leaves no campaign behind.
-    with executor_at(where, evaluated if own is None else EXTERNAL, workers, timeout_s, own) as ready:
+    with executor_at(where, asked, workers, timeout_s) as ready:
         ready.begin()
         load(MODEL)
-        asked = asked_settings(fields, str(settings or "command line"), working)
-        note_dense_stage(fields.get("overrides") or {}, asked.overrides)
-        from tuner.campaign.begin import begin_campaign
-
         run_and_report(begin_campaign(directory, asked), ready, show_pair=quick)
 
 
@@ -157,16 +159,11 @@ def resume(
 
     Example: gatetune campaign resume runs/mine --missions 64
     """
-    output.print(f"campaign in {directory}")  # before what takes seconds to load
-    load("tuner.campaign.session")
-    from tuner.campaign.begin import extend_campaign
-    from tuner.campaign.campaign import Campaign
-
+    output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
     if missions is not None:
         campaign = extend_campaign(campaign, missions)
-    s, where = campaign.settings, (executor, scheduler, unencrypted)
-    ready = executor_at(where, s.fidelity, workers, timeout_s, s.mission)
+    ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)
     run_and_report(campaign, ready, accept_changes=accept_changes)
 
 
@@ -179,9 +176,6 @@ def status(
     Example: gatetune campaign status runs/mine
     """
     output.print(f"campaign in {directory}")
-    load("tuner.campaign.campaign")
-    from tuner.campaign.campaign import Campaign
-
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, campaign.settings.problem.instance_word)
@@ -200,14 +194,11 @@ def list_(
 
     Example: gatetune campaign list
     """
-    from tuner.campaign.settings_file import SETTINGS_FILE
-
     found = sorted(path.parent for path in folder.glob(f"*/{SETTINGS_FILE}"))
     if not found:
         raise UserError(
             f"{folder} holds no campaign; begin one: gatetune campaign run, or name another folder"
         )
-    load("tuner.campaign.campaign")
     rows = [_row(directory) for directory in found]
     for row in rows:
         output.print(row["directory"], style="bold", soft_wrap=True)
@@ -232,9 +223,6 @@ def _measured_on(row: Mapping[str, Any]) -> str:
 
 def _row(directory: Path) -> dict[str, Any]:
     """A campaign in a line; of one that cannot be read, why."""
-    from tuner.campaign.campaign import Campaign
-    from tuner.report.answer import use_sentence
-
     row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
     try:
         campaign = Campaign.open(directory, read_only=True)
@@ -264,7 +252,7 @@ def _row(directory: Path) -> dict[str, Any]:
 
 def run_and_report(
     campaign: Campaign,
-    executor: LocalProcessExecutor | DaskExecutor,
+    executor: executors.Executor,
     *,
     accept_changes: bool = False,
     show_pair: bool = False,
@@ -273,10 +261,6 @@ def run_and_report(
 
     ``show_pair``: then run the default and the recommendation whole.
     """
-    from tuner.campaign.session import run_campaign
-    from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
-
     settings = campaign.settings
     if campaign.status().finished < settings.budget:
         load(MODEL)
@@ -305,7 +289,7 @@ def run_and_report(
             summary = run_campaign(
                 campaign,
                 executor,
-                (lambda event: typer.echo(event_line(event))) if as_json() else progress,
+                (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
                 recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
                 accept_changes=accept_changes,
             )
@@ -326,43 +310,30 @@ def run_and_report(
         raise typer.Exit(1)
 
 
-def compare_strategies(campaign: Campaign, executor: LocalProcessExecutor | DaskExecutor) -> None:
+def compare_strategies(campaign: Campaign, executor: executors.Executor) -> None:
     """Run the recommendation, the paper's strategies and the controls on held-out and training rocks; print the table.
 
     What has been run before is not run again.
     """
-    from tuner.commands.console import ComparisonProgress
-    from tuner.evaluation.of_campaign import end_of_campaign
     from tuner.report import comparison, gate_result
-    from tuner.report.style import short_names
 
-    for name, asked in end_of_campaign(campaign, working).items():
-        plan = asked.plan
+    with working(f"preparing the comparison, {LOADING_ROCKS}"):
+        comparisons = end_of_campaign(campaign)
+    for planned in comparisons:
+        plan = planned.plan
         output.print(
             f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
         )
         with ComparisonProgress("observable.f_score_48mm") as show:
-            run, directory = asked.run(campaign.directory / name, executor, show)
-        if not run.complete:
-            output.print(
-                f"not complete; go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True
-            )
-            raise typer.Exit(130)
-        facts = comparison.ComparisonFacts(run, asked.reference, asked.asked, notes=asked.notes)
-        title = f"{campaign.settings.name}: all strategies on {', '.join(short_names(plan.rocks))}"
-        comparison.write_comparison_report(facts, directory, title=title)
+            run, directory = planned.run(executor, show)
+        require_complete(run, f"go on with: gatetune campaign resume {campaign.directory}")
+        facts = comparison.ComparisonFacts(run, planned.reference, planned.spec, notes=planned.notes)
+        comparison.write_comparison_report(facts, directory, title=planned.title)
     result = gate_result.gate_result(campaign)
     assert result is not None, "both comparisons are there"
     write_atomic(campaign.directory / "comparison.json", _json.dumps(json_ready(result.to_dict()), indent=1))
-    if as_json():
+    if output.quiet:
         typer.echo(_json.dumps(json_ready({"event": "comparison", **result.to_dict()})))
-    show_gate_result(result)
-
-
-def show_gate_result(result: GateResult) -> None:
-    """Print the table and what it says."""
-    from tuner.report import gate_result
-
     for block in result.blocks:
         output.print(*gate_result.table_of(block).for_terminal(output.width))
     output.print(gate_result.LEGEND, style="dim")
@@ -370,9 +341,8 @@ def show_gate_result(result: GateResult) -> None:
         output.print(sentence, style="bold", highlight=False)
 
 
-def write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
+def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
     """Draw the answer. ``pair``: where the default and the recommendation run once more, whole."""
-    from tuner.campaign.showcase import run_showcase, showcase_jobs
     from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent, CampaignStatus
+from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output, show_table
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
+from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import runner_up_sentence, switch_sentences, use_sentence, worth_sentences
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
-    from tuner.campaign.events import CampaignEvent, CampaignStatus
-    from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.recommendation import Recommendation
-
 
 LINE = 80  # columns of a mission's line
 # Of a worker, the search's share included: 30 missions of `campaign run --space gate_weights_and_pool --budget 30` on three rocks
@@ -150,13 +148,6 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
     if best is None:
         output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
         return
-    from tuner.report.answer import (  # loads every metric
-        runner_up_sentence,
-        switch_sentences,
-        use_sentence,
-        worth_sentences,
-    )
-
     worth, switches = worth_sentences(best, settings), switch_sentences(campaign, campaign.trials())
     for line in (use_sentence(best, settings), *worth, *switches):
         output.print(line, highlight=False)

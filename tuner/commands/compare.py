@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.rock_choice import rock_arguments
 from tuner.commands.console import (
+    LOADING_ROCKS,
     AsJson,
     ComparisonProgress,
     answer_json,
@@ -16,13 +20,12 @@ from tuner.commands.console import (
     local_executor,
     output,
     parse_overrides,
-    rock_arguments,
+    require_complete,
     working,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-
-if TYPE_CHECKING:
-    from nbv.config import MissionConfig
+from tuner.evaluation.run import run_evaluation
+from tuner.problem.search_space import builtin
 
 DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")
 
@@ -80,18 +83,17 @@ def compare(
     output.print("comparing strategies")  # before what takes seconds to load
     load("tuner.evaluation.curves")
     from tuner.evaluation import curves
-    from tuner.evaluation.run import run_evaluation
     from tuner.report.curves import share_table, write_comparison
 
     names = list(dict.fromkeys(strategies or DEFAULT))
     chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
     if suite is not None and suite not in curves.SUITES:
         raise UserError(f"there is no suite {suite!r}; there are {', '.join(curves.SUITES)}")
-    places = (
-        tuple(rock_arguments(rocks))
-        if rocks
-        else curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
-    )
+    if rocks:
+        with working(LOADING_ROCKS):
+            places = tuple(rock_arguments(rocks))
+    else:
+        places = curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
     asked = curves.Suite(
         places,
         _numbers(numbers),
@@ -108,9 +110,6 @@ def compare(
             f"these settings are not those of the suite {suite} ({', '.join(changed)}); leave --suite out, or what changes it"
         )
     if campaign is not None:
-        from tuner.campaign.campaign import Campaign
-        from tuner.problem.search_space import builtin
-
         chosen["tuned"] = builtin(Campaign.open(campaign, read_only=True).recommended_config())
     reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
     if reference not in chosen:
@@ -123,9 +122,7 @@ def compare(
     output.print(f"{asked.name}: {len(chosen)} strategies on {len(places)} targets, {plan.missions} missions")
     with executor, ComparisonProgress("observable.f_score_48mm") as show:
         run = run_evaluation(plan, out, executor, show)
-    if not run.complete:
-        output.print("not complete; the same command goes on where it stopped")
-        raise typer.Exit(130)
+    require_complete(run)
     with working("drawing"):
         document = write_comparison(asked, list(chosen), reference, run.records, out)
     output.print(*share_table(document).for_terminal(output.width))

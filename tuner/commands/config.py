@@ -8,7 +8,10 @@ from typing import Annotated
 import typer
 
 from nbv.config import PRESETS, MissionConfig, parameters
+from nbv.evaluation.registry import all_metrics
 from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output, show_table
+from tuner.problem.objective import COSTS, SHORT
+from tuner.report.vehicle_files import commented_yaml, source_of
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -25,8 +28,6 @@ def show(
 
     Example: gatetune config show --preset campaign
     """
-    from tuner.report.vehicle_files import commented_yaml, source_of
-
     config = mission_config(preset, set_ or [])
     for line in (f"# {PRESETS[preset].purpose}", *commented_yaml(config)):
         output.print(line, highlight=False, soft_wrap=True)
@@ -49,9 +50,6 @@ def metrics(as_json: AsJson = False) -> None:
 
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """
-    from nbv.evaluation.registry import all_metrics
-    from tuner.problem.objective import COSTS, SHORT
-
     found = [
         {
             "name": metric.key.replace("{t}", "T"),

@@ -10,7 +10,7 @@ import os
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -34,16 +34,11 @@ from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
-from tuner.campaign import rock_choice
-from tuner.missions.executors import limit_s, local_executor
+from tuner.campaign.settings import CampaignSettings
+from tuner.evaluation.run import EvaluationEvent, EvaluationRun
+from tuner.missions.executors import Executor, limit_s, local_executor
 from tuner.problem.instances import Instance
 from tuner.report.labels import number_text
-
-if TYPE_CHECKING:
-    from tuner.evaluation.run import EvaluationEvent
-    from tuner.missions.cluster.executor import DaskExecutor
-    from tuner.missions.executors import LocalProcessExecutor
-    from tuner.missions.external.mission_file import MissionFile
 
 
 class _Console(Console):
@@ -59,22 +54,17 @@ output = _Console(markup=False, emoji=False)
 errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
+LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
 _NAMED = 2  # missions in flight that a line names
-_json = [False]
 
 
 def only_json(wanted: bool) -> bool:
     """Print one JSON document, or one per event, and nothing else from here on; every command begins without."""
-    _json[0] = output.quiet = wanted
+    output.quiet = wanted
     return wanted
-
-
-def as_json() -> bool:
-    """Return what `only_json` has set."""
-    return _json[0]
 
 
 # What lists or shows takes this option and ends with `answer_json`; what it prints on the way is not shown then.
@@ -86,7 +76,7 @@ AsJson = Annotated[
 
 def answer_json(document: Any) -> None:
     """Print what a command shows as one JSON document, where ``--json`` asked for it."""
-    if as_json():
+    if output.quiet:
         typer.echo(json.dumps(json_ready(document), indent=1))
 
 
@@ -198,6 +188,13 @@ class ComparisonProgress(MissionProgress):
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 
+def require_complete(run: EvaluationRun, go_on: str = "the same command goes on where it stopped") -> None:
+    """End the command, with the exit code of an interruption, where missions of an evaluation have not run."""
+    if not run.complete:
+        output.print(f"not complete; {go_on}", soft_wrap=True)
+        raise typer.Exit(130)
+
+
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     """``["stop.adaptive_budget=4"]`` as ``{"stop.adaptive_budget": 4}``; values are YAML.
 
@@ -240,19 +237,10 @@ def under_conditions(conditions: Sequence[Condition]) -> str:
     return "" if names == [IDEAL] else f" under {', '.join(names)}"
 
 
-def rock_arguments(rocks: list[str]) -> list[str]:
-    """As `tuner.campaign.rock_choice.rock_arguments`, saying which rock is made."""
-    return rock_choice.rock_arguments(rocks, working)
-
-
 def executor_at(
-    where: tuple[str, str | None, bool],
-    fidelity: str,
-    workers: int | None,
-    timeout_s: float,
-    mission: MissionFile | None = None,
-) -> LocalProcessExecutor | DaskExecutor:
-    """Processes here, or workers of a Dask scheduler, which is started where none is named.
+    where: tuple[str, str | None, bool], settings: CampaignSettings, workers: int | None, timeout_s: float
+) -> Executor:
+    """Processes here, or workers of a Dask scheduler, which is started where none is named, for a campaign's missions.
 
     ``where``: the options executor, scheduler and unencrypted. ``workers``: side by side; by default one per core.
 
@@ -260,7 +248,7 @@ def executor_at(
     """
     kind, scheduler, unencrypted = where
     if kind == "local" and scheduler is None:
-        return local_executor(fidelity, workers, timeout_s, mission)
+        return local_executor(settings.fidelity, workers, timeout_s, settings.mission)
     kind = "dask" if kind == "local" else kind
     try:
         from tuner.missions.cluster.connect import WHERE, dask_executor
@@ -271,11 +259,11 @@ def executor_at(
     if kind not in WHERE:
         raise UserError(f"unknown executor {kind!r}; there are local, {', '.join(WHERE)}")
     count = workers or len(os.sched_getaffinity(0))
-    limit = limit_s(timeout_s, mission)
+    limit = limit_s(timeout_s, settings.mission)
     return dask_executor(kind, scheduler, count, limit, unencrypted=unencrypted)
 
 
-def workers_text(executor: LocalProcessExecutor | DaskExecutor) -> str:
+def workers_text(executor: Executor) -> str:
     """Return how many workers there are, as text; where a cluster has none yet, what missions do meanwhile."""
     count = getattr(executor, "workers", executor.capacity)
     if not count:

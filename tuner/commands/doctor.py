@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import typer
 
+from nbv.cache import Store
 from tuner.commands.console import AsJson, answer_json, output, working
 
 GIB = 2**30
@@ -127,8 +128,6 @@ def _machine() -> Iterator[Finding]:
 
 def _disk() -> Iterator[Finding]:
     """Room for runs and for the store, and whether both can be written."""
-    from nbv.cache import Store
-
     store = Store()
     for what, folder in (("runs", Path.cwd()), ("store", store.root)):
         existing = next(path for path in (folder, *folder.parents) if path.exists())

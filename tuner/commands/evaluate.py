@@ -5,20 +5,22 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from nbv.config import IDEAL, PRESETS, load_conditions
+from nbv.config import IDEAL, load_conditions
+from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import is_photographed
+from tuner.campaign.campaign import Campaign
 from tuner.commands.console import (
+    LOADING_ROCKS,
     AsJson,
     ComparisonProgress,
     answer_json,
-    load,
-    local_executor,
     mission_config,
     output,
+    require_complete,
     under_conditions,
     working,
 )
@@ -26,21 +28,15 @@ from tuner.commands.options import (
     Conditions,
     Fidelity,
     MissionAllowed,
-    OrIdeal,
     Overrides,
     Rocks,
     Timeout,
     TunedRocks,
     Workers,
 )
+from tuner.evaluation.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.missions.registry import DEFAULT_FIDELITY, LOW_FIDELITY_NOTE, is_geometric
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
-    from tuner.evaluation.of_campaign import CampaignEvaluation
-    from tuner.evaluation.run import EvaluationRun
-    from tuner.missions.external.mission_file import MissionFile
-
+from tuner.report.labels import counted, duration
 
 MarginOption = Annotated[
     float,
@@ -76,31 +72,19 @@ def evaluate(
 
     Example: gatetune evaluate runs/mine --replicates 3
     """
-    output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
-    load("tuner.evaluation.of_campaign")
-    from tuner.evaluation.of_campaign import held_out
-
+    output.print(f"evaluating the recommendation of {campaign}")
     source = _open(campaign, mission)
-    asked = held_out(
-        source,
-        rocks=rocks,
-        replicates=replicates,
-        strategies=strategies,
-        conditions=load_conditions(conditions) if conditions else None,
-        margin=margin,
-        fidelity=fidelity,
-        making=working,
-    )
-    compare(
-        asked,
-        campaign / "evaluation",
-        out,
-        workers=workers,
-        timeout_s=timeout_s,
-        title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.instance_word}s",
-        mission=source.settings.mission,
-        campaign=source,
-    )
+    with working(LOADING_ROCKS):
+        planned = held_out(
+            source,
+            rocks=rocks,
+            replicates=replicates,
+            strategies=strategies,
+            conditions=load_conditions(conditions) if conditions else None,
+            margin=margin,
+            fidelity=fidelity,
+        )
+    run_and_report(planned, out, workers, timeout_s)
 
 
 def confirm(
@@ -119,31 +103,18 @@ def confirm(
 
     Example: gatetune confirm runs/mine --rock mine
     """
-    output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
-    load("tuner.evaluation.of_campaign")
-    from tuner.evaluation.of_campaign import confirmation
-
+    output.print(f"confirming the recommendation of {campaign}")
     source = _open(campaign, mission)
-    asked = confirmation(source, rocks=rocks, replicates=replicates, margin=margin, fidelity=fidelity)
-    if asked is None:
+    with working(LOADING_ROCKS):
+        planned = confirmation(source, rocks=rocks, replicates=replicates, margin=margin, fidelity=fidelity)
+    if planned is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
         output.print(note)
         return answer_json({"notes": [note]})
-    compare(
-        asked,
-        campaign / "confirmation",
-        out,
-        workers=workers,
-        timeout_s=timeout_s,
-        title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.instance_word}s, fresh replicates",
-        mission=source.settings.mission,
-        campaign=source,
-    )
+    run_and_report(planned, out, workers, timeout_s)
 
 
 def _open(directory: Path, mission: Path | None) -> Campaign:
-    from tuner.campaign.campaign import Campaign
-
     source = Campaign.open(directory, read_only=True, mission=mission)
     source.settings.problem.require_named(mission is not None)
     return source
@@ -157,7 +128,7 @@ def reproduce(
         str,
         typer.Option(help="paper (the text), paper-reduced (faster SfM) or paper-code (the public code)."),
     ] = "paper",
-    conditions: OrIdeal = None,
+    conditions: Conditions = None,
     replicates: Annotated[int, typer.Option(help="Per rock; the paper ran one.")] = 1,
     strategies: Annotated[
         list[str] | None,
@@ -175,75 +146,50 @@ def reproduce(
 
     Example: gatetune reproduce --replicates 3
     """
-    output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
-    load("tuner.evaluation.of_campaign")
-    from tuner.evaluation.of_campaign import reproduction
-
-    asked = reproduction(
-        mission_config(preset, set_ or []),
-        rocks or ["vesicular"],
-        strategies=strategies,
-        replicates=replicates,
-        conditions=load_conditions(conditions or [IDEAL]),
-        fidelity=fidelity,
-        keep="all",
-        making=working,
-    )
-    how = PRESETS[preset].purpose
-    if is_geometric(fidelity):
-        how = "predicted by geometric missions, without photographs"
-    compare(
-        asked,
-        Path("runs/reproduce"),
-        out,
-        workers=workers,
-        timeout_s=timeout_s,
-        title=f"Table I reproduced with preset {preset}: {how}",
-        paper=True,
-    )
+    output.print(f"reproducing Table I with preset {preset}")
+    base = mission_config(preset, set_ or [])
+    with working(LOADING_ROCKS):
+        planned = reproduction(
+            base,
+            rocks or ["vesicular"],
+            strategies=strategies,
+            replicates=replicates,
+            conditions=load_conditions(conditions or [IDEAL]),
+            fidelity=fidelity,
+            keep="all",
+        )
+    run_and_report(planned, out, workers, timeout_s)
 
 
-def compare(
-    asked: CampaignEvaluation,
-    usual: Path,
-    out: Path | None,
-    *,
-    workers: int | None,
-    timeout_s: float,
-    title: str,
-    paper: bool = False,
-    mission: MissionFile | None = None,
-    campaign: Campaign | None = None,
+def run_and_report(
+    planned: PlannedComparison, out: Path | None, workers: int | None, timeout_s: float
 ) -> None:
-    """Run what is missing, say what was found, write the report.
+    """Run what is missing, say what was found, write the report, and the page of the campaign, which shows what it found, anew.
 
-    ``usual``, ``out``: the evaluation's directory, or one beside it that holds nothing else; the one that the user
-    named. ``paper``: show the paper's numbers beside. ``campaign``: whose page is written anew: it shows what its
-    evaluations found.
+    Table I is shown with the paper's numbers beside it.
     """
     from tuner.report import comparison
-    from tuner.report.labels import counted, duration
 
-    plan, word = asked.plan, asked.asked.instance_word
-    executor = local_executor(plan.fidelity, workers, timeout_s, mission)
-    notes = (*asked.notes, LOW_FIDELITY_NOTE) if is_geometric(plan.fidelity) else asked.notes
+    plan, spec, paper = planned.plan, planned.spec, planned.source is None
+    executor = planned.executor(workers, timeout_s)
+    notes = (*planned.notes, LOW_FIDELITY_NOTE) if is_geometric(plan.fidelity) else planned.notes
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
     for note in notes:
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), spec.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
-    with executor, ComparisonProgress(asked.asked.shown.metric) as show:
-        run, directory = asked.run(usual, executor, show, out)
-    facts = comparison.ComparisonFacts(run, asked.reference, asked.asked, notes=notes)
+    with executor, ComparisonProgress(spec.shown.metric) as show:
+        run, directory = planned.run(executor, show, out)
+    facts = comparison.ComparisonFacts(run, planned.reference, spec, notes=notes)
     for line in facts.verdicts:
         output.print(line.text, style="bold")
     tables = {"Results by strategy": facts.summary}
     tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for name, table in tables.items():
-        shown = comparison.table_by_strategy(table, name, None, word)
+        shown = comparison.table_by_strategy(table, name, None, spec.instance_word)
         output.print(*shown.for_terminal(output.width))
     if paper and "whole" in facts.tables:  # no mission that has ended well, no table
         shown = comparison.table_i(
@@ -254,29 +200,21 @@ def compare(
     with working("writing the report"):
         command = f"gatetune {shlex.join(sys.argv[1:])}"
         report = comparison.write_comparison_report(
-            facts, directory, title=title, paper=paper, command=command
+            facts, directory, title=planned.title, paper=paper, command=command
         )
-        if campaign is not None:
+        if planned.source is not None:
             from tuner.report.campaign_page import write_campaign_report
 
-            write_campaign_report(campaign)
+            write_campaign_report(planned.source)
     output.print(f"{duration(run.elapsed_s)}; report: {report}")
-    answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
-    end(run)
-
-
-def end(run: EvaluationRun) -> None:
-    """Say what failed; the exit code says whether all has run."""
+    answer_json({"title": planned.title, "directory": directory, "report": report, **facts.to_dict()})
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
-    if not run.complete:
-        output.print("not complete; the same command goes on where it stopped")
-        raise typer.Exit(130)
+    require_complete(run)
 
 
 def _ceiling(name: str) -> str:
-    """What nobody can be told to be better than, over the photographs of a set."""
-    from nbv.photographs import PhotographSet
+    """The best score that a photograph set can show: that of one half of its photographs against the other."""
     from nbv.photographs.evaluation import ceiling
 
     found = ceiling(PhotographSet.read(name))

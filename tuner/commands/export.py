@@ -12,7 +12,16 @@ import typer
 
 from nbv.errors import UserError
 from nbv.safe_files import printable, write_atomic
-from tuner.commands.console import AsJson, answer_json, load, output
+from tuner.bridges.plan import Home, qgc_plan
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings_file import SETTINGS_FILE
+from tuner.campaign.showcase import showcase_jobs, was_run
+from tuner.commands.console import AsJson, answer_json, output
+from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+from tuner.evaluation.run import EvaluationRun
+from tuner.report.mission_files import mission_config, read_flight
+from tuner.report.records import write_csv
+from tuner.report.vehicle_files import OURS, change_text, vehicle_files
 
 
 class Format(StrEnum):
@@ -53,17 +62,11 @@ def export(
     if (to is Format.plan) != (home is not None):
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
     what = to.value if to else "the recommendation"
-    output.print(f"exporting {what} of {run}", soft_wrap=True)  # before what takes seconds to load
+    output.print(f"exporting {what} of {run}", soft_wrap=True)
     if to is Format.csv:
-        from tuner.report.records import write_csv
-
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan:
         return _write_plan(run, str(home), out or run / "route.plan")
-    load("tuner.campaign.campaign")
-    from tuner.campaign.campaign import Campaign
-    from tuner.report.vehicle_files import OURS, change_text, vehicle_files
-
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommended()
     files = vehicle_files(campaign, best, {to.value: onto} if to and onto else None)
@@ -109,10 +112,6 @@ def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
 
 def _missions(run: Path) -> Any:
     """The campaign, or the evaluation, in ``run``."""
-    from tuner.campaign.campaign import Campaign
-    from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
-    from tuner.evaluation.run import EvaluationRun
-
     if not (run / PLAN_FILE).is_file():
         return Campaign.open(run, read_only=True)
     plan = EvaluationPlan.load(run)
@@ -121,10 +120,6 @@ def _missions(run: Path) -> Any:
 
 def _write_plan(run: Path, home: str, out: Path) -> None:
     """Write the route of a mission, or of a campaign's recommended one."""
-    from tuner.bridges.plan import Home, qgc_plan
-    from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.mission_files import mission_config, read_flight
-
     try:
         place = Home(*(float(part) for part in home.split(",")))
     except (TypeError, ValueError) as error:
@@ -145,9 +140,6 @@ def _write_plan(run: Path, home: str, out: Path) -> None:
 
 def _recommended_mission(run: Path) -> Path:
     """Where the recommended mission, or the default that it is, was run whole."""
-    from tuner.campaign.campaign import Campaign
-    from tuner.campaign.showcase import showcase_jobs, was_run
-
     campaign = Campaign.open(run, read_only=True)
     jobs = showcase_jobs(campaign)
     if not jobs:

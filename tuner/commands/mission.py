@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 import functools
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
+from nbv.cache import Store
 from nbv.config import IDEAL
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import MissionResult
+from nbv.rocks import load_rock
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings_file import SETTINGS_FILE
+from tuner.commands.campaign import write_pages
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
     AsJson,
     answer_json,
     load,
+    local_executor,
     mission_config,
     output,
     show_table,
     working,
 )
 from tuner.commands.options import Overrides
+from tuner.missions.external.mission_file import external_config, load_mission_file
+from tuner.missions.registry import DEFAULT_FIDELITY, fidelity_on, mission_function, module_of
 from tuner.problem.objective import Objective, dotted
+from tuner.report.answer import gate_words
 from tuner.report.labels import duration, format_number
+from tuner.report.mission_files import planned_config
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
@@ -52,10 +63,6 @@ def run(
     instance = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
-    from nbv.cache import Store
-    from nbv.rocks import load_rock
-    from tuner.missions.registry import DEFAULT_FIDELITY, fidelity_on, mission_function, module_of
-
     fidelity = fidelity_on(rock, DEFAULT_FIDELITY)
     load(module_of(fidelity))
     with working(f"making rock {rock}"):
@@ -99,10 +106,6 @@ def explain(
 
     Example: gatetune mission explain runs/mine/shown/recommended
     """
-    from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.answer import gate_words
-    from tuner.report.mission_files import planned_config
-
     if (mission / SETTINGS_FILE).is_file():
         raise UserError(
             f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
@@ -141,7 +144,6 @@ def view(
 
     Example: gatetune mission view runs/mission-slab-hyb-h-0
     """
-    from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.report.mission_view import write_mission_view
 
     if (run / SETTINGS_FILE).is_file():
@@ -154,10 +156,6 @@ def view(
 
 
 def _view_campaign(directory: Path) -> None:
-    from tuner.campaign.campaign import Campaign
-    from tuner.commands.campaign import write_pages
-    from tuner.commands.console import local_executor
-
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: running what is not there yet", soft_wrap=True)
     s = campaign.settings
@@ -185,10 +183,7 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
 
     Example: gatetune mission check my-mission/mission.yaml
     """
-    import tempfile
-
     from tuner.missions.external.mission import run_external_mission
-    from tuner.missions.external.mission_file import external_config, load_mission_file
 
     found = load_mission_file(mission)
     config, instance = external_config(found, {}), next(iter(found.instances))

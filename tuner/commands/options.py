@@ -31,14 +31,7 @@ Conditions = Annotated[
     list[str] | None,
     typer.Option(
         "--condition",
-        help="Condition, a name or a YAML file, repeatable (default: the campaign's).",
-    ),
-]
-OrIdeal = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--condition",
-        help="Condition, a name or a YAML file, repeatable (default: ideal).",
+        help="Condition, a name or a YAML file, repeatable (default: the campaign's; of reproduce: ideal).",
     ),
 ]
 Overrides = Annotated[

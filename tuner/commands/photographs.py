@@ -5,14 +5,18 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 
+from nbv.cache import Store
 from nbv.errors import UserError
+from nbv.photographs import PhotographSet, list_sets
+from nbv.photographs.folder import Progress
 from nbv.safe_files import write_atomic
+from tuner.campaign.campaign import Campaign
 from tuner.commands.console import (
     AsJson,
     ComparisonProgress,
@@ -21,13 +25,13 @@ from tuner.commands.console import (
     local_executor,
     output,
     parse_overrides,
+    require_complete,
     show_table,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-
-if TYPE_CHECKING:
-    from nbv.photographs import PhotographSet
-    from nbv.photographs.folder import Progress
+from tuner.evaluation.run import run_evaluation
+from tuner.problem.search_space import builtin
+from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
 _MIDDLE = 2  # of the thresholds
@@ -59,7 +63,6 @@ def import_(
     """
     output.print(f"importing {folder}")  # before what takes seconds to load
     load("nbv.photographs.importer")
-    from nbv.cache import Store
     from nbv.photographs.importer import ImportOptions, import_photographs
 
     options = ImportOptions(model, masks, height_m, control_points, max_size)
@@ -79,8 +82,6 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: gatetune photographs list
     """
-    from nbv.photographs import PhotographSet, list_sets
-
     found = [_facts(PhotographSet.read(name)) for name in list_sets()]
     rows = [
         (
@@ -104,8 +105,6 @@ def show(name: Annotated[str, typer.Argument(help="A set's name.")], as_json: As
 
     Example: gatetune photographs show mine
     """
-    from nbv.photographs import PhotographSet
-
     found = PhotographSet.read(name)
     _describe(found)
     output.print(f"report: {found.folder / 'report.html'}")
@@ -145,18 +144,12 @@ def enough(
         raise UserError(f"--keep {keep:g} must lie above 0 and up to 100 per cent")
     output.print(f"how many photographs of {name} would have done")  # before what takes seconds to load
     load("tuner.evaluation.enough")
-    from nbv.photographs import PhotographSet
     from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
-    from tuner.evaluation.run import run_evaluation
-    from tuner.report.labels import duration
     from tuner.report.photographs import draw_enough
 
     photographs = PhotographSet.read(name)
     tuned = None
     if campaign is not None:
-        from tuner.campaign.campaign import Campaign
-        from tuner.problem.search_space import builtin
-
         tuned = builtin(Campaign.open(campaign, read_only=True).recommended_config())
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
@@ -170,9 +163,7 @@ def enough(
         for plan, folder in zip(plans, ("all", "few"), strict=True):
             with ComparisonProgress(METRIC) as show:
                 runs.append(run_evaluation(plan, where / folder, executor, show))
-    if not all(run.complete for run in runs):
-        output.print(f"stopped; the same command goes on in {where}")
-        raise typer.Exit(1)
+            require_complete(runs[-1])
     answer = read_enough(runs[0], runs[1], keep)
     rows = []
     for way, p in ((way, p) for way, points in answer.curves.items() for p in points):

@@ -8,8 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
+from nbv.cache import Store
 from nbv.errors import UserError
-from tuner.commands.console import AsJson, answer_json, load, output, show_table, working
+from nbv.rocks import describe, import_mesh, list_rocks, load_rock, save_imported
+from tuner.commands.console import AsJson, answer_json, output, show_table, working
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -23,8 +25,6 @@ def list_(
 
     Example: gatetune rocks list --split train
     """
-    from nbv.rocks import list_rocks
-
     found = [info for info in list_rocks() if split is None or info.split == split]
     rows = [(info.name, info.split, info.source, info.difficulty) for info in found]
     show_table(("rock", "split", "source", "what makes it hard"), rows)
@@ -43,9 +43,6 @@ def show(
 
     Example: gatetune rocks show slab --image slab.png
     """
-    from nbv.cache import Store
-    from nbv.rocks import describe, load_rock
-
     subject = load_rock(rock, Store())
     facts = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
     facts |= {**dataclasses.asdict(describe(subject)), "sha256": subject.sha256}
@@ -80,10 +77,7 @@ def import_(
 
     Example: gatetune rocks import scan.glb --name mine --up z
     """
-    output.print(f"importing {mesh}")  # before what takes seconds to load
-    load("nbv.rocks")
-    from nbv.rocks import import_mesh, save_imported
-
+    output.print(f"importing {mesh}")
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
     with working(f"preparing {mesh.name}"):
         subject = import_mesh(mesh, name=name, height_m=height_m, **checked)

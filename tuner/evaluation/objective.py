@@ -11,7 +11,7 @@ from optuna.distributions import BaseDistribution
 
 from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import asked_settings
+from tuner.campaign.settings_file import resolved_settings
 from tuner.missions.registry import mission_function
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Values
@@ -67,7 +67,7 @@ class MissionObjective:
         for instance in s.instances:
             config = s.config(found, instance.condition)
             for replicate in range(s.replicates):
-                result = run(config, s.rock_evaluated(instance.rock, replicate), replicate, None)
+                result = run(config, s.drawn_rock(instance.rock, replicate), replicate, None)
                 measured = {**result.metrics, "costs": result.costs}
                 outcome, _ = s.objective.outcome(result.status, measured)
                 if outcome is None:
@@ -135,7 +135,7 @@ def objective(
         "fidelity": fidelity,
         **settings,
     }
-    return MissionObjective(asked_settings(asked, "objective()"), failed)
+    return MissionObjective(resolved_settings(asked, "objective()"), failed)
 
 
 def _value(p: Parameter, x: float) -> Any:

@@ -6,11 +6,10 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig
+from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.campaign import Campaign
@@ -18,8 +17,8 @@ from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
-from tuner.missions.executors import Executor
-from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.problem.baselines import (
     COMPARISON,
     CONTROLS,
@@ -31,7 +30,7 @@ from tuner.problem.baselines import (
     reference_of,
 )
 from tuner.problem.objective import COUNTS, Objective
-from tuner.problem.problem import Evaluated, Making
+from tuner.problem.problem import Evaluated
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
@@ -70,23 +69,30 @@ class ComparisonSpec:
 
 
 @dataclass(frozen=True)
-class CampaignEvaluation:
-    """An evaluation to run: its plan, the reference strategy, the metrics, and notes for the reader."""
+class PlannedComparison:
+    """Strategies that are ready to be run against each other."""
 
     plan: EvaluationPlan
-    reference: str
-    asked: ComparisonSpec
-    notes: tuple[str, ...] = ()
+    reference: str  # the strategy that differences are from
+    spec: ComparisonSpec
+    title: str
+    usual: Path  # its directory, unless the user names another
+    notes: tuple[str, ...] = ()  # what a reader must know before the outcome
+    source: Campaign | None = None  # None: the paper's Table I
+
+    def executor(self, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
+        """Return processes of this machine for its missions."""
+        mission = self.source.settings.mission if self.source else None
+        return local_executor(self.plan.fidelity, workers, timeout_s, mission)
 
     def run(
         self,
-        usual: Path,
         executor: Executor,
         on_event: Callable[[EvaluationEvent], None] | None = None,
         out: Path | None = None,
     ) -> tuple[EvaluationRun, Path]:
         """Run what is missing and return the directory, too: ``out``, else ``usual`` or, where that holds another plan, one beside it."""
-        directory = out or evaluation_directory(self.plan, usual)
+        directory = out or evaluation_directory(self.plan, self.usual)
         return run_evaluation(self.plan, directory, executor, on_event), directory
 
 
@@ -99,8 +105,7 @@ def held_out(
     conditions: Sequence[Condition] | None = None,
     fidelity: str = DEFAULT_FIDELITY,
     margin: float = DEFAULT_MARGIN,
-    making: Making = nullcontext,
-) -> CampaignEvaluation:
+) -> PlannedComparison:
     """The recommendation and the baselines on rocks, or a mission file's instances, that the campaign has not seen.
 
     Raises `UserError`: no mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the
@@ -109,14 +114,17 @@ def held_out(
     s, found = source.settings, source.recommended()
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
-    chosen, replicates = source.unseen(rocks, replicates, making)
+    chosen, replicates = source.evaluation_rocks(rocks, replicates)
     configs, notes = s.problem.strategies(_evaluated(source, found, under, chosen), strategies)
     plan = EvaluationPlan(
         configs, chosen, replicates, fidelity=s.problem.fidelity(fidelity), conditions=under
     )
     against = reference_of([name for name in configs if name != TUNED], s.problem.reference)
     notes = (*_notes(found), *notes, *_conditions(source, under))
-    return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
+    title = f"{s.name}: tuned against baselines on held-out {s.problem.instance_word}s"
+    return PlannedComparison(
+        plan, against, asked_of(s, margin), title, source.directory / HELD_OUT, notes, source
+    )
 
 
 def confirmation(
@@ -126,7 +134,7 @@ def confirmation(
     replicates: int = 4,
     fidelity: str = DEFAULT_FIDELITY,
     margin: float = DEFAULT_MARGIN,
-) -> CampaignEvaluation | None:
+) -> PlannedComparison | None:
     """The recommendation, the default and plain orbits on training rocks with fresh replicates; None where the first two
     are one.
 
@@ -146,7 +154,7 @@ def confirmation(
     controls, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
     first = max([s.blocks, *(trial.replicate + 1 for trial in source.trials())])  # that nothing has run
     if s.draws_rocks:
-        chosen = tuple(s.rock_evaluated(rock, first + k) for k in range(replicates) for rock in chosen)
+        chosen = tuple(s.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
         {TUNED: s.config(found.values), "default": s.config(s.default_values()), **controls},
@@ -156,7 +164,12 @@ def confirmation(
         fidelity=s.problem.fidelity(fidelity),
         conditions=s.conditions,
     )
-    return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *notes))
+    word = s.problem.instance_word
+    title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
+    notes = (*_notes(found), *notes)
+    return PlannedComparison(
+        plan, "default", asked_of(s, margin), title, source.directory / TRAINING, notes, source
+    )
 
 
 def reproduction(
@@ -168,8 +181,7 @@ def reproduction(
     conditions: Sequence[Condition] = (IDEAL_CONDITION,),
     fidelity: str = DEFAULT_FIDELITY,
     keep: Keep = "summary",
-    making: Making = nullcontext,
-) -> CampaignEvaluation:
+) -> PlannedComparison:
     """The paper's Table I: strategies, by default `REPRODUCTION_STRATEGIES`, that differ from ``base`` in nothing else.
 
     Raises `UserError`: a strategy or a rock is unknown.
@@ -177,18 +189,25 @@ def reproduction(
     configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
     plan = EvaluationPlan(
         configs,
-        tuple(rock_arguments(rocks, making)),
+        tuple(rock_arguments(rocks)),
         replicates,
         fidelity=fidelity,
         keep=keep,
         conditions=tuple(conditions),
     )
-    return CampaignEvaluation(
-        plan, reference_of(configs, "hyb-h"), ComparisonSpec(Objective("whole.completeness_48mm"))
+    how = PRESETS[base.preset].purpose
+    if is_geometric(fidelity):
+        how = "predicted by geometric missions, without photographs"
+    return PlannedComparison(
+        plan,
+        reference_of(configs, "hyb-h"),
+        ComparisonSpec(Objective("whole.completeness_48mm")),
+        f"Table I reproduced with preset {base.preset}: {how}",
+        Path("runs/reproduce"),
     )
 
 
-def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvaluation:
+def training_comparison(source: Campaign) -> PlannedComparison:
     """The recommendation and the paper's strategies on the training rocks, with the replicates that the campaign has run.
 
     They show what was tuned for, at little cost: seeds, default and recommendation are known. `confirmation` has fresh
@@ -200,19 +219,18 @@ def training_comparison(source: Campaign, replicates: int = 1) -> CampaignEvalua
     kept = {
         name: c for name, c in strategies.items() if kind_of(name) != CONTROLS or name == TUNED_POOL_HYB_H
     }
-    plan = EvaluationPlan(kept, s.rocks, replicates, fidelity=s.fidelity, conditions=s.conditions)
-    return CampaignEvaluation(plan, reference_of(strategies, "hyb-h"), asked_of(s), notes)
+    plan = EvaluationPlan(kept, s.rocks, fidelity=s.fidelity, conditions=s.conditions)
+    title, reference = f"{s.name}: all strategies on the training rocks", reference_of(strategies, "hyb-h")
+    return PlannedComparison(plan, reference, asked_of(s), title, source.directory / TRAINING, notes, source)
 
 
-def end_of_campaign(source: Campaign, making: Making = nullcontext) -> dict[str, CampaignEvaluation]:
-    """The comparisons that a campaign ends in where it has ``compare_on``, by directory: held-out rocks, training rocks."""
+def end_of_campaign(source: Campaign) -> list[PlannedComparison]:
+    """The comparisons that a campaign ends in where it has ``compare_on``: on held-out rocks, on training rocks."""
     s = source.settings
     if not s.compare_on:
-        return {}
-    unseen = held_out(
-        source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity, making=making
-    )
-    return {HELD_OUT: unseen, TRAINING: training_comparison(source)}
+        return []
+    unseen = held_out(source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity)
+    return [unseen, training_comparison(source)]
 
 
 def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
@@ -229,7 +247,7 @@ def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple
 def _evaluated(
     source: Campaign, found: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
 ) -> Evaluated:
-    return Evaluated(found.values, source.photographs_taken(found.values), conditions, rocks)
+    return Evaluated(found.values, source.mean_photographs(found.values), conditions, rocks)
 
 
 def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:

@@ -120,7 +120,7 @@ class Trial(Observation):
     strategy: str = ""  # in an evaluation
     # In a campaign:
     why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
-    code: str = ""  # digest of what runs it, see `tuner.campaign.reproducibility_check`
+    code: str = ""  # digest of what runs it, see `tuner.campaign.session.ReproducibilityCheck`
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
     measured_then: Mapping[str, Any] | None = field(

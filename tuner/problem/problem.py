@@ -7,16 +7,13 @@ differs between the two is a method here, so that no other code asks which one i
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from nbv.config import IDEAL, Condition
 from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration, Values
-
-Making = Callable[[str], AbstractContextManager[object]]  # shows a text while a rock is made
 
 
 class Strategies(NamedTuple):
@@ -98,9 +95,7 @@ class Problem(abc.ABC):
         """Return the instances that a campaign may not tune on and an evaluation runs by default."""
 
     @abc.abstractmethod
-    def evaluated_on(
-        self, rocks: Sequence[str] | None, replicates: int, making: Making
-    ) -> tuple[tuple[str, ...], int]:
+    def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
         """Return the instances of an evaluation, looked up, and its replicates; ``rocks``: those that the user named."""
 
     @abc.abstractmethod

@@ -16,12 +16,11 @@ A search space file reads::
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, canonical_path, is_parameter
+from nbv.config import MissionConfig, canonical_path, parameter, shipped_files
 from nbv.config.declaration import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, read_yaml, require
@@ -35,10 +34,8 @@ _SPACE_KEYS = ("name", "description", "base", "begin", "parameters")
 
 
 def available_search_spaces() -> dict[str, Path]:
-    """Return the named spaces and their files: those beside the package (a clone) before the installed data files."""
-    installed = Path(sys.prefix) / "share" / "gatetune" / "search_spaces"
-    beside = Path(__file__).resolve().parents[2] / "search_spaces"
-    return {file.stem: file for folder in (installed, beside) for file in sorted(folder.glob("*.yaml"))}
+    """Return the named spaces and their files."""
+    return shipped_files("search_spaces")
 
 
 def load_search_space(name_or_path: str | Path) -> SearchSpace:
@@ -112,9 +109,11 @@ def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> Non
 
 
 def _known_path(path: str, source: str) -> None:
-    if not is_parameter(path):
+    try:
+        parameter(path)
+    except KeyError:
         try:
-            MissionConfig().with_values({path: None})
+            MissionConfig().with_values({path: None})  # says which there are
         except UserError as error:
             raise UserError(f"{source}: {error}") from error
 

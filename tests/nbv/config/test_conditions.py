@@ -59,7 +59,7 @@ def test_under_one_condition_there_is_no_second() -> None:
         ("scene: {read_noise_dn: -1}", "scene.read_noise_dn is -1.0; it must be 0 or more"),
         ("scene: {sun_direction: [0, 0, 1]}", "scene.sun_direction is"),
         ("scene: 3", "scene is 3; it must map names to values"),
-        ("dense: {agreeing_views: 3}", "dense is not of the world; a condition sets scene"),
+        ("dense: {agreeing_views: 3}", "dense is no part of the environment; a condition sets scene"),
         ("telemetri: gnss", "a condition has no section 'telemetri'; did you mean 'telemetry'"),
         ("telemetry: gps", "unknown telemetry level 'gps'; there are exact, rtk"),
         ("- scene", "a condition maps sections to fields"),
@@ -80,7 +80,7 @@ def test_a_condition_that_there_is_not_is_told(tmp_path: Path) -> None:
         load_condition("feild")
     with pytest.raises(UserError, match="cannot read"):
         load_condition(str(tmp_path / "nowhere.yaml"))
-    with pytest.raises(UserError, match="ideal is the world of the defaults"):
+    with pytest.raises(UserError, match="ideal is the name of the default environment"):
         load_condition(written(tmp_path, "telemetry: gnss", "ideal.yaml"))
     with pytest.raises(UserError, match="cannot name a condition"):
         load_condition(written(tmp_path, "telemetry: gnss", "a world.yaml"))

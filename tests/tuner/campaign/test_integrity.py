@@ -12,7 +12,6 @@ import fake_missions
 import pytest
 from in_process import InProcessExecutor
 
-import tuner.campaign.begin as beginning
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from tuner.campaign import rock_problem
@@ -161,7 +160,14 @@ def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monk
     assert finished(accept_changes=not put_back) == 7
 
 
-@pytest.mark.parametrize("at", ["Ledger", "write_settings", "set_user_attr"])
+@pytest.mark.parametrize(
+    "at",
+    [
+        "tuner.campaign.ledger.Ledger",
+        "tuner.campaign.begin.write_settings",
+        "optuna.Study.set_user_attr",
+    ],
+)
 def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
     asked, directory = fake_campaigns.settings(sampler="sobol", budget=2), tmp_path / "run"
 
@@ -169,10 +175,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        if at == "set_user_attr":
-            patch.setattr("optuna.Study.set_user_attr", die)
-        else:
-            patch.setattr(beginning, at, die)
+        patch.setattr(at, die)
         with pytest.raises(KeyboardInterrupt):
             begin_campaign(directory, asked)
     (directory / ".campaign.yaml.1.tmp").touch()

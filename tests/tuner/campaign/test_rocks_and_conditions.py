@@ -18,7 +18,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import asked_settings, settings_from_dict
+from tuner.campaign.settings_file import resolved_settings, settings_from_dict
 from tuner.evaluation.of_campaign import held_out
 from tuner.problem.instances import Instance, instances_over
 
@@ -35,7 +35,7 @@ def settings_of(*rocks: str, **more: object):
         "sampler": "sobol",
         **more,
     }
-    return asked_settings(tree, "test")
+    return resolved_settings(tree, "test")
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_the_rock_met_is_a_training_rock_that_the_seed_decides(evaluated: Campai
     assert all(first[place, k] == name for place, k, name in met)
     assert len(set(first.values())) == len(first)
     other = settings_of("any-slab", seed=1)
-    assert other.rock_evaluated("any-slab", 0) != evaluated.settings.rock_evaluated("any-slab", 0)
+    assert other.drawn_rock("any-slab", 0) != evaluated.settings.drawn_rock("any-slab", 0)
 
 
 @pytest.mark.slow

@@ -13,9 +13,9 @@ import synthetic
 from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
+from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.transfer import learn_from
 from tuner.cli import app
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace

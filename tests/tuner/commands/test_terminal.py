@@ -75,7 +75,7 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     space = load_search_space("gate")
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []
-    monkeypatch.setattr(evaluate, "compare", lambda asked, *_, **__: plans.append(asked.plan))
+    monkeypatch.setattr(evaluate, "run_and_report", lambda planned, *_: plans.append(planned.plan))
     found = run.recommendation()
     assert found is not None
     kept = replace(found, values=found.default_values)

@@ -14,7 +14,7 @@ from scipy import stats
 from nbv.config import preset
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint
-from tuner.campaign.settings_file import asked_settings
+from tuner.campaign.settings_file import resolved_settings
 from tuner.problem.deterministic_metrics import (
     DeterministicMetric,
     DeterministicMetrics,
@@ -58,7 +58,7 @@ def test_what_is_no_share_is_said_in_one_line(text: str, says: str) -> None:
 
 
 def settings_of(rocks: list[str], **more: object):
-    return asked_settings(
+    return resolved_settings(
         {"rocks": rocks, "space": "photographs", "fidelity": "geometric", "objective": TEXT, **more}, "test"
     )
 

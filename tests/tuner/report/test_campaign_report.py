@@ -91,7 +91,7 @@ def test_the_command_runs_the_same_campaign(
     def begin(directory: Path, settings: CampaignSettings) -> Campaign:
         raise _Made(settings)
 
-    monkeypatch.setattr("tuner.campaign.begin.begin_campaign", begin)
+    monkeypatch.setattr("tuner.commands.campaign.begin_campaign", begin)
     words = shlex.split(reproduce_command(made))
     assert words[0] == "gatetune"
     with pytest.raises(_Made) as found:

@@ -14,7 +14,7 @@ from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
 from tuner.problem.baselines import TUNED
 from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
 from tuner.problem.objective import Objective, dotted
-from tuner.problem.problem import Evaluated, Making, Problem, Strategies
+from tuner.problem.problem import Evaluated, Problem, Strategies
 from tuner.problem.search_space import Values
 
 
@@ -82,9 +82,7 @@ class MissionFileProblem(Problem):
     def held_out(self) -> tuple[str, ...]:
         return tuple(self.mission.held_out)
 
-    def evaluated_on(
-        self, rocks: Sequence[str] | None, replicates: int, making: Making
-    ) -> tuple[tuple[str, ...], int]:
+    def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
         names, path = self.held_out(), self.mission.path
         if not names:
             raise UserError(f"{path} holds nothing out; name instances under held_out")
