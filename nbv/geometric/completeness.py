@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.evaluation.metric import (
@@ -23,15 +24,28 @@ from nbv.types import Bools, Floats
 CHANCES_IN_REACH = 2.0
 
 
-def chance_within(t_m: float, world: GeometricWorld, probability: Floats) -> Floats:
-    """(S,) chance that a point is reconstructed nearer than ``t_m`` to each of a world's samples with probabilities (S,).
+def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
+    """(K + 1, S) highest probability among each sample's first 0, 1, ..., K neighbours; of none it is 0.
+
+    ``neighbours`` is (K, S): the samples themselves, their nearest neighbours, their second nearest, ...
+    """
+    best = np.zeros((len(neighbours) + 1, neighbours.shape[1]))
+    np.take(probability, neighbours, out=best[1:], mode="clip")
+    for rank in range(len(neighbours)):
+        np.maximum(best[rank], best[rank + 1], out=best[rank + 1])
+    return best
+
+
+def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
+    """(S,) chance that something is reconstructed among each sample's ``count`` (S,) nearest (`best_so_far`).
 
     A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best
     neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/low_fidelity.md).
     """
-    near = np.where(world.sample_distances_m < t_m, probability[world.sample_neighbours], 0.0)
-    reached: Floats = 1.0 - np.power(1.0 - near.max(axis=1), CHANCES_IN_REACH)
-    return reached
+    reached: Floats = best.ravel().take(count * best.shape[1] + np.arange(best.shape[1]))
+    np.subtract(1.0, reached, out=reached)
+    np.power(reached, CHANCES_IN_REACH, out=reached)
+    return np.subtract(1.0, reached, out=reached)
 
 
 def sample_probability(
@@ -64,7 +78,8 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     of the photogrammetric score. Distances (C2C, Hausdorff) are not predicted and are absent.
     """
     thresholds = sorted({*config.evaluation.thresholds_mm, SECTOR_THRESHOLD_MM})
-    reached = {t: chance_within(t / 1000.0, world, probability) for t in thresholds}
+    best = best_so_far(probability, world.neighbours_by_rank)
+    reached = {t: within_reach(best, world.reach_counts(t / 1000.0)) for t in thresholds}
     sectors = azimuth_sectors(world.samples_m, config.target_m, config.evaluation.azimuth_sectors)
     everything = np.ones(len(probability), dtype=bool)
     metrics: dict[str, Any] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,8 +19,20 @@ MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 # Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Rings of 12 and 14 seeds at 20
 # degrees do not register, those of 16, 18 and 24 do (boulder, vesicular): 172 to 246 and from 272 on.
 HELD_LANDMARKS = 258
+
+
 MIN_TRACK_LENGTH = 3
 NOISE_PX = 0.5
+
+
+@dataclass(frozen=True)
+class _SeedState:
+    """What bootstrapping leaves: the same for every configuration on one (rock, replicate)."""
+
+    tracks: Tracks
+    registered: list[Capture]
+    waiting: list[Capture]
+    report: UpdateReport
 
 
 class GeometricReconstructor(Reconstructor):
@@ -45,6 +58,17 @@ class GeometricReconstructor(Reconstructor):
     ) -> None:
         self._world, self._config, self._aim_m = world, config, aim_m
         self._landmarks = Landmarks(world, config, rock_sha256, replicate)
+        # With the seeds' poses, all that a seed model depends on.
+        self._identity = (
+            rock_sha256,
+            replicate,
+            self._landmarks.count,
+            config.target_m,
+            config.camera,
+            config.scene,
+            config.ground,
+            config.sparse,
+        )
         # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
         # nothing limits the angle, since rendered photographs of such plans register.
         self._by_points = config.scene.match_angle_deg < 180.0
@@ -56,6 +80,16 @@ class GeometricReconstructor(Reconstructor):
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model; `MissionFailure` if too few seeds register."""
+        key = (*self._identity, *((c.name, c.camera_from_world.tobytes()) for c in captures))
+        seed: _SeedState = self._world.seed_models.get(key, lambda: self._build_seed(captures))
+        self._tracks = seed.tracks.copy(len(captures) + self._config.adaptive_budget)
+        self._captures, self._waiting = list(seed.registered), list(seed.waiting)
+        return seed.report
+
+    def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
+        return self._landmarks.detected_from(capture.viewpoint, self._aim_m, capture.camera_center_m)
+
+    def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
         every = self._every_track(captures)
         held = len(captures)
@@ -82,29 +116,23 @@ class GeometricReconstructor(Reconstructor):
         self._captures = [capture for capture in captures if capture.name in names]
         self._waiting = [capture for capture in captures if capture.name not in names]
         self._tracks = self._every_track(self._captures) if self._waiting else every
-        return UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
-
-    def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
-        return self._landmarks.detected_from(capture.viewpoint, self._aim_m, capture.camera_center_m)
+        report = UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
+        return _SeedState(self._tracks, self._captures, self._waiting, report)
 
     def _grown_seed(self, captures: Sequence[Capture], every: Tracks) -> list[Capture]:
         """The seeds that register one after another, from the first or from the pair that shares most."""
-        self._tracks = self._no_tracks(len(captures))
+        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
         joined, waiting = self._grow(captures)
         if not waiting:
             return joined
         pair = divmod(int(every.shared().argmax()), len(captures))
-        self._tracks = self._no_tracks(len(captures))
+        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
         first, rest = (captures[i] for i in pair), (c for i, c in enumerate(captures) if i not in pair)
         return self._grow([*first, *rest])[0]
 
-    def _no_tracks(self, seeds: int) -> Tracks:
-        """With room for so many seeds and the adaptive photographs."""
-        return Tracks(self._landmarks.cosine_limit, seeds + self._config.adaptive_budget)
-
     def _every_track(self, captures: Sequence[Capture]) -> Tracks:
         """Of photographs in this order, whichever match."""
-        tracks = self._no_tracks(len(captures))
+        tracks = Tracks(self._landmarks.cosine_limit, len(captures))
         for capture in captures:
             tracks.add(*self._detect(capture))
         return tracks

@@ -2,7 +2,7 @@
 
 Detections of one landmark in two views match when their lines of sight differ little enough; a track is a
 connected set of matching detections, as in COLMAP. A landmark may have several tracks (seen from opposite
-sides, say), and each becomes a point of its own.
+sides, say), and each is a point of its new.
 """
 
 from __future__ import annotations
@@ -26,6 +26,17 @@ class Tracks:
         # The number of a view in the track, or -1: which one is arbitrary, equal numbers are one track.
         # A row per landmark, since tracks are listed landmark by landmark.
         self._labels = np.full((len(cosine_limit), capacity), -1, dtype=np.int16)
+
+    def copy(self, capacity: int) -> Tracks:
+        """The same tracks with room for ``capacity`` views."""
+        other = Tracks.__new__(Tracks)
+        other._cosine_limit, other.n_views = self._cosine_limit, self.n_views
+        n = self.n_views
+        other._directions = np.empty((capacity, *self._directions.shape[1:]), dtype=np.float32)
+        other._directions[:n] = self._directions[:n]
+        other._labels = np.full((len(self._labels), capacity), -1, dtype=np.int16)
+        other._labels[:, :n] = self._labels[:, :n]
+        return other
 
     def add(
         self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0, point_views: int = 1

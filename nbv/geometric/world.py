@@ -1,8 +1,9 @@
 """What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
 
-Points are computed once per rock and kept in the store; what a viewpoint sees is computed when it is first visited.
-Visibility is resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by a
-centimetre or two. Angles and incidences use the actual positions.
+Points, and who of the default viewpoints sees them, are computed once per rock and kept in the store; what other viewpoints
+see, when they are first visited. Visibility is
+resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
+a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
 A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
 """
 
@@ -31,8 +32,9 @@ from nbv.geometry.visibility import (
 )
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
+from nbv.rocks.families import generated_name
 from nbv.rocks.mesh import vertex_normals
-from nbv.terrain import joined_mesh, make_surroundings
+from nbv.terrain import Surroundings, joined_mesh, make_surroundings
 from nbv.types import Bools, Floats
 from nbv.viewpoints import camera_shell
 
@@ -46,6 +48,8 @@ TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
+
+
 MAX_VIEWS = 1_000  # views of one world that are kept in memory, 7 kB each
 Point = tuple[float, float, float]
 
@@ -69,34 +73,67 @@ class GeometricWorld:
     observable: Bools  # (S,) what `nbv.evaluation` counts as observable
     sample_neighbours: NDArray[np.int32]  # (S, K) nearest samples, the sample itself first
     sample_distances_m: Floats  # (S, K)
+    shell_m: Floats  # (V, 3) default viewpoints, aimed at `aim_m`; none of a drawn rock, of which aims differ
+    shell_landmarks: Bools  # (V, L) what they see
+    shell_samples: Bools  # (V, S)
+    aim_m: Point
     caster: Callable[[], RayCaster]  # of the rock and its neighbours, made when it is first needed
     camera: CameraConfig
 
     @cached_property
+    def seed_models(self) -> Recent[Any]:
+        """What `nbv.geometric.reconstructor` makes of seeds: the same for all configurations with these seeds."""
+        return Recent(8)
+
+    @cached_property
     def landmarks_seen(self) -> Callable[[Point, Point], Bools]:
         """(L,) landmarks that a camera at a nominal position, aimed at a point, has in its image, front side, not hidden."""
-        return self._visibility(self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG)
+        return self._visibility(
+            self.landmarks_m, self.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG, self.shell_landmarks
+        )
 
     @cached_property
     def samples_seen(self) -> Callable[[Point, Point], Bools]:
         """(S,) samples, as `landmarks_seen` has it."""
-        return self._visibility(self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG)
+        return self._visibility(
+            self.samples_m, self.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG, self.shell_samples
+        )
 
     def _visibility(
-        self, points_m: Floats, normals: Floats, max_incidence_deg: float
+        self, points_m: Floats, normals: Floats, max_incidence_deg: float, of_shell: Bools
     ) -> Callable[[Point, Point], Bools]:
         starts = lifted(points_m, normals, LIFT_M)
+        rows = {tuple(position): row for row, position in enumerate(self.shell_m.tolist())}
 
-        @lru_cache(MAX_VIEWS)
         def visible(position_m: Point, aim_m: Point) -> Bools:
+            row = rows.get(position_m) if aim_m == self.aim_m else None
+            if row is not None:
+                known: Bools = of_shell[row]
+                return known
             center = np.array(position_m)
-            seen: Bools = in_frustum(points_m, center[None], np.array(aim_m), self.camera)[:, 0]
-            seen &= points_m[:, 2] >= 0
+            seen = in_frustum(points_m, center[None], np.array(aim_m), self.camera)[:, 0] & (
+                points_m[:, 2] >= 0
+            )
             ask = np.flatnonzero(seen)
             seen[ask] = seen_from(center, starts[ask], normals[ask], self.caster(), max_incidence_deg)
             return seen
 
-        return visible
+        return lru_cache(MAX_VIEWS)(visible)
+
+    def reach_counts(self, t_m: float) -> NDArray[np.intp]:
+        """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
+        if t_m not in self._reach_counts:
+            self._reach_counts[t_m] = (self.sample_distances_m < t_m).sum(axis=1)
+        return self._reach_counts[t_m]
+
+    @cached_property
+    def _reach_counts(self) -> dict[float, NDArray[np.intp]]:
+        return {}
+
+    @cached_property
+    def neighbours_by_rank(self) -> NDArray[np.intp]:
+        """(K, S) `sample_neighbours`: every sample's nearest (itself), every sample's second nearest, ..."""
+        return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
 
 
 WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campaign comes back to its rocks
@@ -126,10 +163,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
     ]
-    around = None
-    if config.ground.neighbours > 0:
-        around = make_surroundings(config.ground, scene.ground_seed, rock.sha256, store)
-    if around is not None:
+    if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
 
     @cache
@@ -137,15 +171,24 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         solid, _ = joined_mesh(rock, around)
         return RayCaster(solid.vertices_m, solid.faces)
 
-    arrays = cached(
-        store,
-        "geometric-worlds",
-        lambda: _build(rock, config, caster()),
-        code=__name__,
-        inputs=inputs,
-    )
-    plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
-    return GeometricWorld(**{**arrays, **plain, "caster": caster, "camera": config.camera})
+    def made(arrays: Arrays) -> GeometricWorld:
+        plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
+        fixed = {"aim_m": config.target_m, "caster": caster, "camera": config.camera}
+        return GeometricWorld(**{**arrays, **plain, **fixed})
+
+    def build() -> Arrays:
+        arrays = _build(rock, config, caster())
+        positions = camera_shell(config)[: 0 if generated_name(rock.name) else None]
+        nothing = {name: np.zeros((0, 0)) for name in ("shell_m", "shell_landmarks", "shell_samples")}
+        world = made({**arrays, **nothing})
+        visibility = {"shell_landmarks": world.landmarks_seen, "shell_samples": world.samples_seen}
+        seen = {
+            name: np.array([visible(tuple(p), config.target_m) for p in positions.tolist()])
+            for name, visible in visibility.items()
+        }
+        return {**arrays, "shell_m": positions, **seen}
+
+    return made(cached(store, "geometric-worlds", build, code=__name__, inputs=inputs))
 
 
 def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
@@ -212,6 +255,12 @@ def _far_ground(inner_m: float) -> Floats:
     xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
     xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
+
+
+def _neighbours(rock: Rock, config: MissionConfig, store: Store | None) -> Surroundings | None:
+    if config.ground.neighbours == 0:
+        return None
+    return make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
 
 
 def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Bools:
