@@ -137,9 +137,10 @@ def _settings_file() -> list[str]:
     from tuner.campaign.settings_file import SETTINGS
 
     options = {name: s.option.split()[0] for name, s in SETTINGS.items() if s.option}
-    fields = (
-        f"`{name}`" + (f" (`{option}`)" if option != f"--{name.replace('_', '-')}" else "")
+    renamed = (
+        f"`{name}` (`{option}`)"
         for name, option in options.items()
+        if option != f"--{name.replace('_', '-')}"
     )
     lines = [
         "## Settings file",
@@ -151,7 +152,8 @@ def _settings_file() -> list[str]:
         "    overrides: {stop.adaptive_budget: 12}",
         "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
         "",
-        f"These options are fields: {', '.join(fields)}. A file may also say:",
+        f"Every option above is a field, except `--quick` and *Execution* other than `--keep`; {', '.join(renamed)} have other "
+        "names there. Further fields and forms:",
         "",
     ]
     for name, s in SETTINGS.items():

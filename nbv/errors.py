@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class UserError(Exception):
-    """A mistake that the user can mend.
+    """A mistake that the user can correct.
 
     The message is one line that names the thing and the remedy. The command line prints it without a
     traceback and exits with code 2; nothing has been overwritten when it is raised.

@@ -37,7 +37,7 @@ TREE_NODES = 50_000
 RESULT_NODES = 5_000_000
 TREE_DEPTH = 40
 RUN_FILES = ("campaign.yaml", "evaluation.yaml")  # each lies in the root of a run directory
-JOURNAL_LOCK = "study.journal.lock"  # Optuna makes a link; nobody follows it
+JOURNAL_LOCK = "study.journal.lock"  # Optuna makes a link, which is never followed
 _INT_BOUND = 2**63
 # Control characters but tab and newline, and marks that change the direction of writing.
 _STEERING = {
@@ -125,7 +125,7 @@ def require(count: float, limit: float, what: str) -> None:
 
 
 def expanded(path: str | Path) -> Path:
-    """``path`` with ``~`` for the user's folder; `UserError` for ``~NAME`` of nobody."""
+    """``path`` with ``~`` for the user's folder; `UserError` for ``~NAME`` of an unknown user."""
     try:
         return Path(path).expanduser()
     except RuntimeError as error:
@@ -302,9 +302,9 @@ def parse_yaml(text: str, source: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" line {mark.line + 1}" if mark is not None else ""
-        raise UserError(f"{source}{line}: {error.problem or error.context}; mend the YAML") from error
+        raise UserError(f"{source}{line}: {error.problem or error.context}; correct the YAML") from error
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError, KeyError) as error:
-        raise UserError(f"{source}: not YAML ({_first_line(error)}); mend it") from error
+        raise UserError(f"{source}: not YAML ({_first_line(error)}); correct it") from error
     _check_tree(tree, source, TREE_NODES)
     return tree
 
@@ -416,7 +416,9 @@ def _check_events(text: str, source: str) -> None:
             raise UserError(f"{source}{line}: the tag {named} is not read; give a plain value without it")
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
-                raise UserError(f"{source}: alias *{event.anchor} stands for nothing, or for itself; mend it")
+                raise UserError(
+                    f"{source}: alias *{event.anchor} refers to nothing, or to itself; correct it"
+                )
             add(sizes[event.anchor])
         elif isinstance(event, yaml.ScalarEvent):
             add(1)

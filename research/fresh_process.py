@@ -21,7 +21,7 @@ SEQUENCE_KINDS = ("sequence-models", "clouds", "evaluations")
 
 
 @dataclass(frozen=True)
-class Flown:
+class MeasuredMission:
     """A mission and what it cost. Imports come before the clock: a campaign's workers fork with them."""
 
     result: MissionResult  # its stage timings are CPU seconds
@@ -31,15 +31,15 @@ class Flown:
     capture_cpu_s: list[float]  # of each adaptive capture: planning, flight, photograph, update
 
 
-def fly_in_fresh_process(
+def run_in_fresh_process(
     config: MissionConfig,
     rock: str,
     replicate: int,
     home: Path,
     directory: Path | None = None,
     keep: Literal["all", "summary"] = "summary",
-) -> Flown:
-    """Fly with the rocks, caches and store of ``home``, on one thread."""
+) -> MeasuredMission:
+    """Run with the rocks, caches and store of ``home``, on one thread."""
     single_thread_environment()  # inherited by the child, before it imports anything
     os.environ["GATETUNE_HOME"] = str(home)
     context = multiprocessing.get_context("spawn")
@@ -48,7 +48,7 @@ def fly_in_fresh_process(
     child.start()
     sender.close()
     try:
-        evaluated: Flown = receiver.recv()
+        evaluated: MeasuredMission = receiver.recv()
     finally:
         child.join()
     return evaluated
@@ -56,13 +56,13 @@ def fly_in_fresh_process(
 
 def fly_for_record(
     config: MissionConfig, rock: str, replicate: int, what: dict[str, Any], metrics: Sequence[str]
-) -> tuple[Flown, dict[str, Any]]:
-    """Fly with the user's rocks and store; the flight, and its line of a benchmark's record.
+) -> tuple[MeasuredMission, dict[str, Any]]:
+    """Run with the user's rocks and store; the flight, and its line of a benchmark's record.
 
     ``what`` tells the line from others of its rock and replicate; ``metrics`` are of the observable surface.
     ``SystemExit`` where the mission fails.
     """
-    evaluated = fly_in_fresh_process(config, rock, replicate, home())
+    evaluated = run_in_fresh_process(config, rock, replicate, home())
     result = evaluated.result
     if result.status == "failed":
         raise SystemExit(f"{rock}, replicate {replicate}, {what}: {result.reason}: {result.message}")
@@ -96,7 +96,7 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
     wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
     captures = [after - before for before, after in itertools.pairwise(marks)]
-    sender.send(Flown(result, wall, cpu, peak_mb, captures))
+    sender.send(MeasuredMission(result, wall, cpu, peak_mb, captures))
     sender.close()
 
 

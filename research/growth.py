@@ -48,7 +48,7 @@ from nbv.sparse.matching import match_pair, verify_pair
 from nbv.threads import limit_threads
 from nbv.types import PlanningState, SparseModel
 from nbv.viewpoints import candidate_pool, seed_viewpoints
-from research.fresh_process import fly_in_fresh_process
+from research.fresh_process import run_in_fresh_process
 
 Curve = dict[str, Any]
 
@@ -190,7 +190,7 @@ def planning(state: PlanningState) -> list[Curve]:
 
 def rocks_curve(home: Path, names: list[str]) -> Curve:
     """Sum over rocks of a cold campaign mission's cost."""
-    costs = [fly_in_fresh_process(preset("campaign"), name, 0, home).cpu_s for name in names]
+    costs = [run_in_fresh_process(preset("campaign"), name, 0, home).cpu_s for name in names]
     total = np.cumsum(costs).tolist()
     return curve(
         "campaign missions, nothing cached", "rocks", [float(n + 1) for n in range(len(names))], total
@@ -295,7 +295,7 @@ def measure(rocks: list[str]) -> list[Curve]:
         curves = image_sizes(rocks[0])
         mission = Path(name) / "mission"
         short = preset("campaign").with_values({"stop.adaptive_budget": 1})
-        fly_in_fresh_process(short, rocks[0], 0, home, mission, keep="all")
+        run_in_fresh_process(short, rocks[0], 0, home, mission, keep="all")
         curves += planning(load_state(mission / "states" / "iter_00.npz")[0])
         if len(rocks) > 1:
             curves.append(rocks_curve(Path(name) / "empty", rocks))

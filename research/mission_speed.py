@@ -28,16 +28,16 @@ from typing import Any
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
-from research.fresh_process import Flown, fly_in_fresh_process, forget_sequences
+from research.fresh_process import MeasuredMission, forget_sequences, run_in_fresh_process
 
 
 def stages(home: Path, rock: str, name: str = "campaign") -> dict[str, Any]:
     """One mission cold and warm."""
     config = preset(name)
-    evaluated: dict[str, Flown] = {"cold": fly_in_fresh_process(config, rock, 0, home)}
+    evaluated: dict[str, MeasuredMission] = {"cold": run_in_fresh_process(config, rock, 0, home)}
     forget_sequences(home)
-    evaluated["warm, new sequence"] = fly_in_fresh_process(config, rock, 0, home)
-    evaluated["warm, known sequence"] = fly_in_fresh_process(config, rock, 0, home)
+    evaluated["warm, new sequence"] = run_in_fresh_process(config, rock, 0, home)
+    evaluated["warm, known sequence"] = run_in_fresh_process(config, rock, 0, home)
     same = all(f.result.metrics == evaluated["cold"].result.metrics for f in evaluated.values())
     print(f"\n{name} preset on {rock}, CPU seconds by stage (same metrics to the bit: {same})\n")
     names = sorted({s for f in evaluated.values() for s in f.result.timings_s} - {"total"})
@@ -169,7 +169,7 @@ def workers(
 
 def captures(home: Path, rock: str) -> dict[str, Any]:
     """Cost of each capture of a mission of preset paper-reduced."""
-    evaluated = fly_in_fresh_process(preset("paper-reduced"), rock, 0, home)
+    evaluated = run_in_fresh_process(preset("paper-reduced"), rock, 0, home)
     costs = evaluated.capture_cpu_s
     first, last = statistics.mean(costs[:10]), statistics.mean(costs[-10:])
     print(

@@ -15,7 +15,7 @@ complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figu
 ``{"kind": "done", "ask_s"}``
 
 Every strategy starts at the problem's default configuration. Where a strategy recommends nothing itself, our
-product's rule does it for all alike: best posterior mean of our GP among the configurations flown.
+product's rule does it for all alike: best posterior mean of our GP among the configurations run.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ def surrogate(problem: Problem, history: Sequence[Observation], strategy: object
 def common_recommendation(
     problem: Problem, history: Sequence[Observation], strategy: object, *, ours: bool
 ) -> tuple[Values, float, float, InstanceMeanGP]:
-    """Best posterior mean among the configurations flown, its mean and sd, and the model.
+    """Best posterior mean among the configurations run, its mean and sd, and the model.
 
-    Ours, as in the product, only of what has flown on two rocks and replicates, once its last missions see to that.
+    Ours, as in the product, only of what has run on two rocks and replicates, once its last missions see to that.
     """
     model = surrogate(problem, history, strategy)
     configurations = distinct_configurations(problem.space, model.observations)

@@ -51,7 +51,7 @@ class Request:
     values: Values
     rock: str | None = None
     replicate: int | None = None
-    why: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Strategy(Protocol):
@@ -160,7 +160,7 @@ class OurDesign(OneRock):
             return Request(self._design.ask(self.history, []).values)
         mine = [dataclasses.replace(o, number=o.number + len(self._before)) for o in self.history]
         p = self.sampler.ask([*self._before, *mine], [])
-        return Request(p.values, why=p.metadata)
+        return Request(p.values, metadata=p.metadata)
 
 
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
@@ -225,10 +225,10 @@ class AllRocks:
         """The configuration at hand on its next rock."""
         if self._now is None:
             p = self.sampler.ask(self.means, [])
-            self._now = Request(p.values, why=p.metadata)
+            self._now = Request(p.values, metadata=p.metadata)
         replicate = len(self.means) % self.problem.replicates
         rock = self.problem.rocks[len(self._outcomes)]
-        return Request(self._now.values, rock, replicate, self._now.why)
+        return Request(self._now.values, rock, replicate, self._now.metadata)
 
     def tell(self, observation: Observation) -> None:
         """One number per configuration; a failure on any rock is a failed configuration."""

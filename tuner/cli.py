@@ -36,7 +36,7 @@ from tuner.commands import (  # noqa: E402
 from tuner.commands.console import errors, only_json, output  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
-# Words of the system, PyTorch, the loader, C++ and Python.
+# Parts of the messages of the system, PyTorch, the loader, C++ and Python.
 _NO_MEMORY = (
     *("annot allocate memory", "can't allocate memory", "failed to map segment", "std::bad_alloc"),
     "can't start new thread",
@@ -75,38 +75,42 @@ def options(
         plugins.use(text)
 
 
-app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at GP tuning campaigns.")
+app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and inspect tuning campaigns.")
 app.command(
-    name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."
+    name="evaluate", short_help="Job 2: compare the tuned configuration with baselines on held-out rocks."
 )(evaluate.evaluate)
 app.command(name="compare", short_help="Does a planner beat an orbit, and with how many photographs?")(
     compare.compare
 )
 app.command(
-    name="confirm", short_help="Did my rock gain? The recommendation against the default, run afresh."
+    name="confirm", short_help="Did my rock gain? Compare recommendation and default in new replicates."
 )(evaluate.confirm)
-app.command(name="metrics", short_help="What can be tuned for: every metric, its unit and direction.")(
+app.command(name="metrics", short_help="List every metric that can be tuned, with its unit and direction.")(
     config.metrics
 )
 app.command(
-    name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
+    name="reproduce", short_help="Job 3: run the paper's default configuration and print its Table I."
 )(evaluate.reproduce)
-app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
+app.command(name="export", short_help="Write the recommendation as files for the vehicle.")(export.export)
 app.add_typer(
     mission.app,
     name="mission",
-    help="Run one mission; explain its decisions; walk around in it; missions of your own.",
+    help="Run one mission, explain its decisions, view it in 3D; set up missions of your own.",
 )
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
-    photographs.app, name="photographs", help="Sets of real photographs: import them; how few are enough?"
+    photographs.app, name="photographs", help="Import sets of real photographs; find how few are enough."
 )
-app.add_typer(plugin.app, name="plugin", help="Scorers, gates and other parts of other packages.")
-app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
-app.command(name="doctor", short_help="Is this machine fit for missions, and what would mend it?")(
-    doctor.doctor
+app.add_typer(plugin.app, name="plugin", help="List the plug-ins of other packages; write one of your own.")
+app.add_typer(
+    cache.app,
+    name="cache",
+    help="Inspect or shrink the store of photographs, features, matches and seed models.",
 )
-app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")
+app.command(
+    name="doctor", short_help="Check whether missions can run on this machine, and what to do if not."
+)(doctor.doctor)
+app.add_typer(config.app, name="config", help="Print a preset's complete configuration.")
 
 
 def main() -> None:
@@ -136,7 +140,7 @@ def main() -> None:
             _say(f"{error.strerror}: {error.filename}")
             sys.exit(2)
         if isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
-            _say("memory ran out; free some, or ask for fewer workers, then go on: what has ended is kept")
+            _say("memory ran out; free some or use fewer workers, then resume: finished missions are kept")
             sys.exit(2)
         log = _keep_traceback()
         where = f"; the details are in {log}" if log else ""

@@ -102,7 +102,7 @@ class MissionConfig:
         if seeds.count < self.sparse.min_registered_seeds:
             raise UserError(
                 f"seed.count {seeds.count} is below sparse.min_registered_seeds {self.sparse.min_registered_seeds}: "
-                "no such mission can go on; lower the latter or fly more seeds"
+                "no such mission can go on; lower the latter or take more seeds"
             )
         step_deg = 360.0 / max(seeds.upper_count, seeds.count - seeds.upper_count)
         if not self.sparse.ground_features and step_deg > WIDEST_STEP_DEG:

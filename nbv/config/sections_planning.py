@@ -33,7 +33,7 @@ class SeedConfig(Section):
     ring_elevations_deg: Elevations = text((15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings")
     ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III", "views in each seed ring")
     ring_radii_m: tuple[Positive, ...] = not_in_paper(
-        (), "the same for each seed ring; empty: `radius_m` for all", added=True
+        (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
     )
     ring_bearings_deg: tuple[float, ...] = not_in_paper(
         (), "compass bearing of each seed ring's first view; empty: north", added=True
@@ -45,7 +45,7 @@ class SeedConfig(Section):
         added=True,
     )
     rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
-        1, "elevations among which the seeds of `count` alternate", added=True
+        1, "number of elevations among which the seeds of `count` alternate", added=True
     )
     lowest_deg: Elevation = not_in_paper(
         20.0,
@@ -55,7 +55,7 @@ class SeedConfig(Section):
         added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "from the lowest to the highest elevation", why="the paper's: 21", added=True
+        0.0, "highest minus lowest of these elevations", why="the paper's: 21", added=True
     )
     start_bearing_deg: float = not_in_paper(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
@@ -75,8 +75,8 @@ class SeedConfig(Section):
     )
     second_turn: bool = not_in_paper(
         False,
-        "take further seeds out of the planned views: as many again where the seeds make no model, else between registered and "
-        "missing seeds until all are registered",
+        "take further seeds in place of planned views: as many again if the seeds give no model, else between registered and "
+        "unregistered seeds until all are registered",
         why="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
@@ -145,17 +145,17 @@ class PoolConfig(Section):
     lateral_count: Count = code(
         120,
         "mission file",
-        "candidates in the lower band; each lower ring gets more of them (by inverse rank)",
+        "candidates in the lower band, shared among its rings as 1 : 1/2 : 1/3 : 1/4",
     )
     upper_elevations_deg: Elevations = text((35.0, 45.0, 55.0), "III", "elevations of the sparse upper band")
     upper_count: Count = code(50, "mission file", "candidates in the upper band, evenly over its rings")
     min_altitude_m: float = not_in_paper(
-        1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
+        1.3, "altitude of the lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
     )
     max_altitude_m: float = code(
         20.0,
         "mission file",
-        "highest candidate; raised where a target of uncertain position leaves no ring below it",
+        "altitude of the highest candidate; raised if an uncertain target leaves no ring below it",
         label="altitude limit",
     )
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
@@ -167,7 +167,7 @@ class PoolConfig(Section):
     max_candidates: OneOrMore = code(200, "mission file", "most candidates that are scored")
     min_register_chance: Share = not_in_paper(
         0.0,
-        "least chance to register of a candidate; where none has it, the likeliest is kept",
+        "least chance to register of a candidate; if none has it, the likeliest is kept",
         added=True,
     )
 
@@ -192,17 +192,19 @@ class StopConfig(Section):
     criterion: Literal["both", "budget", "knn", "predicted"] = text(
         "both",
         "III",
-        "what ends Phase 2 besides the budget: both (the paper's) or knn, d95 of the sparse cloud; predicted, the dense cloud's "
-        "predicted completeness (not in the paper)",
+        "what ends Phase 2 besides the budget: both (the paper's) or knn: d95 of the sparse cloud; predicted: the predicted "
+        "completeness of the dense cloud (not in the paper)",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
-    knn_neighbours: OneOrMore = code(5, "COLMAP settings", "neighbour whose distance d95 is of")
+    knn_neighbours: OneOrMore = code(
+        5, "COLMAP settings", "d95 is of the distances to this nearest neighbour"
+    )
     knn_region: Literal["all", "box"] = text(
         "all", "III-B, the sparse cloud", "points that count for d95: all, or those in the box"
     )
     predicted_percent: Annotated[float, Meta(gt=0, le=100)] = not_in_paper(
         98.0,
-        "predicted F-score at 48 mm of the dense cloud at which criterion predicted ends Phase 2",
+        "predicted F-score at 48 mm at which criterion predicted ends Phase 2",
         added=True,
     )
     min_gain_percent: NonNegative = not_in_paper(
@@ -335,21 +337,23 @@ class GateConfig(Section):
     )
     bridge_below: Share = not_in_paper(
         0.0,
-        "share of registered photographs below which the next view lies between registered and unregistered ones",
+        "if a smaller share of the photographs has registered, the next view lies between registered and unregistered ones; 0: never",
         added=True,
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
-        "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
+        "reconstruction", "when Hyb-O counts a sample as covered", why="our reading of III-B"
     )
     oracle_samples: Annotated[int, Meta(ge=100)] = text(
         30_000, "III-B", "samples of the true surface that Hyb-O counts"
     )
     oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which Hyb-O counts a sample as covered")
-    oracle_matchable_views: TwoOrMore = not_in_paper(3, "views that must see a sample for coverage matchable")
+    oracle_matchable_views: TwoOrMore = not_in_paper(
+        3, "views that must see a sample for it to be covered under `matchable`"
+    )
     oracle_quality_weight: NonNegative = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",
         "weight of a scorer's own main term in Hyb-O; above 0, the margin decides ties",
         added=True,
     )
-    learned_policy: str = not_in_paper("", "policy file of the learned gate; empty: the one that ships")
+    learned_policy: str = not_in_paper("", "policy file of the learned gate; empty: the built-in one")

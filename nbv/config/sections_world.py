@@ -64,7 +64,7 @@ class SceneConfig(Section):
     )
     match_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
         180.0,
-        "lines of sight farther apart do not match, in the geometric fidelity alone",
+        "angle between lines of sight above which they do not match; geometric missions only",
         why="at 45 even rings register as those of a stone figure do (docs/results/real_photographs.md)",
         added=True,
     )
@@ -114,11 +114,11 @@ class SensorConfig(Section):
         0.0, "shutter time, for motion blur", why="1/250 is called the longest for drone surveys"
     )
     residual_speed_m_s: NonNegative = not_in_paper(
-        0.0, "speed across the view at the photograph", why="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)"
+        0.0, "speed across the view during a photograph", why="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)"
     )
     residual_rate_deg_s: NonNegative = not_in_paper(
         0.0,
-        "turning rate across the view at the photograph",
+        "turning rate across the view during a photograph",
         why="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
     )
     jpeg_quality: Annotated[int, Meta(ge=0, le=100)] = not_in_paper(
@@ -126,7 +126,7 @@ class SensorConfig(Section):
     )
     focal_error_percent: Annotated[float, Meta(gt=-100)] = not_in_paper(
         0.0,
-        "true focal length above the calibrated one",
+        "by how much the true focal length exceeds the calibrated one",
         why="0.2 between the two cameras of the EuRoC rig",
     )
     principal_point_error_px: tuple[float, float] = not_in_paper(
@@ -135,7 +135,9 @@ class SensorConfig(Section):
     k1: float = not_in_paper(
         0.0, "radial distortion, as OpenCV's and COLMAP's", why="-0.28 in EuRoC's camera 0, uncorrected"
     )
-    k2: float = not_in_paper(0.0, "the same, fourth power", why="0.07 in EuRoC's camera 0, uncorrected")
+    k2: float = not_in_paper(
+        0.0, "radial distortion, fourth power", why="0.07 in EuRoC's camera 0, uncorrected"
+    )
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ class FlightConfig(Section):
         2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True
     )
     rotor_diameter_m: Positive = not_in_paper(
-        0.279, "of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
+        0.279, "diameter of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
     )
     propulsion_efficiency: Annotated[float, Meta(gt=0, le=1)] = not_in_paper(
         0.6,

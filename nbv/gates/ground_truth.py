@@ -95,7 +95,7 @@ class GroundTruthOracle:
     # -- what is covered
 
     def coverage(self, state: PlanningState) -> Coverage:
-        """What is covered before the next capture."""
+        """Which samples of the true surface the visited viewpoints cover."""
         mode = self.config.gate.oracle_coverage
         visited = np.asarray(state.visited_m, dtype=float).reshape(-1, 3)
         if mode == "reconstruction":

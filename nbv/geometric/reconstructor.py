@@ -98,7 +98,7 @@ class GeometricReconstructor(Reconstructor):
         if held < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
-                f"only {held} of {len(captures)} seeds are held together by what SIFT matches; fly them closer "
+                f"only {held} of {len(captures)} seeds are held together by what SIFT matches; take them closer "
                 "together, or set sparse.ground_features",
             )
         if self._by_points:

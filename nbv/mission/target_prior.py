@@ -53,7 +53,7 @@ def _size_m(rock: Rock) -> tuple[float, float]:
 def with_target_size(
     config: MissionConfig, height_m: float, half_width_m: float, at_most: float = 1.0
 ) -> MissionConfig:
-    """``config`` aimed at the middle of a rock of a size, with crops beyond its ends, were it ``at_most`` times as large."""
+    """``config`` for a rock of this height and half width: cameras aim at half the height, crops hold one ``at_most`` times as large."""
     reach_m = round(at_most * max(half_width_m, height_m / 2) + KNOWN_MARGIN_M, 3)
     return config.changed(
         target_m=(0.0, 0.0, round(height_m / 2, 3)),

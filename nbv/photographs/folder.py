@@ -113,7 +113,7 @@ def read_folder(
     if damaged:
         raise UserError(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
-            f"{', ...' if len(damaged) > 3 else ''}; mend them, or move them out of the folder"
+            f"{', ...' if len(damaged) > 3 else ''}; repair them, or move them out of the folder"
         )
     unique = {photograph.sha256: photograph for photograph in reversed(found)}
     if len(unique) < len(found):
@@ -138,7 +138,7 @@ def read_pixels(path: Path, max_size_px: int, turns: Sequence[Turn] = ()) -> NDA
 
 
 def transposed(picture: Image.Image, turns: Sequence[Turn]) -> Image.Image:
-    """The picture transposed by ``turns`` in turn."""
+    """The picture after each of ``turns``, applied in order."""
     for turn in turns:
         picture = picture.transpose(turn)
     return picture

@@ -67,7 +67,7 @@ def solve(source: ImportSource, model_path: Path | None) -> tuple[SolvedModel, I
         model, source = answers[int(np.argmax(fit))]
         if not max(alike) >= LEAST_PHOTO_CONSISTENCY:
             raise UserError(
-                f"{model_path} is a model of other photographs: what it takes for one point is not alike in them "
+                f"{model_path} is a model of other photographs: the images of one of its points do not look alike in them "
                 f"(correlation {max(alike):.2f})"
             )
     registered = len(model.names)

@@ -126,8 +126,8 @@ def require_expressible(config: MissionConfig, name: str) -> None:
     if paths:
         condition = "" if config.condition == usual.condition else f" (condition {config.condition})"
         raise UserError(
-            f"{name} is a set of photographs that were taken as they were: it cannot express {', '.join(paths)}{condition}; "
-            "leave that out"
+            f"{name} is a set of real photographs, to which some settings do not apply: {', '.join(paths)}{condition}; "
+            "leave them out"
         )
 
 

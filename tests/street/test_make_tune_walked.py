@@ -92,10 +92,10 @@ def same_everywhere(street: Street, answer: dict) -> str:
 def gives_two_verdicts(found: dict, answer: dict, against: str) -> None:
     """Photographs saved, quality kept or not, and the limit; controls at the same number."""
     lines = [line["text"] for line in found["verdicts"]]
-    assert lines[0] == f"Photographs: {answer['mean']:.0f} in place of 32 of {against}."
-    assert against in lines[1] and lines[2].startswith("Limit ")
+    assert lines[0] == f"Photographs: {answer['mean']:.0f}, and 32 for {against}."
+    assert against in lines[1] and lines[2].startswith("Constraint ")
     rows = {row["metric"]["label"]: row["cells"] for row in found["summary"]["rows"]}
-    assert {"Photographs", "Limit kept"} <= rows.keys()
+    assert {"Photographs", "Constraint met"} <= rows.keys()
     planned = {name: cell["mean"] for name, cell in rows["Photographs"].items()}
     assert {number for name, number in planned.items() if name not in ("hyb-h", "default")} == {
         answer["mean"]

@@ -64,5 +64,5 @@ def read_mission(theirs: Mapping[str, Any]) -> dict[str, Any]:
 
 def _direct(theirs: Mapping[str, Any], keys: Sequence[Key]) -> dict[str, Any]:
     """Keys with the same meaning and unit."""
-    found = {key.ours: theirs.get(key.path, key.default) for key in keys if key.ours is not None}
+    found = {key.parameter: theirs.get(key.path, key.default) for key in keys if key.parameter is not None}
     return {path: tuple(value) if isinstance(value, list) else value for path, value in found.items()}

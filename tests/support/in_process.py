@@ -23,7 +23,7 @@ class InProcessExecutor(Executor):
         self._queue.append(job)
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
-        """Fly the oldest job, however long it takes."""
+        """Run the oldest job, however long it takes."""
         if not self._queue:
             return []
         job = self._queue.popleft()

@@ -1,4 +1,4 @@
-"""The best of one objective within a limit of another: what to run next, and which configurations keep the limit."""
+"""Optimisation under an outcome constraint on a second objective: what to run next, and which configurations meet it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Constraint:
         return np.concatenate([b.mean for b in found]), np.concatenate([b.sd for b in found])
 
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
-        """Return (m,) probabilities that each keeps the limit."""
+        """Return (m,) probabilities that each meets the constraint."""
         mean, sd = self.means_and_sds(configurations)
         if isinstance(self.model, DeterministicOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
@@ -94,7 +94,7 @@ class Constraint:
         ]
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
-        """Return whether each can be taken to keep the limit."""
+        """Return whether each can be taken to meet the constraint."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 
     @property
@@ -119,7 +119,7 @@ class Constraint:
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
     def promising(self, first: Outcome) -> Floats:
-        """Return (few, d) unit positions run: the best that may keep the limit, else the likeliest to keep it."""
+        """Return (few, d) unit positions run: the best that may meet the constraint, else the likeliest to meet it."""
         unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
         configurations = [first.space.from_unit(u) for u in unit]
         chance = self.probability(configurations)
@@ -133,7 +133,7 @@ class Constraint:
         return found
 
     def allowed(self) -> Allowed | None:
-        """Return a function that tells which (n, d) unit positions keep the limit; None where that is uncertain."""
+        """Return a function that tells which (n, d) unit positions meet the constraint; None where that is uncertain."""
         model = self.model
         if not isinstance(model, DeterministicOutcome):
             return None
@@ -150,9 +150,9 @@ def propose_constrained(
 ) -> tuple[Values, float]:
     """Return the configuration with the largest noisy expected improvement within the limit, and that improvement.
 
-    The improvement counts by the probability of keeping the limit (Gardner et al., ICML 2014, in BoTorch's logarithmic
-    form); before anything keeps it, the search is for what does. What the configuration decides is computed: an exact
-    objective at every point, and what breaks an exact limit is never proposed.
+    The improvement counts by the probability of meeting the constraint (Gardner et al., ICML 2014, in BoTorch's logarithmic
+    form); before anything meets it, the search is for what does. Deterministic metrics are computed: as the objective at
+    every point, as the constraint so that nothing that violates it is proposed.
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
     running = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
@@ -170,7 +170,7 @@ def propose_constrained(
         elif isinstance(first, DeterministicOutcome):
             evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
             keeping = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
-            # Before anything counts as keeping the limit, all that may keep it saves against the most expensive there is.
+            # Before anything counts as meeting the constraint, all that may keep it saves against the most expensive there is.
             best = float(max(first.posterior(keeping).mean) if keeping else first.worst() - 1.0)
             at_least, quantile = constraint.at_least, constraint.quantile
             acquisition = LogExpectedSaving(model, first, at_least, quantile, best, running)

@@ -1,6 +1,6 @@
-"""What a mission is expected to save of an exact cost, where a quality has to keep a limit.
+"""The expected saving of a deterministic cost by a mission, where the quality has an outcome constraint.
 
-A cheaper configuration counts once it keeps the limit with the probability `SURE`. Before a mission, with the
+A cheaper configuration counts once it meets the constraint with the probability `SURE`. Before a mission, with the
 posterior mean m, variance v and noise variance t of the quality, the mean after it is normal with mean m and variance
 v^2 / (v + t), the variance after it v t / (v + t); so the probability that it will count has a closed form. It times what
 it saves over the cheapest that counts is the value. (The noisy expected improvement is over the cheapest of each draw

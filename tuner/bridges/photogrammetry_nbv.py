@@ -1,8 +1,8 @@
-"""The authors' configuration files (``scoring.yaml``, ``unified_mission.yaml``) with the values of ours.
+"""Conversion of a configuration to the authors' files, ``scoring.yaml`` and ``unified_mission.yaml``.
 
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
-A key without a counterpart keeps its value when a file is written; beside it stands why nothing here answers to it. Keys that
-answer to several of ours, or the other way round, are named in the tables and converted by hand.
+A key without a counterpart keeps its value when a file is written, and a comment says why it has none. Where one key corresponds
+to several parameters, or the other way round, the tables name them and the code below converts them one by one.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ HYBRID = "gt_phase_adaptive_hybrid"
 
 @dataclass(frozen=True)
 class Key:
-    """One key of theirs, by dotted path below ``scorer`` or ``ros__parameters``."""
+    """One key of the authors' files, by dotted path below ``scorer`` or ``ros__parameters``."""
 
     path: str
     default: Any  # as published at b8e106c
-    # Parameter path with the same meaning and unit; None: converted by hand, or nothing here answers to it.
-    ours: str | None = None
+    # Path of the parameter with the same meaning and unit; None where there is none.
+    parameter: str | None = None
 
 
 @dataclass(frozen=True)
@@ -294,16 +294,21 @@ def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
     """
     covis, b_aware = config.covis.weights, config.b_aware.weights
     pairs = {name: (getattr(covis, name), getattr(b_aware, name)) for name in _SHARED}
-    scale = next((ours / theirs for ours, theirs in pairs.values() if theirs > 0 and ours > 0), 1.0)
-    if all(math.isclose(ours, scale * theirs, rel_tol=1e-9) for ours, theirs in pairs.values()):
+    scale = next(
+        (of_covis / of_b_aware for of_covis, of_b_aware in pairs.values() if of_b_aware > 0 and of_covis > 0),
+        1.0,
+    )
+    if all(
+        math.isclose(of_covis, scale * of_b_aware, rel_tol=1e-9) for of_covis, of_b_aware in pairs.values()
+    ):
         return b_aware.main * scale, []
     return b_aware.main, [
         Remark(
             f"b_aware.weights.{name}",
-            f"{theirs:g} cannot be written: both scorers share Covis's {ours:g} there",
+            f"{of_b_aware:g} cannot be written: both scorers share Covis's {of_covis:g} there",
         )
-        for name, (ours, theirs) in pairs.items()
-        if ours != theirs
+        for name, (of_covis, of_b_aware) in pairs.items()
+        if of_covis != of_b_aware
     ]
 
 
@@ -381,7 +386,7 @@ def _remarks(*about: tuple[str, bool, str]) -> list[Remark]:
 def _direct(config: MissionConfig, keys: Sequence[Key], theirs: Mapping[str, Any] | None) -> Values:
     values: Values = {key.path: key.default for key in keys} | dict(theirs or {})
     for key in keys:
-        if key.ours is not None:
-            value = attrgetter(key.ours)(config)
+        if key.parameter is not None:
+            value = attrgetter(key.parameter)(config)
             values[key.path] = list(value) if isinstance(value, tuple) else value
     return values

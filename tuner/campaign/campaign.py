@@ -257,7 +257,7 @@ class Campaign:
     def evaluation_rocks(
         self, rocks: Sequence[str] | None, replicates: int = 1
     ) -> tuple[tuple[str, ...], int]:
-        """Look up ``rocks``, or the held-out instances, and return them and the replicates with which they are evaluated.
+        """Return the rocks of an evaluation, ``rocks`` or by default the held-out ones, and its number of replicates.
 
         Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as
         `Problem.evaluated_on`.

@@ -60,7 +60,7 @@ class Ledger:
         self._distributions = distributions(settings.space)
         self._instances = frozenset(instances_of(settings.instances))
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
-        self._alone = False  # while nobody else may write, what is known is all there is
+        self._alone = False  # no other process may write now, so `_known` is complete
         self._shown = shown = str(directory / JOURNAL_FILE)
         # Before its first mission a campaign may not have a ledger yet or, if it was killed, half of one.
         begun = read_only or (directory / "missions").exists()
@@ -217,6 +217,7 @@ class Ledger:
                 raise KeyError
             second, limited = end.pop("second", None), self._settings.second
             return Trial(
+                metadata=asked.pop("why"),
                 number=row.number,
                 values=row.params,
                 raw=value,

@@ -20,10 +20,9 @@ from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
 from tuner.missions.registry import code_of
 from tuner.problem.baselines import (
     EVALUATION_BASELINES,
-    REAIMED_ORBITS,
+    RETARGETED_ORBITS,
     TUNED,
     TUNED_POOL_RANDOM,
-    any_must_look,
     at_equal_number,
     baseline_configs,
     ending_at,
@@ -31,6 +30,7 @@ from tuner.problem.baselines import (
     orbits_at_number,
     photographs,
     reference_of,
+    target_must_be_located,
     tuned_configs,
 )
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
@@ -145,8 +145,8 @@ class RockProblem(Problem):
         """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
         counted = self._counted(tuned)
         if names is None:
-            looking = any_must_look(self._base, _conditions_of_target(tuned))
-            names = (*EVALUATION_BASELINES, *(REAIMED_ORBITS if looking else ()))
+            looking = target_must_be_located(self._base, _conditions_of_target(tuned))
+            names = (*EVALUATION_BASELINES, *(RETARGETED_ORBITS if looking else ()))
         baselines = baseline_configs(list(names), self._base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
         controls, notes = where_photographed(equal, tuned.rocks)

@@ -90,7 +90,9 @@ class CampaignSettings(Section):
         A budget, replicate count or rock list that makes no campaign; an unknown sampler or preset.
     """
 
-    name: str = setting("campaign", "the campaign's name; it lives in runs/NAME", option="--name", panel=WHAT)
+    name: str = setting(
+        "campaign", "the campaign's name; its directory is runs/NAME", option="--name", panel=WHAT
+    )
     space: SearchSpace = setting(
         lambda: load_search_space(_DEFAULT_SPACE),
         "search space, a YAML file or a name",
@@ -99,7 +101,7 @@ class CampaignSettings(Section):
         names=available_search_spaces,
         option="--space",
         panel=WHAT,
-        in_file="in a file also the space itself",
+        in_file="or the space itself, as in a search space's file",
         has_paths=True,
         builtin=True,
         read=_read_space,
@@ -107,8 +109,8 @@ class CampaignSettings(Section):
     )
     rocks: tuple[str, ...] = setting(
         lambda: tuple(procedural_rocks("train")),
-        "training rocks, names or mesh files; any-FAMILY or any: another drawn rock of that family, or of six, in every "
-        "mission, on which the default runs, too",
+        "training rocks, names or mesh files; any-FAMILY (or any, for six families) draws another rock for every mission, on "
+        "which the default runs, too",
         shown="the procedural ones",
         option="--rock",
         panel=WHAT,
@@ -120,7 +122,7 @@ class CampaignSettings(Section):
         shown="ideal",
         option="--condition",
         panel=WHAT,
-        in_file="in a file also {name: sections}",
+        in_file="or {name: sections}",
         has_paths=True,
         builtin=True,
         read=_read_conditions,
@@ -138,7 +140,7 @@ class CampaignSettings(Section):
     )
     mission: MissionFile | None = setting(
         None,
-        "mission file of your own mission (see `gatetune mission init`), which supplies every setting not given here",
+        "file of a mission of your own (see `gatetune mission init`), which has every setting not given here",
         option="--mission",
         panel=WHAT,
         has_paths=True,
@@ -147,12 +149,12 @@ class CampaignSettings(Section):
     )
     objective: Objective = setting(
         Objective,
-        "what is tuned for: a metric, seconds or energy; the best at a cost: f_score@photographs<=21; the least cost: "
+        "what is tuned: a metric, seconds or energy; the best quality at a cost: f_score@photographs<=21; the least cost: "
         "photographs@f_score>=97, or for a share of rocks: photographs@P(f_score>=98)>=0.95",
         shown=DEFAULT_METRIC,
         option="--objective --metric",
         panel=WHAT,
-        in_file="in a file also {metric, direction: maximise or minimise}",
+        in_file="or {metric, direction: maximise or minimise}",
         read=_read_objective,
         write=dataclasses.asdict,
     )
@@ -164,7 +166,7 @@ class CampaignSettings(Section):
     )
     limit: float | None = setting(
         None,
-        "outcome constraint on the second objective: its most where less is better, its least where more is",
+        "outcome constraint on the second objective: an upper bound if it is minimised, else a lower bound",
     )
     preset: str = setting(
         "campaign",
@@ -183,7 +185,7 @@ class CampaignSettings(Section):
     )
     fidelity: str = setting(
         DEFAULT_FIDELITY,
-        "how missions run: photogrammetric; geometric, without photographs, which ranks and does not measure; or "
+        "how missions run: photogrammetric; geometric: without photographs, to rank configurations, not to measure; or a "
         "module:function of your own",
         option="--fidelity",
         panel=MISSION,
@@ -191,7 +193,7 @@ class CampaignSettings(Section):
     )
     replicates: OneOrMore = setting(
         2,
-        "draws of arrival errors and noise per rock",
+        "replicates per rock, which draw arrival errors and noise",
         limit=MAX_REPLICATES,
         option="--replicates",
         panel=MISSION,
@@ -205,18 +207,18 @@ class CampaignSettings(Section):
         panel=SEARCH,
     )
     sampler: str = setting(
-        "gp", "what proposes missions", names=lambda: SAMPLERS, option="--sampler", panel=SEARCH
+        "gp", "what proposes configurations", names=lambda: SAMPLERS, option="--sampler", panel=SEARCH
     )
     initial: OneOrMore | None = setting(
         None,
         "length of the initial design",
-        shown="as many missions as suit sampler, budget and space",
+        shown="by sampler, budget and space",
         unit="missions",
     )
     learn_from: tuple[str, ...] | None = setting(
         None,
         f"earlier campaigns: run directories, {SHIPPED} (missions that come with this program) or {NOTHING}",
-        shown=f"{SHIPPED} where there are some",
+        shown=f"{SHIPPED} where the space has some",
         option="--learn-from",
         panel=SEARCH,
         has_paths=True,
@@ -224,15 +226,15 @@ class CampaignSettings(Section):
     seed: int = setting(0, "seed of the design and the acquisition", option="--seed", panel=SEARCH)
     keep: Keep = setting(
         "summary",
-        "files kept of every mission; all: with images and models",
+        "files kept of every mission (all: images and models, too)",
         option="--keep",
         panel=WHERE,
     )
     in_step: OneOrMore | None = setting(
         None,
-        "N: each proposal waits for all results except the latest N - 1, so that any number of workers gives the same "
-        "campaign",
-        shown="none waits",
+        "N: each proposal uses all results except the latest N - 1 and waits for them, so that the campaign does not depend on "
+        "the number of workers",
+        shown="proposals do not wait",
         unit="missions",
     )
 
@@ -275,7 +277,7 @@ class CampaignSettings(Section):
             "conditions": self.conditions != (IDEAL_CONDITION,),
         }.items():
             if given:
-                raise UserError(f"{what} are of missions over rocks; with a mission file leave them out")
+                raise UserError(f"{what} apply to missions over rocks; leave them out with a mission file")
         if self.space != self.mission.space:
             raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
 

@@ -219,7 +219,7 @@ def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool)
         wrong = [s.option for name, s in SETTINGS.items() if s.builtin and name in given]
         if wrong or quick:
             raise UserError(
-                f"{[*wrong, '--quick'][0]} is of missions over rocks; with --mission leave it out"
+                f"{[*wrong, '--quick'][0]} applies to missions over rocks; leave it out with --mission"
             )
         return {"name": load_mission_file(Path(given["mission"])).name, **tree}
     if "mission" in tree:

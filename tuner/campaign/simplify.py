@@ -40,8 +40,8 @@ def simplified(campaign: Campaign) -> list[Proposal]:
     if values == best.values or configuration_key(space, values) in tried:
         return []
     reset = [path for path in best.changed if values[path] == best.default_values[path]]
-    why = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
-    return [Proposal(values, why, t.instance, t.replicate) for t in own]
+    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
+    return [Proposal(values, metadata, t.instance, t.replicate) for t in own]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:

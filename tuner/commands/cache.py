@@ -16,7 +16,7 @@ GIB = 2**30
 
 @app.command()
 def info(as_json: AsJson = False) -> None:
-    """Where the store is, and what it holds.
+    """Show where the store is and what it holds.
 
     Example: gatetune cache info
     """
@@ -27,16 +27,14 @@ def info(as_json: AsJson = False) -> None:
     sizes.append(("all", sum(kind.entries for kind in kinds), total))
     rows = [(name, entries, f"{size / 2**20:.1f}") for name, entries, size in sizes]
     show_table(("kind", "entries", "MiB"), rows, str(store.root), right=2)
-    output.print(f"it is pruned to {store.max_bytes / GIB:.0f} GiB as it grows; GATETUNE_HOME moves it")
+    output.print(f"it is pruned to {store.max_bytes / GIB:.0f} GiB as it grows; GATETUNE_HOME sets its place")
     sums = {"size_bytes": total, "max_bytes": store.max_bytes}
     answer_json({"directory": store.root, "kinds": kinds, **sums})
 
 
 @app.command()
 def prune(
-    max_gib: Annotated[
-        float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")
-    ],
+    max_gib: Annotated[float, typer.Option(help="Size in GiB to shrink it to; 0 empties it.")],
     as_json: AsJson = False,
 ) -> None:
     """Remove the least recently used entries.

@@ -99,14 +99,16 @@ def run(
     resume_if_present: Annotated[
         bool,
         typer.Option(
-            "--resume-if-present", help="Go on if the directory holds it already.", rich_help_panel=EXECUTION
+            "--resume-if-present",
+            help="Resume the campaign if the directory already holds it.",
+            rich_help_panel=EXECUTION,
         ),
     ] = False,
     json: EventsAsJson = False,
 ) -> None:
-    """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial.
+    """Run a campaign: first the paper's values, then an initial design, then what a Gaussian process proposes.
 
-    Experts' options are fields of the settings file.
+    A trial is one mission.
 
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
@@ -119,7 +121,7 @@ def run(
     directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
     output.print(f"campaign {fields['name']} in {directory}")
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
-        output.print("it is there already: going on with it")
+        output.print("it exists already and is resumed")
         named_mission = given.get("mission") and Path(given["mission"])
         campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
         ready = executor_at(where, campaign.settings, workers, timeout_s)
@@ -140,22 +142,23 @@ def resume(
     directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")],
     workers: Workers = None,
     missions: Annotated[
-        int | None, typer.Option(help="A larger budget than the campaign began with, to search further.")
+        int | None, typer.Option(help="A larger budget than the campaign began with.")
     ] = None,
     timeout_s: Timeout = 3600.0,
     executor: Executor = "local",
     scheduler: Scheduler = None,
     unencrypted: Unencrypted = False,
     fidelity: Annotated[
-        str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
+        str | None,
+        typer.Option(help="The campaign's own module:function, if it has one: naming it allows it to run."),
     ] = None,
     mission: MissionAllowed = None,
     accept_changes: Annotated[
-        bool, typer.Option("--accept-changes", help="Resume although rocks or code changed since.")
+        bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
     ] = False,
     json: EventsAsJson = False,
 ) -> None:
-    """Go on with an interrupted campaign; only the missions that were in flight are run again.
+    """Resume an interrupted campaign; only the missions that were running are repeated.
 
     Example: gatetune campaign resume runs/mine --missions 64
     """
@@ -171,7 +174,7 @@ def resume(
 def status(
     directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")], as_json: AsJson = False
 ) -> None:
-    """Counts, costs and the recommendation so far; safe while the campaign runs.
+    """Show counts, costs and the recommendation so far; safe while the campaign runs.
 
     Example: gatetune campaign status runs/mine
     """
@@ -180,17 +183,17 @@ def status(
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, campaign.settings.problem.instance_word)
     if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
-        output.print(f"recommended after {known} of them; a resume updates it")
+        output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
     show_recommendation(best, campaign)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
 
 
 @app.command("list")
 def list_(
-    folder: Annotated[Path, typer.Argument(help="Whose folders are looked into.")] = Path("runs"),
+    folder: Annotated[Path, typer.Argument(help="Folder that holds run directories.")] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """The campaigns in a folder: how far each is, what it is tuned for and on what, its answer.
+    """List the campaigns in a folder: progress, objective, rocks and recommendation of each.
 
     Example: gatetune campaign list
     """
@@ -208,7 +211,7 @@ def list_(
         output.print(Padding(row["answer"], (0, 0, 0, 2)))
     if len({_measured_on(row) for row in rows if row["objective"] is not None}) > 1:
         output.print(
-            "Answers compare only between campaigns whose rocks, conditions, fidelity and settings are the same."
+            "Results compare only between campaigns whose rocks, conditions, fidelity and settings are the same."
         )
     answer_json(rows)
 
@@ -222,7 +225,7 @@ def _measured_on(row: Mapping[str, Any]) -> str:
 
 
 def _row(directory: Path) -> dict[str, Any]:
-    """A campaign in a line; of one that cannot be read, why."""
+    """What `list` shows of one campaign; of one that cannot be read, the reason."""
     row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
     try:
         campaign = Campaign.open(directory, read_only=True)
@@ -233,7 +236,7 @@ def _row(directory: Path) -> dict[str, Any]:
     if best is not None:
         answer = f"{best.mean:.4g}: {use_sentence(best, s)}"
     elif not campaign.nothing_yet():
-        answer = f"not worked out yet: gatetune campaign status {directory}"
+        answer = f"not computed yet: gatetune campaign status {directory}"
     return {
         **row,
         "objective": objective_text(s.objective, s.second, s.limit),
@@ -257,9 +260,9 @@ def run_and_report(
     accept_changes: bool = False,
     show_pair: bool = False,
 ) -> None:
-    """Run or resume, with live progress, and end in the report.
+    """Run or resume a campaign with live progress, and write its report.
 
-    ``show_pair``: then run the default and the recommendation whole.
+    ``show_pair``: run the default and the recommendation once more with all files kept, for the interactive page.
     """
     settings = campaign.settings
     if campaign.status().finished < settings.budget:
@@ -295,8 +298,10 @@ def run_and_report(
             )
         if summary.stopped == "interrupted":  # and the prompt is back at once
             where = shlex.join([str(campaign.directory), *settings.problem.options()])
-            output.print(f"go on with: gatetune campaign resume {where}", soft_wrap=True)
-            output.print(f"its page so far: gatetune mission view {campaign.directory}", soft_wrap=True)
+            output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
+            output.print(
+                f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
+            )
             raise typer.Exit(130)
         show_recommendation(summary.recommendation, campaign)
         output.print(
@@ -326,7 +331,7 @@ def compare_strategies(campaign: Campaign, executor: executors.Executor) -> None
         )
         with ComparisonProgress("observable.f_score_48mm") as show:
             run, directory = planned.run(executor, show)
-        require_complete(run, f"go on with: gatetune campaign resume {campaign.directory}")
+        require_complete(run, f"resume with: gatetune campaign resume {campaign.directory}")
         facts = comparison.ComparisonFacts(run, planned.reference, planned.spec, notes=planned.notes)
         comparison.write_comparison_report(facts, directory, title=planned.title)
     result = gate_result.gate_result(campaign)
@@ -342,13 +347,13 @@ def compare_strategies(campaign: Campaign, executor: executors.Executor) -> None
 
 
 def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
-    """Draw the answer. ``pair``: where the default and the recommendation run once more, whole."""
+    """Write the report; with the executor ``pair`` first run the default and the recommendation with all files kept."""
     from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)
     try:
         if pair is not None and shown:
-            with working("running the default and the recommendation whole, to show them"):
+            with working("running the default and the recommendation once more, to show them"):
                 run_showcase(campaign, pair)
                 page = write_showcase_page(campaign)
         with working("writing the report"):
@@ -358,6 +363,8 @@ def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
-        output.print(f"the default beside the recommendation: {page}", soft_wrap=True)
+        output.print(f"interactive page, the default beside the recommendation: {page}", soft_wrap=True)
     elif shown:
-        output.print(f"to walk around in it: gatetune mission view {campaign.directory}", soft_wrap=True)
+        output.print(
+            f"write an interactive page of it: gatetune mission view {campaign.directory}", soft_wrap=True
+        )

@@ -58,7 +58,7 @@ class CampaignProgress(MissionProgress):
 
 
 def expected_s(campaign: Campaign, workers: int) -> float:
-    """About how long the missions to come take: as those so far, else as on a quiet machine; 0 where nobody knows."""
+    """Expected duration of the remaining missions, from those so far or else from a quiet machine; 0 if unknown."""
     s, status, one_s = campaign.settings, campaign.status(), 0.0
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
@@ -71,12 +71,12 @@ def expected_text(missions: int, about_s: float) -> str:
     """``36 missions to run, in about 4 min 14 s``; before anything runs."""
     to_run = f"{counted(missions, 'mission')} to run"
     if not about_s:
-        return f"{to_run}; how long they take is known when the first has ended"
+        return f"{to_run}; their duration is known when the first has ended"
     return f"{to_run}, in about {duration(about_s)} where nothing else runs"
 
 
 def best_text(found: Recommendation) -> str:
-    """``26`` where the configuration decides it, else ``98.3 (97.8 to 98.8)``."""
+    """``26`` for a deterministic metric, else ``98.3 (97.8 to 98.8)``."""
     if found.exact:
         return f"{found.mean:g}"
     mean, low, high = (format_number(v, decimals_for(found.sd, 1)) for v in (found.mean, *found.interval_95))
@@ -97,7 +97,7 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         also = f" at {number_text(second)}" if second is not None else ""
         raw = trial.raw or 0.0
         value = f"{f'{raw:g}' if settings.exact.first else number_text(raw):>7}{also}{mark}"
-        outcome = f"{value} {trial.wall_s:4.0f} s  {trial.why.get('phase', '')}"
+        outcome = f"{value} {trial.wall_s:4.0f} s  {trial.metadata.get('phase', '')}"
     line = f"#{trial.number:04d} {trial.instance.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 

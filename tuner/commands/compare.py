@@ -35,48 +35,52 @@ def compare(
         list[str] | None,
         typer.Option(
             "--strategy",
-            help="Baseline, scorer, gate or plug-in, repeatable; orbit-by-height: two rings whose number follows the believed "
-            "height; NAME-stopped: NAME ended by its own prediction (default: hyb-h, predicted, random, greedy-oracle and orbits).",
+            help="Baseline, scorer, gate or plug-in, repeatable; NAME-stopped ends when its predicted completeness is high enough "
+            "(default: hyb-h, predicted, random, greedy-oracle and orbits).",
         ),
     ] = None,
     campaign: Annotated[
         Path | None, typer.Option(help="Run directory whose recommendation is added.")
     ] = None,
     suite: Annotated[
-        str | None, typer.Option(help="Published settings, which nothing else may change: rocks-1.")
+        str | None, typer.Option(help="Published settings, which no other option may change: rocks-1.")
     ] = None,
-    targets: Annotated[int, typer.Option(help="Held-out rocks that are drawn.", min=1)] = 60,
+    targets: Annotated[int, typer.Option(help="Number of held-out rocks to draw.", min=1)] = 60,
     families: Annotated[
         list[str] | None,
-        typer.Option("--family", help="Family they are drawn from, repeatable (default: all six)."),
+        typer.Option("--family", help="Family to draw rocks from, repeatable (default: all six)."),
     ] = None,
     rocks: Annotated[
         list[str] | None,
-        typer.Option("--rock", help="Rock, mesh file or photograph set instead, repeatable."),
+        typer.Option("--rock", help="Rock, mesh file or photograph set in place of drawn rocks, repeatable."),
     ] = None,
     numbers: Annotated[
         str, typer.Option(help="Numbers of photographs: FIRST:LAST:STEP, or a list N,N,...")
     ] = "12:48:2",
     score: Annotated[
-        float, typer.Option(help="F-score at 48 mm that a target shall reach, in percent.")
+        float, typer.Option(help="F-score at 48 mm that a target must reach, in percent.")
     ] = 98.0,
-    share: Annotated[float, typer.Option(help="Share of the targets that shall reach it.")] = 0.75,
+    share: Annotated[float, typer.Option(help="Share of the targets that must reach it.")] = 0.75,
     against: Annotated[
-        str | None, typer.Option(help="Strategy of the ratios (default: orbit-by-height, or the first).")
+        str | None,
+        typer.Option(
+            help="Strategy that the others are compared with (default: orbit-by-height, or the first)."
+        ),
     ] = None,
-    replicates: Annotated[int, typer.Option(help="Per target.", min=1)] = 1,
+    replicates: Annotated[int, typer.Option(help="Replicates per target.", min=1)] = 1,
     fidelity: Annotated[
-        str, typer.Option(help="curve: geometric missions; photogrammetric: with photographs, hours.")
+        str,
+        typer.Option(help="curve: geometric missions; photogrammetric: with photographs, which takes hours."),
     ] = "curve",
     set_: Overrides = None,
     workers: Workers = None,
     timeout_s: Timeout = 600.0,
-    out: Annotated[Path, typer.Option(help="Run directory; one that was interrupted goes on.")] = Path(
-        "runs/compare"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Run directory; an interrupted comparison there is continued.")
+    ] = Path("runs/compare"),
     as_json: AsJson = False,
 ) -> None:
-    """Run strategies on unseen targets; say how many photographs each needs, with intervals, a figure and a page.
+    """Run strategies on unseen targets; report how many photographs each needs, with intervals, a figure and a page.
 
     Example: gatetune compare --strategy predicted --strategy random --strategy orbit-by-height --targets 12
     """
@@ -107,7 +111,7 @@ def compare(
         published = curves.SUITES[suite].to_dict()
         changed = [name for name, value in asked.to_dict().items() if value != published[name]]
         raise UserError(
-            f"these settings are not those of the suite {suite} ({', '.join(changed)}); leave --suite out, or what changes it"
+            f"these settings are not those of the suite {suite} ({', '.join(changed)}); remove --suite, or the options that change it"
         )
     if campaign is not None:
         chosen["tuned"] = builtin(Campaign.open(campaign, read_only=True).recommended_config())
@@ -128,7 +132,7 @@ def compare(
     output.print(*share_table(document).for_terminal(output.width))
     output.print(document["verdict"], style="bold")
     if document["score_0"]:
-        output.print("These count with a score of 0:", style="red")
+        output.print("These missions count with a score of 0:", style="red")
     for said in document["score_0"]:
         output.print(f"- {said}")
     output.print(f"report: {out / 'report.html'}")

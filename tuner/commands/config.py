@@ -22,7 +22,7 @@ def show(
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """The complete configuration of a preset as YAML, with every value's unit, meaning and source as a comment.
+    """Print the complete configuration of a preset as YAML, with every value's unit, meaning and source as a comment.
 
     Sources: text (the paper), code (the authors' public code), gatetune.
 
@@ -46,7 +46,7 @@ def show(
 
 
 def metrics(as_json: AsJson = False) -> None:
-    """Every metric that `--metric` takes. Put `observable.` or `whole.` before the name: the surface it is of.
+    """List every metric that `--metric` takes, preceded by the surface that it is measured on: `observable.` or `whole.`
 
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """

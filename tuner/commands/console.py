@@ -1,4 +1,4 @@
-"""The two rich consoles, what is said while something takes long, and small helpers that commands share."""
+"""The two rich consoles, progress displays, and small helpers that commands share."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from tuner.report.labels import number_text
 
 
 class _Console(Console):
-    """Shows what would steer the terminal: names, messages and metrics may come from anybody."""
+    """Prints control characters visibly: names, messages and metrics may come from files of others."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         for segment in super().render(renderable, options):
@@ -67,10 +67,10 @@ def only_json(wanted: bool) -> bool:
     return wanted
 
 
-# What lists or shows takes this option and ends with `answer_json`; what it prints on the way is not shown then.
+# Commands that show a result take this option and end with `answer_json`; with it their other output is not shown.
 AsJson = Annotated[
     bool,
-    typer.Option("--json", callback=only_json, help="The same as one JSON document, and nothing else."),
+    typer.Option("--json", callback=only_json, help="Print one JSON document and nothing else."),
 ]
 
 
@@ -94,7 +94,7 @@ def show_table(
 
 @contextlib.contextmanager
 def working(text: str) -> Iterator[None]:
-    """Say what goes on where it takes longer than a moment: a spinner in a terminal, else a line."""
+    """Show ``text`` while the body runs: a spinner in a terminal, else a line if it takes more than `_SLOW_S`."""
     if output.quiet or output.is_terminal:
         with output.status(Text(text)):
             yield
@@ -108,13 +108,13 @@ def working(text: str) -> Iterator[None]:
 
 
 def load(module: str) -> None:
-    """Import what takes seconds to load, and say so where it does."""
+    """Import a module that may take seconds to load, with a message while it does."""
     with working("loading libraries"):
         importlib.import_module(module)
 
 
 class MissionProgress(Progress):
-    """One bar: how far it is, and which missions are in flight; above it a line for each that has ended."""
+    """One progress bar with the missions that are running; above it a line for each that has ended."""
 
     def __init__(self, total: int | None = None) -> None:
         # A rock's file may have any name, so it is no markup.
@@ -130,16 +130,16 @@ class MissionProgress(Progress):
         self._missions = self.add_task("", total=total)
 
     def launched(self, key: str, label: str, directory: Path | None = None) -> None:
-        """A mission runs; in its ``directory`` it notes how far it is."""
+        """Show that a mission has begun; it writes its progress to ``directory``."""
         self._running[key] = label, directory
 
     def ended(self, key: str, line: str) -> None:
-        """It is over, and what there is to say of it."""
+        """Remove a mission that has ended from the bar, and print its ``line`` above."""
         self._running.pop(key, None)
         output.print(line, highlight=False, soft_wrap=True)
 
     def reached(self, finished: int, total: int, counts: str) -> None:
-        """So many missions are over."""
+        """Set the bar to ``finished`` of ``total`` missions."""
         self._counts = counts
         self.update(self._missions, completed=finished, total=total, description=self.said())
 
@@ -151,14 +151,14 @@ class MissionProgress(Progress):
         return f"{self._counts}, runs {named}{more}" if named else self._counts
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """The bar, with how far the missions are by now."""
+        """Return the bar, with the present progress of the running missions."""
         for task in self.tasks:
             task.description = self.said()
         return super().get_renderables()
 
 
 def _how_far(directory: Path | None) -> str:
-    """``" (photograph 12/32)"`` of a mission that has noted it."""
+    """``" (photograph 12/32)"``; empty for a mission that has not written its progress yet."""
     try:
         lines = (directory / PROGRESS).read_text().splitlines() if directory else []
     except (OSError, UnicodeDecodeError):
@@ -188,7 +188,7 @@ class ComparisonProgress(MissionProgress):
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 
-def require_complete(run: EvaluationRun, go_on: str = "the same command goes on where it stopped") -> None:
+def require_complete(run: EvaluationRun, go_on: str = "repeat the command to continue") -> None:
     """End the command, with the exit code of an interruption, where missions of an evaluation have not run."""
     if not run.complete:
         output.print(f"not complete; {go_on}", soft_wrap=True)
@@ -224,7 +224,7 @@ def mission_config(
 
 
 def note_dense_stage(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> None:
-    """Say where a better dense stage was chosen without being asked for."""
+    """Tell the user where a better dense stage was chosen automatically."""
     if "dense.backend" in chosen and "dense.backend" not in given:
         output.print(
             "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"
@@ -242,7 +242,7 @@ def executor_at(
 ) -> Executor:
     """Processes here, or workers of a Dask scheduler, which is started where none is named, for a campaign's missions.
 
-    ``where``: the options executor, scheduler and unencrypted. ``workers``: side by side; by default one per core.
+    ``where``: the options executor, scheduler and unencrypted. ``workers``: missions in parallel; by default one per core.
 
     Raises `UserError`: the extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
     """

@@ -1,4 +1,4 @@
-"""``gatetune doctor``: is this machine fit for missions, and if not, which command helps?"""
+"""``gatetune doctor``: whether missions can run on this machine, and if not, which command helps."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Finding(NamedTuple):
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Check libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
+    """Check libraries, OpenGL, CUDA, cores, memory, disk and store; print what each finding means.
 
     Example: gatetune doctor
     """
@@ -123,7 +123,7 @@ def _machine() -> Iterator[Finding]:
     elif fitting < cores:
         yield Finding("note", found, f"memory for {fitting} missions: --workers {fitting}")
     else:
-        yield Finding("ok", f"{found}: {cores} missions side by side")
+        yield Finding("ok", f"{found}: {cores} missions in parallel")
 
 
 def _disk() -> Iterator[Finding]:

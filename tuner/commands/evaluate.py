@@ -42,7 +42,7 @@ MarginOption = Annotated[
     float,
     typer.Option(
         min=0.0,
-        help="Of a campaign with a limit: quality that may be lost and still counts as kept, in the metric's unit.",
+        help="For a campaign with an outcome constraint: loss of quality that still counts as none, in the metric's unit.",
     ),
 ]
 
@@ -51,7 +51,7 @@ def evaluate(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
     rocks: Rocks = None,
     conditions: Conditions = None,
-    replicates: Annotated[int, typer.Option(help="Per rock, the same for all strategies.")] = 3,
+    replicates: Annotated[int, typer.Option(help="Replicates per rock, the same for all strategies.")] = 3,
     strategies: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,7 +90,9 @@ def evaluate(
 def confirm(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
     rocks: TunedRocks = None,
-    replicates: Annotated[int, typer.Option(help="Per rock, none of them run by the campaign.")] = 4,
+    replicates: Annotated[
+        int, typer.Option(help="Replicates per rock, none of them run by the campaign.")
+    ] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
@@ -99,7 +101,7 @@ def confirm(
     mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the recommendation, the default and plain orbits on training rocks with fresh replicates; say whether the rocks gained.
+    """Run the recommendation, the default and plain orbits on training rocks in new replicates; print whether the rocks gained.
 
     Example: gatetune confirm runs/mine --rock mine
     """
@@ -129,10 +131,12 @@ def reproduce(
         typer.Option(help="paper (the text), paper-reduced (faster SfM) or paper-code (the public code)."),
     ] = "paper",
     conditions: Conditions = None,
-    replicates: Annotated[int, typer.Option(help="Per rock; the paper ran one.")] = 1,
+    replicates: Annotated[int, typer.Option(help="Replicates per rock; the paper ran one.")] = 1,
     strategies: Annotated[
         list[str] | None,
-        typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
+        typer.Option(
+            "--strategy", help="Strategy, repeatable (default: the paper's four, learned, greedy-oracle)."
+        ),
     ] = None,
     set_: Overrides = None,
     fidelity: Fidelity = DEFAULT_FIDELITY,
@@ -141,7 +145,7 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the paper's default configuration by its four strategies and two references (learned gate, greedy oracle); print its
+    """Run the paper's default configuration with its four strategies and two references (learned gate, greedy oracle); print
     Table I beside the paper's numbers.
 
     Example: gatetune reproduce --replicates 3
@@ -219,6 +223,7 @@ def _ceiling(name: str) -> str:
 
     found = ceiling(PhotographSet.read(name))
     return (
-        f"{name} is a set of photographs: 48 mm are 3 % of its height, and one half of its photographs against the other "
-        f"has an F-score of {found['f_score_48mm']:.1f} %, a completeness of {found['completeness_48mm']:.1f} % there."
+        f"{name} is a set of photographs: 48 mm are 3 % of its height. The cloud of one half of its photographs, measured "
+        f"against the other half's, has an F-score of {found['f_score_48mm']:.1f} % and a completeness of "
+        f"{found['completeness_48mm']:.1f} %."
     )

@@ -39,8 +39,8 @@ def export(
     to: Annotated[
         Format | None,
         typer.Option(
-            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's; csv has a row per "
-            "mission of a campaign or an evaluation. Without it: what each file would carry."
+            help="scoring.yaml and unified_mission.yaml are the authors' files, gatetune.yaml is gatetune's, plan QGroundControl's; csv has a row per "
+            "mission of a campaign or an evaluation. Without it the command lists what each file would carry."
         ),
     ] = None,
     out: Annotated[
@@ -104,7 +104,7 @@ def _write(path: Path, text: str) -> Path:
 
 
 def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
-    """Say what was written, and what is to be known of it."""
+    """Print which file was written, and the remarks on it."""
     for line in (f"wrote {path}", *remarks):
         _say(line)
     answer_json({"wrote": path, "remarks": remarks, **facts})
@@ -139,7 +139,7 @@ def _write_plan(run: Path, home: str, out: Path) -> None:
 
 
 def _recommended_mission(run: Path) -> Path:
-    """Where the recommended mission, or the default that it is, was run whole."""
+    """Directory of the recommended mission that was run with all files kept."""
     campaign = Campaign.open(run, read_only=True)
     jobs = showcase_jobs(campaign)
     if not jobs:

@@ -49,7 +49,9 @@ def run(
     gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
     condition: Annotated[str, typer.Option(help=CONDITION_HELP)] = IDEAL,
     set_: Overrides = None,
-    replicate: Annotated[int, typer.Option(help="Draw of arrival errors and sensor noise.")] = 0,
+    replicate: Annotated[
+        int, typer.Option(help="Number of the replicate, which draws arrival errors and sensor noise.")
+    ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Run directory (default: in runs/, named after rock and gate).")
     ] = None,
@@ -84,7 +86,7 @@ def run(
 
 
 def show_metrics(metrics: dict[str, Any]) -> None:
-    """Both surfaces side by side; over photographs the reference, and what one half of them reaches of the other."""
+    """Print the metrics on both surfaces; for a photograph set beside those of one half against the other."""
     columns = {f"{name} surface": metrics[name] for name in ("whole", "observable") if name in metrics}
     title = "Dense cloud against ground truth"
     if "reference" in metrics:
@@ -102,7 +104,7 @@ def show_metrics(metrics: dict[str, Any]) -> None:
 def explain(
     mission: Annotated[Path, typer.Argument(help="A mission's directory.")], as_json: AsJson = False
 ) -> None:
-    """What the gate decided at each step and why: what it saw beside its thresholds.
+    """Print what the gate decided at each step and why, with the values that it compared with its thresholds.
 
     Example: gatetune mission explain runs/mine/shown/recommended
     """
@@ -130,9 +132,7 @@ def explain(
 def view(
     run: Annotated[
         Path,
-        typer.Argument(
-            help="A mission's directory, run with everything kept; or a campaign's, whose page is made."
-        ),
+        typer.Argument(help="Directory of a mission that kept all its files, or of a campaign."),
     ],
     other: Annotated[
         Path | None, typer.Argument(help="A second mission, shown beside it with the same camera.")
@@ -140,7 +140,7 @@ def view(
     rock: RockFile = None,
     out: Annotated[Path | None, typer.Option(help="The page (default: RUN/view.html).")] = None,
 ) -> None:
-    """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture.
+    """Write an interactive 3D page that opens without a server: rock, clouds, cameras, pool and path, capture by capture.
 
     Example: gatetune mission view runs/mission-slab-hyb-h-0
     """
@@ -157,7 +157,7 @@ def view(
 
 def _view_campaign(directory: Path) -> None:
     campaign = Campaign.open(directory, read_only=True)
-    output.print(f"campaign in {directory}: running what is not there yet", soft_wrap=True)
+    output.print(f"campaign in {directory}: running the missions that its page still needs", soft_wrap=True)
     s = campaign.settings
     with local_executor(s.fidelity, None, 3600.0, s.mission) as executor:
         write_pages(campaign, executor)
@@ -167,7 +167,7 @@ def _view_campaign(directory: Path) -> None:
 def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder; the mission is called after it.")],
 ) -> None:
-    """Write a working skeleton of a mission of your own, which packs real data with `xz`.
+    """Write a working example of a mission of your own, which compresses real data with `xz`.
 
     Example: gatetune mission init my-mission
     """
@@ -199,7 +199,7 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
         reason, message = failure.reason, failure.message
     numbers = {name: Objective(name).measure(metrics) for name in dotted(metrics)}
     if not reason and found.metric not in numbers:
-        reason, message = "no_metric", f"there is no {found.metric!r}, for which it would be tuned"
+        reason, message = "no_metric", f"it has no metric {found.metric!r}, which the mission file tunes"
     for name, value in numbers.items():
         output.print(f"{name} = {value:.6g}", markup=False, highlight=False)
     output.print(f"its files are in {folder / 'output'}", soft_wrap=True)

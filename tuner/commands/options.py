@@ -1,4 +1,4 @@
-"""Options of commands: those that several have, and those that are made from settings."""
+"""Command-line options that several commands share, and options made from settings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Rocks = Annotated[
     list[str] | None,
     typer.Option(
         "--rock",
-        help="Rock or mesh file, repeatable (default: the held-out procedural ones; of families their held-out rocks).",
+        help="Rock or mesh file, repeatable (default: the held-out procedural rocks; for a family its held-out rocks).",
     ),
 ]
 TunedRocks = Annotated[
@@ -41,15 +41,15 @@ Overrides = Annotated[
 Fidelity = Annotated[
     str,
     typer.Option(
-        help="photogrammetric, or geometric: without photographs, which ranks and does not measure."
+        help="photogrammetric; or geometric: without photographs, to rank configurations, not to measure."
     ),
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(help="Missions side by side (default: one per core).", rich_help_panel=EXECUTION),
+    typer.Option(help="Missions that run in parallel (default: one per core).", rich_help_panel=EXECUTION),
 ]
 Timeout = Annotated[
-    float, typer.Option(help="A mission that takes longer is killed.", rich_help_panel=EXECUTION)
+    float, typer.Option(help="A mission that takes longer is ended.", rich_help_panel=EXECUTION)
 ]
 Executor = Annotated[
     str,
@@ -61,14 +61,14 @@ Executor = Annotated[
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Of --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT; none: workers here.",
+        help="For --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT (default: workers on this machine).",
         rich_help_panel=EXECUTION,
     ),
 ]
 Unencrypted = Annotated[
     bool,
     typer.Option(
-        "--unencrypted", help="Allow workers of other machines without TLS.", rich_help_panel=EXECUTION
+        "--unencrypted", help="Allow workers on other machines without TLS.", rich_help_panel=EXECUTION
     ),
 ]
 EventsAsJson = Annotated[
@@ -76,13 +76,13 @@ EventsAsJson = Annotated[
     typer.Option(
         "--json",
         callback=only_json,
-        help="One JSON object per event, and nothing else.",
+        help="Print one JSON object per event and nothing else.",
         rich_help_panel=EXECUTION,
     ),
 ]
 MissionAllowed = Annotated[
     Path | None,
-    typer.Option(help="Of a campaign over a mission file: that file, whose program you allow to run."),
+    typer.Option(help="The campaign's mission file, if it has one: naming it allows its program to run."),
 ]
 
 

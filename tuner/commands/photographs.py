@@ -43,7 +43,7 @@ def import_(
     name: Annotated[str, typer.Option(help="Name of the set, which commands take in place of a rock.")],
     model: Annotated[
         Path | None,
-        typer.Option(help="Poses that you have: the folder of a COLMAP model, or transforms.json."),
+        typer.Option(help="Known poses: the folder of a COLMAP model, or transforms.json."),
     ] = None,
     masks: Annotated[
         Path | None, typer.Option(help="Folder of masks, white on the object, named as the photographs.")
@@ -52,10 +52,12 @@ def import_(
     control_points: Annotated[
         Path | None, typer.Option(help="Control points as OpenDroneMap's gcp_list.txt.")
     ] = None,
-    max_size: Annotated[int, typer.Option(help="Long side, in pixels, to work on.")] = 1280,
+    max_size: Annotated[
+        int, typer.Option(help="Long side, in pixels, to which photographs are reduced.")
+    ] = 1280,
     force: Annotated[bool, typer.Option(help="Replace a set of the same name.")] = False,
 ) -> None:
-    """Photographs that you have: reconstruct them, find the object, judge the reference, write a page.
+    """Import photographs: reconstruct them, find the object, assess the reference, write a report.
 
     The same command continues an import that was stopped.
 
@@ -78,7 +80,7 @@ def import_(
 
 @app.command("list")
 def list_(as_json: AsJson = False) -> None:
-    """The sets that you imported.
+    """List the imported sets.
 
     Example: gatetune photographs list
     """
@@ -101,7 +103,7 @@ def list_(as_json: AsJson = False) -> None:
 
 @app.command()
 def show(name: Annotated[str, typer.Argument(help="A set's name.")], as_json: AsJson = False) -> None:
-    """What the import found, and where its page is.
+    """Show what the import found, and where its report is.
 
     Example: gatetune photographs show mine
     """
@@ -114,35 +116,42 @@ def show(name: Annotated[str, typer.Argument(help="A set's name.")], as_json: As
 @app.command()
 def enough(
     name: Annotated[str, typer.Argument(help="A set's name.")],
-    keep: Annotated[float, typer.Option(help="Of the quality with all photographs, in per cent.")] = 95.0,
+    keep: Annotated[
+        float, typer.Option(help="Share of the F-score with all photographs that must be kept, in percent.")
+    ] = 95.0,
     numbers: Annotated[
         list[int] | None,
-        typer.Option("--number", help="Of photographs, repeatable (default: 16, 20, 24, 32, 48)."),
+        typer.Option(
+            "--number", help="Number of photographs to try, repeatable (default: 16, 20, 24, 32, 48)."
+        ),
     ] = None,
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="Whose recommended gate and scorers run as the tuned planner (default: our scorer predicted, alone)."
+            help="Campaign whose recommended gate and scorers run as the tuned planner (default: scorer predicted, alone)."
         ),
     ] = None,
     set_: Overrides = None,
     replicates: Annotated[
-        int, typer.Option(help="Of each strategy at each number, each with other seeds.")
+        int,
+        typer.Option(help="Replicates of each strategy at each number, with other seed photographs each."),
     ] = 3,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/enough-NAME).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """How few photographs would have been enough: quality over their number for a ring, random choice and planners.
+    """Find how few photographs would have been enough: F-score over their number for a ring, random choice and planners.
 
     The same command continues after an interruption.
 
     Example: gatetune photographs enough mine --keep 95
     """
     if not 0 < keep <= 100:
-        raise UserError(f"--keep {keep:g} must lie above 0 and up to 100 per cent")
-    output.print(f"how many photographs of {name} would have done")  # before what takes seconds to load
+        raise UserError(f"--keep {keep:g} must be above 0 and at most 100 percent")
+    output.print(
+        f"how many photographs of {name} would have been enough"
+    )  # before what takes seconds to load
     load("tuner.evaluation.enough")
     from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
     from tuner.report.photographs import draw_enough
@@ -154,8 +163,8 @@ def enough(
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
     output.print(
-        f"{sum(plan.missions for plan in plans)} missions; the first takes all photographs and longest; "
-        f"about {duration(seconds(plans, photographs))} of one processor",
+        f"{sum(plan.missions for plan in plans)} missions, about {duration(seconds(plans, photographs))} of one processor; "
+        "the first mission uses all photographs and takes longest",
         soft_wrap=True,
     )
     runs = []
@@ -182,7 +191,7 @@ def enough(
     picture = draw_enough(answer, photographs, keep, where / "enough.png")
     if answer.smallest is None:
         output.print(
-            "no plan's lower bound kept it: give larger numbers with --number, or more --replicates; "
+            "no plan's lower bound reached it: try a larger --number or more --replicates; "
             f"picture: {picture}",
             soft_wrap=True,
         )
@@ -191,7 +200,7 @@ def enough(
         listed = where / "enough.txt"
         write_atomic(listed, "".join(f"{source[taken]}\n" for taken in answer.smallest.taken))
         output.print(
-            f"{answer.smallest.plan.photographs:.0f} photographs would have done ({WAYS[answer.smallest.way]}, mean "
+            f"{answer.smallest.plan.photographs:.0f} photographs would have been enough ({WAYS[answer.smallest.way]}, mean "
             f"{answer.smallest.plan.quality.mean:.1f} %, lower bound {answer.smallest.plan.quality.low:.1f}); the files of "
             f"a typical mission, {answer.smallest.quality:.1f} %: {listed}; picture: {picture}",
             soft_wrap=True,
@@ -225,7 +234,7 @@ def _describe(found: PhotographSet) -> None:
 
 @contextlib.contextmanager
 def _progress_bar() -> Iterator[Progress]:
-    """A bar in a terminal, else a line when another step begins."""
+    """A progress bar in a terminal; elsewhere a line when a new step begins."""
     last = ""
     text = TextColumn("{task.description}", markup=False)  # a photograph's file may have any name
     with RichProgress(text, BarColumn(), TimeElapsedColumn(), console=output) as bar:

@@ -1,4 +1,4 @@
-"""``gatetune plugin``: a package with a planner of one's own, and what is installed."""
+"""``gatetune plugin list|init``."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ app = typer.Typer(no_args_is_help=True)
 TEMPLATES = Path(__file__).with_name("plugin_package")
 
 
-@app.command(name="list", short_help="Installed scorers, gates and other parts of other packages.")
+@app.command(name="list", short_help="List the installed plug-ins.")
 def list_(as_json: AsJson = False) -> None:
-    """List what other packages bring, and which distribution each part comes from; nothing is imported.
+    """List the installed plug-ins and the distribution of each; none is imported.
 
     Example: gatetune plugin list
     """
@@ -35,13 +35,13 @@ def list_(as_json: AsJson = False) -> None:
 
 @app.command(short_help="Write a package with a scorer or gate of your own.")
 def init(
-    name: Annotated[str, typer.Argument(help="What configurations call it: small letters, digits, dashes.")],
+    name: Annotated[str, typer.Argument(help="Its name in configurations: small letters, digits, dashes.")],
     gate: Annotated[
         bool, typer.Option("--gate", help="A gate, which sees the whole state, instead of a scorer.")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Its folder (default: ./NAME).")] = None,
 ) -> None:
-    """Write a package that installs, with a README and a test that passes.
+    """Write an installable package with a README and a test that passes.
 
     Example: gatetune plugin init mine
     """
@@ -49,7 +49,7 @@ def init(
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
         raise UserError(f"{name!r} cannot name a plug-in; use small letters, digits and single dashes")
     if name in BASELINES or hasattr(MissionConfig(), section):
-        raise UserError(f"{name!r} is the name of a strategy or section that is there; choose another")
+        raise UserError(f"{name!r} is already the name of a strategy or section; choose another")
     if folder.exists():
         raise UserError(f"{folder} exists; choose another folder with --out")
     kind = "gate" if gate else "scorer"
@@ -68,4 +68,4 @@ def init(
     write(f"{kind}.py.txt", folder / words["MODULE"] / "__init__.py")
     write("test.py.txt", folder / "tests" / f"test_{words['SECTION']}.py")
     output.print(f"{folder}: edit {words['MODULE']}/__init__.py, then pip install -e {folder}")
-    output.print(f"then its curve against orbits, 10 minutes: the last command in {folder}/README.md")
+    output.print(f"to compare it with orbits (10 minutes) run the last command in {folder}/README.md")

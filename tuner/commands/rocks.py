@@ -21,7 +21,7 @@ def list_(
     split: Annotated[str | None, typer.Option(help="train, held-out or extra.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """The catalogue: procedural rocks and the ones you imported.
+    """List the catalogue: procedural and imported rocks.
 
     Example: gatetune rocks list --split train
     """
@@ -39,7 +39,7 @@ def show(
     image: Annotated[Path | None, typer.Option(help="Also render a contact sheet into this PNG.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Size, area, overhangs and what the importer changed; with --image, a picture.
+    """Show size, area, overhangs and what the importer changed; with --image, a picture.
 
     Example: gatetune rocks show slab --image slab.png
     """
@@ -56,7 +56,7 @@ def show(
         picture = Image.fromarray(preview(subject, store=Store()))
         try:
             picture.save(image)
-        except (OSError, ValueError) as error:  # ValueError: no such picture format
+        except (OSError, ValueError) as error:  # ValueError: unknown image format
             raise UserError(f"cannot write {image}: {error}; name a .png in a folder that exists") from error
         output.print(f"contact sheet: {image}")
     answer_json({**facts, "notes": subject.notes, "contact_sheet": image})
@@ -73,7 +73,7 @@ def import_(
     up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
-    """Import your own rock into the catalogue and print what was changed.
+    """Import a mesh into the catalogue and print what was changed.
 
     Example: gatetune rocks import scan.glb --name mine --up z
     """

@@ -75,7 +75,7 @@ class Suite:
                 f"the first number is {self.numbers[0]}, below the {self.base.seed.total} seeds; begin there or later"
             )
         if self.fidelity in (EXTERNAL, PHOTOGRAPHS):
-            raise UserError(f"compare runs no {self.fidelity} missions by name; leave --fidelity out")
+            raise UserError(f"compare cannot run fidelity {self.fidelity}; leave --fidelity out")
         if not 0.0 < self.share <= 1.0 or not 0.0 < self.score <= 100.0:
             raise UserError(f"share {self.share:g} must be in (0, 1] and score {self.score:g} in (0, 100]")
 
@@ -141,7 +141,9 @@ def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]
         planned = own.config(most) if given is None else with_sections_of(given, PLAN, base)
         measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
         if name.endswith(STOPPED) and not measured_throughout:
-            raise UserError(f"{name}: only a planner, in missions without photographs, predicts as it goes")
+            raise UserError(
+                f"{name}: only a planned strategy in geometric missions can stop by its prediction"
+            )
         least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
         if planned.adaptive_budget and seeds > least:
             raise UserError(

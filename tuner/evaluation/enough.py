@@ -88,9 +88,7 @@ def enough_plans(
     photographs for the fewest of ``numbers``, or there is one replicate only.
     """
     if replicates < 2:
-        raise UserError(
-            "--replicates must be 2 or more: one says nothing of how far the next would fall short"
-        )
+        raise UserError("--replicates must be 2 or more: the lower bound needs their spread")
     registered = len(photographs.registered)
     kept = sorted({n for n in numbers if SEEDS <= n < registered})
     if not kept:

@@ -119,7 +119,7 @@ class Trial(Observation):
     job_id: str = ""
     strategy: str = ""  # in an evaluation
     # In a campaign:
-    why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # of its proposal: sampler, phase, ...
     code: str = ""  # digest of what runs it, see `tuner.campaign.session.ReproducibilityCheck`
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None

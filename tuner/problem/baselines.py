@@ -26,7 +26,7 @@ class Baseline:
     in_paper: bool = False
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
-    reaimed: bool = False  # of an orbit: its second half runs around the target that the first half has found
+    retargeted: bool = False  # of an orbit: its first half locates the target, its second half is moved there
 
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` running this strategy."""
@@ -41,7 +41,7 @@ class Baseline:
             "seed.rings": 1,
             "seed.radius_m": base.pool.radius_m,
             "seed.start_bearing_deg": 0.0,
-            "seed.retarget_after": number // 2 if self.reaimed else 0,
+            "seed.retarget_after": number // 2 if self.retargeted else 0,
             **_registering(base.sparse, number),
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
@@ -74,7 +74,7 @@ def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
     return {name: own for name, own in found.items() if own}
 
 
-# Of the splits over 10 and 35 degrees these two were best on rocks that nothing was chosen on.
+# Of the splits over 10 and 35 degrees these two were best on rocks that no other choice was made on.
 ONE_RING: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 0.0, "seed.upper_share": 0.0}
 TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
 SCORER_ALONE: dict[str, Any] = {f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
@@ -82,7 +82,7 @@ FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 
 
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
-    """What lets so few seeds, so far apart, register."""
+    """Parameters that let so few seeds, so far apart, register."""
     return {
         "sparse.min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
         "sparse.ground_features": sparse.ground_features or GROUND_FEATURES,
@@ -92,10 +92,10 @@ def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
 BASELINES: dict[str, Baseline] = {
     b.name: b
     for b in (
-        Baseline("covis", "Covis", "co-visibility scorer throughout (Eq. 5)", in_paper=True),
-        Baseline("b-aware", "B-aware", "baseline-aware repair scorer throughout (Eq. 6 to 8)", in_paper=True),
+        Baseline("covis", "Covis", "co-visibility scorer alone (Eq. 5)", in_paper=True),
+        Baseline("b-aware", "B-aware", "baseline-aware repair scorer alone (Eq. 6 to 8)", in_paper=True),
         Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
-        Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", in_paper=True),
+        Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface", in_paper=True),
         Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
@@ -103,19 +103,19 @@ BASELINES: dict[str, Baseline] = {
         Baseline(
             "greedy-oracle",
             "Greedy oracle",
-            "each view chosen from the true surface",
+            "the best single view by the true surface",
             values={"gate.oracle_coverage": "matchable"},
         ),
         Baseline(
             "matchable",
             "Matchable",
-            "our own scorer alone: the surface that lacks matchable views",
+            "scorer matchable alone: how much surface would gain a matchable view",
             values=SCORER_ALONE,
         ),
         Baseline(
             "predicted",
-            "Predicted repair",
-            "our own scorer alone: the surface that a view is predicted to repair",
+            "Predicted",
+            "scorer predicted alone: how much the predicted completeness would rise",
             values=SCORER_ALONE,
         ),
         Baseline("orbit", "Plain orbit", "a plain orbit at 10°", values=ONE_RING, plans=False),
@@ -128,26 +128,26 @@ BASELINES: dict[str, Baseline] = {
         ),
         Baseline(
             "orbit-reaimed",
-            "Plain orbit, re-aimed",
-            "a plain orbit at 10°, its second half around where the first has found the target",
+            "Plain orbit, re-targeted",
+            "a plain orbit at 10°; its second half is moved to the target that the first has located",
             values=ONE_RING,
             plans=False,
-            reaimed=True,
+            retargeted=True,
         ),
         Baseline(
             "orbit-two-reaimed",
-            "Plain orbit, two rings, re-aimed",
-            "the orbit of two rings, its second half around where the first has found the target",
+            "Plain orbit, two rings, re-targeted",
+            "the orbit of two rings; its second half is moved to the target that the first has located",
             values=TWO_RINGS,
             plans=False,
-            reaimed=True,
+            retargeted=True,
         ),
     )
 }
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
-# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own scorer,
-# what chance and a planner that looks at the true surface reach, and plain orbits.
-ORBITS, REAIMED_ORBITS = ("orbit", "orbit-two"), ("orbit-reaimed", "orbit-two-reaimed")
+# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, scorer matchable,
+# random views, a planner that sees the true surface, and plain orbits.
+ORBITS, RETARGETED_ORBITS = ("orbit", "orbit-two"), ("orbit-reaimed", "orbit-two-reaimed")
 EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle", *ORBITS)
 # What `gatetune reproduce` runs: Table I's columns, and the same two references for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
@@ -251,14 +251,14 @@ def ending_at(config: MissionConfig, number: int) -> MissionConfig:
 
 
 def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
-    """The plain orbits with as many photographs as ``tuned``; re-aimed ones where a target has to be looked for."""
+    """The plain orbits with as many photographs as ``tuned``, and re-targeted ones where the target must be located."""
     number = photographs(tuned)
-    names = [*ORBITS, *(REAIMED_ORBITS if any_must_look(tuned, conditions) else ())]
+    names = [*ORBITS, *(RETARGETED_ORBITS if target_must_be_located(tuned, conditions) else ())]
     return {f"{name}-{number}": BASELINES[name].orbit(tuned, number) for name in names}
 
 
-def any_must_look(config: MissionConfig, conditions: Iterable[Condition]) -> bool:
-    """Whether under one of these a mission has to look for its target; elsewhere an orbit re-aimed is the same orbit."""
+def target_must_be_located(config: MissionConfig, conditions: Iterable[Condition]) -> bool:
+    """Whether a mission must first locate its target under one of the conditions; elsewhere re-targeting changes no orbit."""
     return any(target_must_be_found(under(config, condition)) for condition in conditions)
 
 

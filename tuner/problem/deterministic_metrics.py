@@ -58,7 +58,7 @@ class DeterministicMetrics:
     first: DeterministicMetric | None = None
     second: DeterministicMetric | None = None
 
-    def agreed(self, history: Sequence[Observation]) -> DeterministicMetrics:
+    def confirmed_by(self, history: Sequence[Observation]) -> DeterministicMetrics:
         """Return those that every mission so far has confirmed; a surrogate models the others."""
         done = [o for o in history if o.outcome is not None]
         outcomes = [(o.values, o.outcome) for o in done if o.outcome is not None]

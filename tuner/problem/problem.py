@@ -64,7 +64,7 @@ class Problem(abc.ABC):
         """Raise `UserError` where a campaign cannot be tuned on ``rocks``."""
 
     def check_limit(self, limited: Objective, limit: float) -> None:  # noqa: B027  most limits are possible
-        """Raise `UserError` where nothing can keep the limit, or where it cannot be shown that it is kept."""
+        """Raise `UserError` where nothing can meet the constraint, or where it cannot be shown that it is kept."""
 
     # -- how a trial runs ------------------------------------------------------------------------------------
 

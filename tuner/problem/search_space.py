@@ -32,7 +32,7 @@ class Configuration(Protocol):
         ...
 
     def digest(self) -> str:
-        """Return what is the same for equal configurations, and for no others."""
+        """Return a hash that equal configurations share, and only they."""
         ...
 
     def to_dict(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from scipy import special
 
-SURE = 0.8  # probability from which on a configuration is taken to keep a limit
+SURE = 0.8  # probability from which on a configuration is taken to meet a constraint
 _PRIOR = 0.5  # Jeffreys': half a success, half a failure
 NEXT = 100
 

@@ -93,9 +93,9 @@ class Candidates:
 
     values: list[Values]
     missions: list[list[Observation]]  # that ran each, failed ones included
-    keeps: list[bool]  # whether each can be taken to keep the limit
+    keeps: list[bool]  # whether each can be taken to meet the constraint
     eligible: list[int]  # indices of those that may be recommended; not empty
-    limit_kept: bool  # whether these can be taken to keep the limit; else it is the likeliest to
+    limit_kept: bool  # whether these can be taken to meet the constraint; else it is the likeliest to
 
     def __len__(self) -> int:
         return len(self.values)
@@ -149,7 +149,7 @@ class Choice:
     def _most_promising(self) -> Candidates:
         """Return the best by posterior mean, few enough for a joint posterior.
 
-        These are eligible ones, the default where it is eligible, and a few that keep the limit and have run too seldom.
+        These are eligible ones, the default where it is eligible, and a few that meet the constraint and have run too seldom.
         """
         candidates, cost = self.candidates, self.goal.exact.first
         best_first = self.model.best_first(candidates.values)
@@ -187,7 +187,7 @@ class Choice:
         return min(same, key=self.changes)
 
     def _cheapest(self) -> list[int]:
-        """Return the eligible of the least cost; the default alone where none is cheaper and it may keep the limit."""
+        """Return the eligible of the least cost; the default alone where none is cheaper and it may meet the constraint."""
         candidates, cost, default = self.candidates, self.objective, self.data.default
         best = max(cost.mean[i] for i in candidates.eligible)
         among = [i for i in candidates.eligible if cost.mean[i] == best]
@@ -269,7 +269,7 @@ class Choice:
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _runner_up(self, index: int) -> RunnerUp | None:
-        """Return the candidate with the best posterior mean that keeps the limit; None where it is the recommendation or the default."""
+        """Return the candidate with the best posterior mean that meets the constraint; None where it is the recommendation or the default."""
         posterior, candidates = self.objective, self.candidates
         leads = [
             i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]

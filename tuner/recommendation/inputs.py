@@ -47,7 +47,7 @@ class Goal:
 
     def after(self, history: Sequence[Observation]) -> Goal:
         """Return the goal after these missions, which may show that a metric is not deterministic after all."""
-        return replace(self, exact=self.exact.agreed(history))
+        return replace(self, exact=self.exact.confirmed_by(history))
 
     @property
     def _second_is_modelled(self) -> bool:

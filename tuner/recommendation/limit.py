@@ -1,4 +1,4 @@
-"""How the recommended configuration keeps a limit, on the training rocks and on the next one."""
+"""Whether the recommended configuration meets the outcome constraint, on the training rocks and on the next one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def limit_of(
     kept: bool,
     no_worse: float | None,
 ) -> Limit | None:
-    """Return how the recommended ``values`` keep the limit on the training instances and on the next rock.
+    """Return how the recommended ``values`` meet the constraint on the training instances and on the next rock.
 
     ``no_worse``: probability that the values are no worse than the default on the next rock, where it is known.
 
@@ -81,7 +81,7 @@ def limit_of(
 
 
 def _next_rocks(constraint: Constraint, values: Mapping[str, Any]) -> ShareEstimate:
-    """Return the estimate of the share of rocks never run on which ``values`` keep the limit of a mean."""
+    """Return the estimate of the share of rocks never run on which ``values`` meet the constraint of a mean."""
     model = constraint.model
     assert isinstance(model, InstanceMeanGP)
     rocks = rocks_of(model.instances)

@@ -35,24 +35,24 @@ class RockRow:
 class Limit:
     """The metric that has a limit, at the recommended configuration: means over the training instances, in its unit.
 
-    What the configuration decides (``exact``) has standard deviations 0 and no width.
+    A deterministic metric (``exact``) has standard deviation 0 and intervals of no width.
     """
 
     metric: str
     direction: Direction
     limit: float
-    kept: bool  # whether any configuration run can be taken to keep the limit: then this one
+    kept: bool  # whether the recommendation can be taken to meet it; else no configuration that was run can
     exact: bool
     mean: float
     sd: float
     interval_95: tuple[float, float]
-    probability: float  # that the limit is kept
+    probability: float  # that the constraint is met
     default_probability: float  # that the default keeps it
     default_mean: float
     # Probability on a rock that was not run; None: the configuration decides it, or it was not computed.
     next_rock_keeps: float | None = None
     next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
-    next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that keep it, 95 % interval
+    next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that meet it, 95 % interval
     # Of a share: rocks that reached it with this configuration, and all that it ran.
     evaluated: tuple[int, int] | None = None
 
@@ -63,7 +63,7 @@ class RunnerUp:
 
     It ran too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
     objective, in the metric's unit, the latter positive where this configuration is better, with 95 % intervals (of
-    no width where the objective is exact).
+    no width where the objective is deterministic).
     """
 
     values: dict[str, Any]
@@ -73,7 +73,7 @@ class RunnerUp:
     difference_interval_95: tuple[float, float]
     improvement: float  # over the default
     improvement_interval_95: tuple[float, float]
-    probability: float | None = None  # that the limit is kept, where there is one
+    probability: float | None = None  # that the constraint is met, where there is one
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ class Recommendation:
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
     (``tuner.surrogate.posterior``).
 
-    An objective that the configuration decides (``exact``) has no uncertainty: standard deviations are 0, intervals have no
-    width. What is modelled is then the second objective, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd`` and
+    An objective that is a deterministic metric (``exact``) has no uncertainty: standard deviations are 0, intervals have no
+    width. The second objective is then the one that is modelled, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd`` and
     ``leave_one_out`` are of that.
     """
 
@@ -129,8 +129,8 @@ class Recommendation:
     metric: str
     direction: str
     leave_one_out: dict[str, float]
-    exact: bool  # the configuration decides the objective
-    modelled_metric: str  # the objective's, or the second one's where that is exact
+    exact: bool  # whether the objective is a deterministic metric
+    modelled_metric: str  # the objective's, or the second one's where the objective is deterministic
     runner_up: RunnerUp | None = None
     next_rock: NextRock | None = (
         None  # None: not computed, since it is the default or one rock was run: how rocks differ is unknown

@@ -49,25 +49,25 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
     if best.limit is not None and not best.limit.kept:
         likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
-        return f"No configuration that was evaluated is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
+        return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); the likeliest is {likeliest}."
     if best.keep_default:
         plan = plan_words(s.config(best.values), ceiling=False)
         default = f"the default{f' ({plan})' if plan else ''}"
         if _leads(best.runner_up):
-            return f"Keep {default} for now: what looks better has too few trials to be recommended."
+            return f"Keep {default} for now: what looks better has run too few trials to be recommended."
         return f"Keep {default}: no configuration that was evaluated is known to be better."
     words = configuration_words(best.values, best, s)
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
         word, (low, high) = s.problem.instance_word, best.limit.next_hundred or (0, 100)
         return (
-            f"{words} kept {limit_words(best.limit)} on the training {word}s, and is expected to on "
+            f"{words} met the constraint ({limit_words(best.limit)}) on the training {word}s, and is expected to on "
             f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})."
         )
     return f"Use {words}."
 
 
 def may_fail_on_most(limit: Limit) -> bool:
-    """Whether fewer than half of the next rocks may keep the limit, by the 95 % interval."""
+    """Whether fewer than half of the next rocks may meet the constraint, by the 95 % interval."""
     return limit.next_hundred is not None and limit.next_hundred[0] < 50
 
 
@@ -99,7 +99,7 @@ def plan_words(config: Configuration, *, ceiling: bool) -> str:
         return rings
     words = f"{rings}, then {config.adaptive_budget} chosen by the planner"
     if stop.may_end_early:
-        words = f"{rings}; go on where the model is weak, up to {seed.total + config.adaptive_budget}"
+        words = f"{rings}, then planned ones until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
     return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
 
 
@@ -121,7 +121,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         gain = interval_text(map(label.possible, best.interval_95), decimals_for(best.sd, 1))
         if not best.keep_default:
             gain = _gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)
-            gain += ", positive where less" if best.direction == "minimise" else ""
+            gain += ", positive if lower" if best.direction == "minimise" else ""
         said += f" on the training {word}s, {gain}"
     lines = [f"{said}."]
     if best.limit is not None:
@@ -138,7 +138,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
             lines.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
     elif len(s.rocks) == 1 and not s.draws_rocks:
         lines.append(
-            f"Only one {word} was run: how {word}s differ is not known, nor what holds on the next one."
+            f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
         )
     lines += outlier_sentences(best)
     return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
@@ -150,9 +150,9 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
         if o.counts_as is None:
-            line += "which all others contradict. The recommendation was made without it; run its configuration again if it may be true."
+            line += "which all others contradict. The recommendation does not use it; run its configuration again if it may be right."
         else:
-            line += f"far from all others: it counts as {number_text(o.counts_as)}."
+            line += f"far from all others; the model uses {number_text(o.counts_as)} in its place."
         said.append(line)
     if len(best.outliers) > FEW:
         said.append(f"{len(best.outliers) - FEW} more missions are outliers, too.")
@@ -160,7 +160,7 @@ def outlier_sentences(best: Recommendation) -> list[str]:
 
 
 def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> list[str]:
-    """Of the limited metric: its mean, the probability that the limit is kept, and on how many of the next instances.
+    """Of the limited metric: its mean, the probability that the constraint is met, and on how many of the next instances.
 
     ``instance_word`` is what an instance is called in the singular, such as "rock".
     """
@@ -170,17 +170,17 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     if not limit.exact:
         said += f" ({interval_text(map(label.possible, limit.interval_95), decimals_for(limit.sd, 1))})"
         default += f", with probability {limit.default_probability:.2f}"
-    said += f", {asked} asked for"
+    said += f"; the constraint is {asked}"
     if not limit.exact:
-        said += f" and kept with probability {limit.probability:.2f}"
+        said += f", met with probability {limit.probability:.2f}"
     if limit.evaluated is not None:
-        said += "; reached on {} of the {} that were run".format(*limit.evaluated)
+        said += "; it was met on {} of the {} that were run".format(*limit.evaluated)
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
-        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {instance_word}s (95 % interval {low} to {high})"
+        line = f"It is expected to be met on {100 * limit.next_rock_keeps:.0f} of the next hundred {instance_word}s (95 % interval {low} to {high})"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:
-            line += f"; on any one it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
+            line += f"; on the next {instance_word} it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
     return lines
 
@@ -196,7 +196,9 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
         low, high = rival.difference_interval_95
         worth = f"It gains {_gain(rival.difference, (low, high), (high - low) / 4, label)} over the above"
     keeps = (
-        "" if rival.probability is None else f"; it keeps the limit with probability {rival.probability:.2f}"
+        ""
+        if rival.probability is None
+        else f"; it meets the constraint with probability {rival.probability:.2f}"
     )
     few = "; it has to run on more rocks or replicates before it can be recommended" if _leads(rival) else ""
     return (
@@ -247,7 +249,7 @@ def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
         return []
     switched = sum(bool(t.switched) for t in planned)
     said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
-    reset = [t.why["without_effect"] for t in trials if t.why.get("phase") == "simplified"]
+    reset = [t.metadata["without_effect"] for t in trials if t.metadata.get("phase") == "simplified"]
     if reset:
         named = ", ".join(parameter_label(path).name for path in reset[-1])
         said.append(f"Without effect on any photograph, so left at the default: {named}.")

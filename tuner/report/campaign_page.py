@@ -66,7 +66,7 @@ from tuner.surrogate.model import InstanceMeanGP
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
-OPTIMISM_NOTE = "The intervals are of the best trials where it was tuned, so they lean towards optimism."
+OPTIMISM_NOTE = "The recommendation was selected on these trials, so its intervals are optimistic."
 
 
 class CampaignFacts:
@@ -277,7 +277,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     both = pairs(facts, best)
     if not both:
         said.append(
-            f"They were never evaluated side by side: no {word} and replicate has both the recommendation and the default."
+            f"They cannot be compared in pairs: recommendation and default never ran on the same {word} and replicate."
         )
         return [*said, OPTIMISM_NOTE]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
@@ -296,10 +296,10 @@ def _gate_answer(facts: CampaignFacts) -> str:
     if best is None or config is None:
         return ""
     if config.adaptive_budget == 0:
-        return "Nothing: the recommended plan has no planned view."
+        return "The recommended plan has no planned view, so no gate is used."
     traces = [trace for _, trace in traces_of(facts.evaluated(best.values))]
     if not traces:
-        return "The missions' documents hold no choices."
+        return "The missions have not recorded their choices."
     records = [record for trace in traces for record in trace]
     said = gate_words(records, strategy_label(config.gate.kind), len(traces))
     return " ".join([*switch_sentences(facts.campaign, facts.trials), said])
@@ -349,34 +349,37 @@ def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
     more = f"{resume} --missions {2 * status.budget}"
     if best is None and not status.complete:
         reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")
-        return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
+        return (
+            f"Every mission failed, most often with {reason!r}: correct that (see below), then resume.",
+            resume,
+        )
     if best is None or status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
     if evaluated >= min(MIN_ROCKS, len(problem.held_out()) or 1):
         return f"Stop: it has been measured on {counted(evaluated, f'held-out {word}')}.", ""
     if evaluated:
-        return f"Measure it on more {word}s: {counted(evaluated, word)} cannot speak for others.", evaluate
+        return f"Measure it on more {word}s: {counted(evaluated, word)} cannot represent others.", evaluate
     if best.limit is not None and not best.limit.kept:
         return (
-            f"Run more, or ask for less: no configuration that was evaluated is likely to keep {limit_words(best.limit)}.",
+            f"Run more, or relax the constraint: no configuration that was evaluated is likely to meet it ({limit_words(best.limit)}).",
             more,
         )
     if best.keep_default:
         rival = best.runner_up
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
             return "Stop: keep the default. Nothing else is predicted to be better.", ""
-        return "Run more: the runner-up is not yet told from the default.", more
+        return "Run more: it is not yet known whether the runner-up is better than the default.", more
     if is_geometric(s.fidelity):
         return (
-            "Evaluate it with photographs, on rocks that it has not seen: so far it is a prediction.",
+            "Evaluate it with photographs on held-out rocks: so far its values are predictions.",
             evaluate,
         )
     if not problem.held_out():
-        return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
+        return "Confirm it in new replicates: your mission file has no held-out instance.", confirm
     if len(pairs(facts, best)) < 2:
         one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
-        return "Confirm it where it was tuned: too few pairs were evaluated.", one_rock
-    return f"Measure it on {word}s it has not seen.", evaluate
+        return f"Confirm it on a training {word}: too few pairs were evaluated.", one_rock
+    return f"Measure it on held-out {word}s.", evaluate
 
 
 # -- what limits the answer ------------------------------------------------------------------------------------
@@ -391,13 +394,13 @@ def _warnings(facts: CampaignFacts) -> list[str]:
         out.append(_stop_reason(facts))
     if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:
         out.append(
-            f"The model knows only {counted(best.observations, 'successful mission')}, so it rests mostly on its priors, and "
-            "its intervals cannot be checked yet."
+            f"The model has only {counted(best.observations, 'successful mission')}, so its priors dominate and its intervals "
+            "cannot be checked yet."
         )
     elif best is not None and (coverage := best.leave_one_out["coverage_95"]) < POOR_COVERAGE:
         out.append(
-            f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
-            "intervals on this page as too narrow."
+            f"The model’s 95 % intervals contained only {100 * coverage:.0f} % of the left-out missions: all intervals on "
+            "this page are too narrow."
         )
     if at_bounds := bounds_text(facts):
         out.append(at_bounds)

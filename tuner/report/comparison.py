@@ -1,4 +1,4 @@
-"""What strategies that were run against each other say: verdicts, tables, and the page of an evaluation.
+"""The result of an evaluation: verdicts, tables and page.
 
 ``report.html`` of ``gatetune evaluate``, ``confirm`` and ``reproduce``, the same on the terminal, and as JSON for scripts.
 """
@@ -63,13 +63,13 @@ from tuner.report.table import Cell, Row, Table
 REPORT_FILE = "report.html"
 COSTS_SHOWN = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
 _TITLES = {
-    "whole": "Table I on the whole surface, underside included, as in the paper",
+    "whole": "Table I on the whole surface, including the underside, as in the paper",
     "observable": "Table I on the surface that at least two reachable cameras can see",
     "own": "Metrics and costs",
 }
 FLOOR_NOTE = (
-    "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
-    "sees, and what is cut away with the ground, keep a distance from every cloud."
+    "The rocks’ own floor is the value of a perfect reconstruction: surface that no reachable camera sees, or that is removed "
+    "with the ground, has a distance to every cloud."
 )
 
 
@@ -77,12 +77,12 @@ def paper_note(fidelity: str) -> str:
     """Why the paper's numbers do not compare with those of missions of this fidelity."""
     differs = "Renderer, light, flight, mesh resolution and dense stage differ here"
     if is_geometric(fidelity):
-        differs = "Here nothing was photographed or reconstructed: completeness is predicted and accuracy taken as 100 %"
+        differs = "Here nothing was photographed or reconstructed: completeness is predicted and accuracy is assumed to be 100 %"
     return (
         "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), "
         "without intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. "
-        f"{differs}, so absolute values do not compare; what can be held against the paper is the order of the strategies "
-        "and the sign of their differences."
+        f"{differs}, so absolute values do not compare; only the order of the strategies "
+        "and the sign of their differences can be compared with the paper."
     )
 
 
@@ -165,7 +165,7 @@ class ComparisonFacts:
 
     @cached_property
     def summary(self) -> ComparisonTable:
-        """What the campaign was asked for, costs, and the share of rocks that kept its limit."""
+        """The campaign's objectives, costs, and the share of rocks that met its constraint."""
         return self._summary(self.records)
 
     @cached_property
@@ -194,12 +194,12 @@ class ComparisonFacts:
             shares = {name: self._share_kept(records, name) for name in self.strategies}
             most = max((share.mean for share in shares.values() if share is not None), default=0.0)
             best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
-            limit = MetricRow("", "Limit kept", "limit", f"% of {self.word}s", True, 0)
+            limit = MetricRow("", "Constraint met", "limit", f"% of {self.word}s", True, 0)
             found.append(ComparisonRow(limit, shares, best, None, {}))
         return dataclasses.replace(table, rows=found)
 
     def _share_kept(self, records: Sequence[Trial], strategy: str) -> Interval | None:
-        """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
+        """Share of the rocks, in percent, whose mean meets the constraint; Wilson's 95 % interval.
 
         A rock on which a mission failed has not kept it. None where the strategy has no mission.
         """
@@ -256,13 +256,13 @@ class ComparisonFacts:
         return out
 
     def _count(self, name: str, o: Objective) -> Sentence:
-        """``Photographs: 26 in place of 32 of Hyb-H.``; what the configuration decides has no interval."""
+        """``Photographs: 26, and 32 for Hyb-H.``; a deterministic metric has no interval."""
         own, theirs = (strategy_interval(self.records, n, o.metric) for n in (name, self.reference))
         whom = strategy_label(self.reference)
         if own is None or theirs is None:
             return Sentence(f"{strategy_label(name)}: no mission in common with {whom}.")
         gain = o.sign * (own.mean - theirs.mean)
-        text = f"{metric_label(o.metric).name}: {own.mean:.4g} in place of {theirs.mean:.4g} of {whom}."
+        text = f"{metric_label(o.metric).name}: {own.mean:.4g}, and {theirs.mean:.4g} for {whom}."
         return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
 
     def _quality(
@@ -297,7 +297,7 @@ class ComparisonFacts:
                 begin, kind = f"No difference detected between {who} and {whom}", "no"
         where = f"{counted(d.missions, 'paired mission')} on {counted(d.rocks, self.word)}"
         if d.method == "replicates":  # such an interval has no spread between rocks
-            where += f", for {'this' if d.rocks == 1 else 'these'} alone"
+            where += f", valid for {'this one' if d.rocks == 1 else 'these'} only"
         said = with_unit(gain, label.difference_unit, signed=True)
         return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
 
@@ -307,21 +307,21 @@ class ComparisonFacts:
             return []
         label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
         bound = "at least" if asked.second.direction == "maximise" else "at most"
-        text = f"Limit ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
-        text += f"): kept on {kept} of {counted(share.rocks, self.word)}"
+        text = f"Constraint ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
+        text += f"): met on {kept} of {counted(share.rocks, self.word)}"
         if share.low is not None and share.high is not None:
             text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
         return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
 
     def _best_control(self, quality: Objective) -> list[Sentence]:
-        """Against the best control at equal number that is not the reference itself; nothing where none was run."""
+        """The verdict against the best control with as many photographs, other than the reference; empty if none was run."""
         names = [name for name in controls_at_equal_number(self.plan.strategies) if name != self.reference]
         means = {name: strategy_interval(self.records, name, quality.metric) for name in names}
         known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
         if not known:
             return []
         best = max(known, key=lambda name: known[name])
-        whom = f"the best control at equal number ({strategy_label(best)})"
+        whom = f"the best control with as many photographs ({strategy_label(best)})"
         return [self._quality(TUNED, best, quality, 0.0, whom)]
 
     @cached_property
@@ -330,18 +330,18 @@ class ComparisonFacts:
         out, run, plan = [], self.run, self.plan
         if not run.complete:
             finished = f"{len(run.records)} of {plan.combinations} missions are finished"
-            out.append(f"Not complete: {finished}; the same command goes on.")
+            out.append(f"Not complete: {finished}; repeat the command to continue.")
         failed = self.summary.failures
         if run.failures:
             listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])
             reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
             out.append(
                 f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
-                "A strategy that fails where others succeed is worse than its means say."
+                "A strategy that fails where others succeed is worse than its means show."
             )
         if len(plan.rocks) < 3:
             out.append(
-                f"Only {counted(len(plan.rocks), self.word)}: nothing here speaks for other {self.word}s."
+                f"Only {counted(len(plan.rocks), self.word)}: no result here carries over to other {self.word}s."
             )
         return out
 
@@ -372,7 +372,7 @@ def table_by_strategy(
         cells = [cell(row, name) for row in table.rows]
         rows.append(Row(_label_in(table, name), (*cells, _missions(table, name)), note))
     caption = (
-        f"Each value is the mean over {word}s ± half of its 95 % interval, and the best one is marked. Below it stands the "
+        f"Each value is the mean over {word}s ± half of its 95 % interval; the best one is marked. Below it is the "
         f"paired difference from {strategy_label(table.reference)}."
     )
     return Table(

@@ -1,4 +1,4 @@
-"""What `gatetune compare` leaves: a figure, a page, tables as CSV and JSON."""
+"""The files that `gatetune compare` writes: a figure, a page, tables as CSV and JSON."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ def write_comparison(
 def share_table(document: Mapping[str, Any]) -> Table:
     """Return what each strategy needs for the share."""
     share, score = 100 * document["share"], document["settings"]["score"]
-    title = f"Photographs until {share:g} % of the targets have {score:g} %, and their ratio to {document['reference']}"
+    title = f"Photographs until {share:g} % of the targets have an F-score of {score:g} %, and their ratio to {document['reference']}"
     if not share:
-        title = f"Largest share of targets that have {score:g} %"
+        title = f"Largest share of targets that have an F-score of {score:g} %"
     rows = [
         (
             _marked(document, f["name"]),
@@ -126,7 +126,7 @@ def _number_table(document: Mapping[str, Any]) -> Table:
         for row in document["at_number"]
     ]
     at = f"share at {document['settings']['score']:g} %"
-    head = ("strategy, photographs", "F-score, %", f"less {document['reference']}", at, "score 0")
+    head = ("strategy, photographs", "F-score, %", f"minus {document['reference']}", at, "score 0")
     return Table.of("At equal number of photographs", head, rows)
 
 

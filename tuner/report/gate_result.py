@@ -1,4 +1,4 @@
-"""What tuning the gate earned: one table beside the paper's strategies and the controls, and sentences, for terminal, page and JSON."""
+"""What tuning the gate gained over the paper's strategies and the controls: a table and sentences, for terminal, page and JSON."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ _COLUMNS = (
     MetricRow("", "C2C", "observable.c2c_mean_mm", "mm", False),
 )
 LEGEND = (
-    "F is the F-score and C the completeness (%) at 48 and 80 mm, C2C the mean distance from cloud to surface (mm), flight "
-    "in s; all are of the observable surface. The last column is the paired difference of the F-score at 48 mm from Hyb-H, "
+    "F is the F-score and C the completeness (%) at 48 and 80 mm, C2C the mean distance from the surface to the cloud (mm), "
+    "flight in s; all are of the observable surface. The last column is the paired difference of the F-score at 48 mm from Hyb-H, "
     "in points, with its 95 % interval."
 )
 
@@ -182,11 +182,11 @@ def measured_steps(records: Sequence[Trial], strategies: Sequence[str], changed:
 
 
 def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
-    """Return the gain step by step, and which of the paper's two suspects it is: thresholds, or weights shared by the scorers."""
+    """Return the gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
     steps = measured_steps(block.records, block.table.strategies, changed)
     if missing := [label(step.strategy) for step in steps if step.gain is None]:
         return [
-            f"What earned it is not known yet: {' and '.join(missing)} did not run on these rocks to the end."
+            f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
         ]
     parts = [f"{' and '.join(step.groups)} {difference_text(step.gain)}" for step in steps]
     suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
@@ -198,7 +198,7 @@ def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
         elif gain.low is not None and round(gain.low, 1) > 0:
             found.append(f"{suspect}, {difference_text(gain)} points")
     verdict = f"it is {' and '.join(found)}" if found else "neither is shown to be one"
-    none = f" ({' and '.join(without)} stay at the paper's values)" if without else ""
+    none = f" ({' and '.join(without)} stayed at the paper's values)" if without else ""
     return [
         f"Step by step, this was earned by: {'; '.join(parts)}.",
         f"The paper names the thresholds and the shared weights as causes: on these rocks {verdict}{none}.",

@@ -165,10 +165,10 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
     if fidelity == EXTERNAL:
         return f"{metric}; missions of your mission file"
     if are_photographed(rocks):
-        return f"{metric}, against the set's own dense reference; missions over photographs that were taken"
+        return f"{metric}, measured against the set's own dense reference; missions over real photographs"
     evaluated = f"{fidelity} missions"
     if is_geometric(fidelity):
-        evaluated = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
+        evaluated = "predicted by geometric missions, without photographs"
     return f"{metric}; {evaluated}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
@@ -193,15 +193,13 @@ def parameter_label(path: str) -> ParameterLabel:
 def interval_methods(methods: Collection[str], word: str = "rock") -> str:
     """Sentences on how intervals were made, from the ``method`` of each (``tuner.evaluation.comparison.Interval``)."""
     texts = {
-        "rocks": f"t-intervals over {word} means, in which every {word} counts the same, speak for unseen {word}s of the "
-        "same kind.",
-        "replicates": f"Intervals from the pooled variance between replicates, with the {word}s taken as fixed, speak for "
-        f"new replicates on these {word}s only.",
-        "wilson": f"The share of {word}s that kept the limit has Wilson's interval.",
-        "none": "Where there are too few missions, no interval is given.",
+        "rocks": f"t-intervals over the means of {word}s, each weighted equally, hold for unseen {word}s of the same kind.",
+        "replicates": f"Intervals from the pooled variance between replicates hold for new replicates on these {word}s only.",
+        "wilson": f"The share of {word}s that met the constraint has Wilson's interval.",
+        "none": "Values from too few missions have no interval.",
     }
     said = [text for name, text in texts.items() if name in methods]
-    return f"All intervals are of 95 %. {' '.join(said)}" if said else "There are no missions yet."
+    return f"All intervals are 95 %. {' '.join(said)}" if said else "There are no missions yet."
 
 
 def _words(key: str) -> str:

@@ -1,4 +1,4 @@
-"""The page in which one mission, or two beside each other, can be walked around in.
+"""The interactive 3D page of one mission, or of two beside each other.
 
 What it shows in space is packed for a browser: points as int16 in steps of a quarter of a millimetre from the target,
 distances as one byte. A mission of 32 photographs takes a few megabytes.
@@ -143,7 +143,7 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
         taken = len(state.visited_m)
         facts = [
             ["scorer", record.scorer],
-            ["why", record.reason],
+            ["reason", record.reason],
             ["candidates", str(len(pool))],
             ["registered", f"{len(state.model.camera_names)} of {taken} photographs"],
             ["sparse points", str(len(state.model.points_m))],
@@ -220,7 +220,7 @@ def _views(
             }
         )
     if not views:
-        raise UserError(f"{run} took no photograph; there is nothing to walk around in")
+        raise UserError(f"{run} took no photograph; there is nothing to show")
     return views
 
 

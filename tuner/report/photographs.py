@@ -1,4 +1,4 @@
-"""Pages and pictures about sets of real photographs: what an import found, and how few would have done."""
+"""Pages and pictures about sets of real photographs: what an import found, and how few would have been enough."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ def _can(photographs: PhotographSet, views: Coverage) -> list[str]:
 
 def _cannot(views: Coverage) -> list[str]:
     lines = [
-        f"Photographs between azimuth {start:.0f}° and {end:.0f}°: nobody stood there."
+        f"Photographs between azimuth {start:.0f}° and {end:.0f}°: none was taken there."
         for start, end in views.gaps_deg
     ]
-    return [*lines, "Another light, wind, lens or place of the object: they are as they were."]
+    return [*lines, "Other light, wind, lens or position of the object."]
 
 
 def _cameras(views: Coverage) -> Figure:
-    """Where the photographs were taken, seen from the object; azimuths at which nobody stood are shaded."""
+    """Where the photographs were taken, seen from the object; azimuths without photographs are shaded."""
     with look():
         figure = new_figure(9.6, 3.2)
         axes = figure.subplots()
@@ -154,7 +154,7 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
         below.scatter(azimuth, elevation, s=14, color=LIGHT, edgecolor=GREY, lw=0.5, label="not needed")
         if found.smallest is not None:
             chosen = np.isin(views.names, found.smallest.taken)
-            label = f"these {chosen.sum()} would have done"
+            label = f"these {chosen.sum()} would have been enough"
             below.scatter(azimuth[chosen], elevation[chosen], s=22, color=BLUE, label=label)
         below.set_xlim(0, 360)
         below.set_xticks(range(0, 361, 45))

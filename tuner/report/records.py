@@ -46,7 +46,7 @@ def _of_campaign(t: Trial) -> dict[str, Any]:
     return {
         "trial": t.number,
         "state": t.state,
-        "phase": str(t.why.get("phase", "")),
+        "phase": str(t.metadata.get("phase", "")),
         "value": t.raw,
         "directory": t.directory,
         "config_digest": t.config_digest,

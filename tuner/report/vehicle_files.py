@@ -121,12 +121,12 @@ def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> li
         f"fidelity {s.fidelity}, metric {s.objective.metric}",
     ]
     if not changed:
-        return [*lines, "recommended: keep the default; this file changes nothing of it"]
+        return [*lines, "recommended: keep the default, which this file has"]
     lines += [f"carries: {change_text(best, path)}" for path in kept]
     missing = [path for path in changed if path not in kept]
     lines += [f"does not carry: {change_text(best, path)}" for path in missing]
     if missing:
-        return [*lines, f"what {len(kept)} of {len(changed)} changes are worth alone was not measured"]
+        return [*lines, f"the gain of {len(kept)} of the {len(changed)} changes alone was not measured"]
     low, high = best.improvement_interval_95
     sure = "" if low == high else f" [{low:+.3g}, {high:+.3g}] (95 %)"
     gain = f"{best.metric}: {best.improvement:+.3g}{sure}"

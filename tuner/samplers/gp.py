@@ -1,4 +1,4 @@
-"""Our sampler: a Gaussian process over configurations, rocks, conditions and blocks."""
+"""Sampler `gp`: a Gaussian process over configurations, rocks, conditions and blocks."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tuner.acquisition.constrained import (
     surrogate_of,
     two_models,
 )
-from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
+from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.instances import are_drawn, rocks_of
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
@@ -39,7 +39,7 @@ from tuner.surrogate.settings import SurrogateSettings
 MIN_FEASIBLE_FOR_MODEL = 2
 # Design points that violate a computed limit are replaced by later points of the sequence: from which on, how many.
 ASIDE, MOST_SKIPPED = 1000, 200
-# So many trials in a row without a photograph of their own, and the next one is drawn from the whole space.
+# After so many trials in a row without a new photograph the next one is drawn from the whole space.
 REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
@@ -99,7 +99,7 @@ class GPSampler:
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 configurations = [p.values for p in running]
                 if modelled >= most or len(running) > MAX_JOINT:
-                    drawn = drawn or draw(models, constraint, count - len(proposals), seed)
+                    drawn = drawn or thompson_configurations(models, constraint, count - len(proposals), seed)
                     values, gain = drawn.pop(), math.inf
                 elif constraint is None:
                     values, gain = propose(surrogate_of(models), configurations, seed)

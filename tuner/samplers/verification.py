@@ -41,15 +41,15 @@ def verification(
     constraint: Constraint | None = None,
     exact: DeterministicOutcome | None = None,
 ) -> Proposal | None:
-    """Return the favourite on a block it has not run, if that is worth more than exploring.
+    """Return the favourite on a block that it has not run, if that is worth more than exploring; otherwise None.
 
     ``replicates``: per instance, numbered from 0. ``expected_gain``: what the best mission of the search promises,
-    objective's unit. ``last``: whether to verify whatever exploring promises. ``exact``: the objective, where the
-    configuration decides it: run is then what that mission may save most by, where that is more than exploring
-    promises.
+    objective's unit. ``last``: whether to verify whatever exploring promises. ``exact``: the objective, if it is a
+    deterministic metric: verified is then the configuration whose mission has the largest expected saving, if that is
+    more than exploring promises.
 
-    It is None where the favourite (best posterior mean) has run every block, or where exploring promises more than the
-    noise of a mission. The instance is one of those it has run least.
+    None is returned where the favourite (best posterior mean) has run every block, or where exploring promises more than
+    the noise of a mission. The instance is one of those that it has run least.
     """
     if exact is not None and constraint is not None:
         chosen = _worth_confirming(model, history, pending, replicates, constraint, exact)
@@ -89,7 +89,7 @@ def _worth_confirming(
 ) -> tuple[Values, float] | None:
     """Return the configuration run that one mission more may save most by, and how much it is expected to save.
 
-    Against the cheapest that may be recommended already and is taken to keep the limit: that one where nothing is cheaper.
+    Against the cheapest that may be recommended already and is taken to meet the constraint: that one where nothing is cheaper.
     """
     configurations = distinct_configurations(model.space, model.observations)
     costs, keeps = exact.posterior(configurations).mean, constraint.keeps(configurations)

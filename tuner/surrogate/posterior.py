@@ -61,7 +61,7 @@ class Posterior:
 
 
 class DeterministicOutcome:
-    """An exact cost, oriented so that larger is better; the same on every rock."""
+    """A deterministic metric as a posterior without variance, oriented so that larger is better; the same on every rock."""
 
     def __init__(self, space: SearchSpace, cost: DeterministicMetric) -> None:
         self.space = space

@@ -63,7 +63,7 @@ def test_under_one_condition_there_is_no_second() -> None:
         ("telemetri: gnss", "a condition has no section 'telemetri'; did you mean 'telemetry'"),
         ("telemetry: gps", "unknown telemetry level 'gps'; there are exact, rtk"),
         ("- scene", "a condition maps sections to fields"),
-        ("scene: {", "mend the YAML"),
+        ("scene: {", "correct the YAML"),
         ("description: 3", "description is 3; it must be a text"),
     ],
 )

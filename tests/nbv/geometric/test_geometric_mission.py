@@ -24,7 +24,7 @@ def config():
 
 
 @pytest.fixture(scope="module")
-def flown(config):
+def finished(config):
     return run_geometric_mission(config, ROCK)
 
 
@@ -37,37 +37,37 @@ def same(a, b):
     )
 
 
-def test_the_mission_flies_the_loop_and_says_what_it_is(flown, config):
-    assert (flown.status, flown.reason) == ("ok", "")
-    assert flown.costs["images"] == flown.costs["registered_images"] == 24 + BUDGET
-    assert flown.costs["flight_time_s"] > 60
+def test_the_mission_runs_the_loop_and_says_what_it_is(finished, config):
+    assert (finished.status, finished.reason) == ("ok", "")
+    assert finished.costs["images"] == finished.costs["registered_images"] == 24 + BUDGET
+    assert finished.costs["flight_time_s"] > 60
     legal = {v.id for v in raw_candidates(config)}
-    chosen = [record.chosen for record in flown.trace]
+    chosen = [record.chosen for record in finished.trace]
     assert len(chosen) == len(set(chosen)) == BUDGET
     assert set(chosen) <= legal
-    assert flown.provenance["fidelity"] == flown.metrics["fidelity"] == "geometric"
-    assert flown.provenance["geometric_code"] == code_digest("nbv.geometric")
+    assert finished.provenance["fidelity"] == finished.metrics["fidelity"] == "geometric"
+    assert finished.provenance["geometric_code"] == code_digest("nbv.geometric")
     for surface in ("observable", "whole"):
-        scores = [flown.metric(f"{surface}.completeness_{t}mm") for t in (16, 32, 48, 64, 80)]
+        scores = [finished.metric(f"{surface}.completeness_{t}mm") for t in (16, 32, 48, 64, 80)]
         assert scores == sorted(scores)
         assert 0 < scores[0] <= scores[-1] <= 100
-    assert flown.metric("observable.completeness_48mm") > flown.metric("whole.completeness_48mm")
-    assert np.isfinite(flown.metric("observable.f_score_48mm"))
+    assert finished.metric("observable.completeness_48mm") > finished.metric("whole.completeness_48mm")
+    assert np.isfinite(finished.metric("observable.f_score_48mm"))
 
 
 @pytest.mark.slow
-def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp_path, monkeypatch):
+def test_configuration_rock_and_replicate_determine_a_mission(finished, config, tmp_path, monkeypatch):
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)
-    assert same(run_geometric_mission(config, ROCK), flown)  # from the memories in this process
+    assert same(run_geometric_mission(config, ROCK), finished)  # from the memories in this process
     WORLDS.clear()
-    assert same(run_geometric_mission(config, ROCK), flown)  # from the store
+    assert same(run_geometric_mission(config, ROCK), finished)  # from the store
     WORLDS.clear()
-    assert not same(run_geometric_mission(config, ROCK, 1), flown)
+    assert not same(run_geometric_mission(config, ROCK, 1), finished)
     WORLDS.clear()
     LOADED.clear()
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-    assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing
+    assert same(run_geometric_mission(config, ROCK, cache=False), finished)  # from nothing
     assert not (tmp_path / "home").exists()  # and nothing was kept
 
 

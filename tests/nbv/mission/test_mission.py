@@ -29,7 +29,7 @@ def config():
 
 
 @pytest.fixture(scope="module")
-def flown(config, tmp_path_factory):
+def finished(config, tmp_path_factory):
     directory = tmp_path_factory.mktemp("mission") / "run"
     lines = []
     result = run_photogrammetric_mission(config, ROCK, 0, directory, log=lines.append)
@@ -49,11 +49,11 @@ def test_the_mission_reconstructs_the_rock(flown):
 
 
 @pytest.mark.slow
-def test_the_run_directory_holds_what_it_promises(flown, config):
+def test_the_run_directory_holds_what_it_promises(finished, config):
     import pycolmap
     import yaml
 
-    result, directory, _ = flown
+    result, directory, _ = finished
     assert MissionResult.load(directory) == MissionResult.from_json(result.to_json())
     assert config_from_dict(yaml.safe_load((directory / "config.yaml").read_text())) == config
     assert len(list((directory / "images").glob("*.png"))) == SEEDS + BUDGET
@@ -76,8 +76,8 @@ def test_the_run_directory_holds_what_it_promises(flown, config):
 
 
 @pytest.mark.slow
-def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path, monkeypatch):
-    result, directory, _ = flown  # filled the store
+def test_cached_and_uncached_missions_are_bit_identical(finished, config, tmp_path, monkeypatch):
+    result, directory, _ = finished  # filled the store
     with monkeypatch.context() as patch:  # the seeds' model comes from the store
         patch.delattr(SparseReconstructor, "bootstrap")
         again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)

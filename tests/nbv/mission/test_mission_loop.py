@@ -46,7 +46,7 @@ class CountingReconstructor:
         return UpdateReport(self._model(), True)
 
     def partial_model(self, captures):
-        self.glimpsed = [capture.name for capture in captures]
+        self.partial_captures = [capture.name for capture in captures]
         self.centers = [capture.camera_center_m for capture in captures]
         model, self.centers = self._model(), []
         return model
@@ -69,7 +69,7 @@ class CountingReconstructor:
         self.centers.append(capture.camera_center_m)
 
 
-class Flown(NamedTuple):
+class LoopResult(NamedTuple):
     captures: list
     trace: list
     notes: list
@@ -87,15 +87,15 @@ def made(config, reconstructor=None, flight=None):
     )
 
 
-def fly(reconstructor=None, **values):
+def run_loop(reconstructor=None, **values):
     config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
     mission = made(config, reconstructor)
     mission.run()
-    return Flown(mission.captures, mission.recorder.trace, mission.recorder.notes)
+    return LoopResult(mission.captures, mission.recorder.trace, mission.recorder.notes)
 
 
 def test_the_budget_counts_adaptive_captures():
-    mission = fly()
+    mission = run_loop()
     assert len(mission.captures) == 24 + 4
     assert [record.iteration for record in mission.trace] == [0, 1, 2, 3]
     assert len({capture.viewpoint.id for capture in mission.captures}) == 28  # no viewpoint twice
@@ -126,7 +126,7 @@ LATE = {
 
 @pytest.mark.parametrize("layout", [{}, {"seed.upper_share": 0.4, "seed.span_deg": 20.0}])
 def test_a_second_turn_lies_between_the_seeds_and_is_paid_for(layout):
-    mission = fly(LateReconstructor(16), **LATE, **layout)
+    mission = run_loop(LateReconstructor(16), **LATE, **layout)
     assert mission.notes == ["second_turn"]
     views = np.array([[c.viewpoint.azimuth_deg, c.viewpoint.elevation_deg] for c in mission.captures[:16]])
     for elevation_deg in set(views[:8, 1]):
@@ -139,7 +139,7 @@ def test_a_second_turn_lies_between_the_seeds_and_is_paid_for(layout):
 @pytest.mark.parametrize("values", [{"seed.second_turn": False}, {"stop.adaptive_budget": 0}])
 def test_without_views_for_a_second_turn_the_mission_fails_as_before(values):
     with pytest.raises(MissionFailure, match="too few"):
-        fly(LateReconstructor(16), **{**LATE, **values})
+        run_loop(LateReconstructor(16), **{**LATE, **values})
 
 
 class GapReconstructor(CountingReconstructor):
@@ -177,7 +177,7 @@ PART = {**LATE, "seed.count": 12, "stop.adaptive_budget": 6, "gate.kind": "b-awa
 
 
 def test_where_a_part_of_the_seeds_is_missing_the_next_photographs_lie_between():
-    mission = fly(GapReconstructor(20.0, absent=(4, 5, 6)), **PART)
+    mission = run_loop(GapReconstructor(20.0, absent=(4, 5, 6)), **PART)
     between = mission.captures[12:15]
     bearings_deg = [round(90.0 - c.viewpoint.azimuth_deg) % 360 for c in between]
     assert bearings_deg[0] in (105, 195)  # seeds are 30 degrees apart; the gap is closed from its ends
@@ -189,19 +189,19 @@ def test_where_a_part_of_the_seeds_is_missing_the_next_photographs_lie_between()
 
 
 def test_no_more_is_flown_between_seeds_than_joins_them():
-    mission = fly(GapReconstructor(50.0, absent=(4,)), **PART)
+    mission = run_loop(GapReconstructor(50.0, absent=(4,)), **PART)
     assert [c.viewpoint.band == "seed" for c in mission.captures[12:]] == [True] + 5 * [False]
     assert mission.trace[0].n_registered == 13
 
 
 @pytest.mark.parametrize("values", [{"seed.second_turn": False}, {"stop.adaptive_budget": 0}])
 def test_missing_seeds_stay_out_where_nothing_may_be_flown_between(values):
-    mission = fly(GapReconstructor(0.0, absent=(4, 5)), **{**PART, **values})
+    mission = run_loop(GapReconstructor(0.0, absent=(4, 5)), **{**PART, **values})
     assert "second_turn" not in mission.notes and "unregistered_seed" in mission.notes
 
 
 def test_an_unregistered_image_counts_and_the_mission_goes_on():
-    mission = fly(CountingReconstructor(refuse={2}))
+    mission = run_loop(CountingReconstructor(refuse={2}))
     assert [record.registered for record in mission.trace] == [True, False, True, True]
     assert mission.trace[1].message == "too few matches"
     assert len(mission.captures) == 24 + 4
@@ -209,14 +209,14 @@ def test_an_unregistered_image_counts_and_the_mission_goes_on():
 
 
 def test_convergence_is_looked_for_before_every_capture():
-    d95 = [record.d95_m for record in fly().trace]
+    d95 = [record.d95_m for record in run_loop().trace]
     assert d95 == sorted(d95, reverse=True)  # the ball fills up
     threshold = (d95[1] + d95[2]) / 2
-    mission = fly(**{"stop.criterion": "both", "stop.knn_threshold_m": threshold})
+    mission = run_loop(**{"stop.criterion": "both", "stop.knn_threshold_m": threshold})
     assert len(mission.trace) == 2
 
 
 def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
-    mission = fly(**{"pool.max_travel_m": 0.1})
+    mission = run_loop(**{"pool.max_travel_m": 0.1})
     assert mission.trace == []
     assert mission.notes == ["empty_pool"]

@@ -64,7 +64,7 @@ def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     config = with_target_error(preset("campaign").with_values({**ROUGH, "seed.retarget_after": 6}), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
     model = mission.run_seed_phase()
-    assert reconstructor.glimpsed == [f"seed_{k:02d}.png" for k in range(6)]
+    assert reconstructor.partial_captures == [f"seed_{k:02d}.png" for k in range(6)]
     found_m = np.array(mission.config.target_m)
     np.testing.assert_allclose(found_m, [0.5, 0.0, 0.75], atol=0.1)
     for k, capture in enumerate(mission.captures):
@@ -81,7 +81,7 @@ def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> No
     config = with_target_error(preset("campaign").with_values(values), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
     mission.run_seed_phase()
-    assert not hasattr(reconstructor, "glimpsed")
+    assert not hasattr(reconstructor, "partial_captures")
     assert mission.config is config
 
 

@@ -174,7 +174,7 @@ def test_a_distance_in_unknown_units_is_never_written(write, change, key, lost, 
     [
         ("scorer: {weights: {novelti: 1}}", "did you mean weights.novelty"),
         ("scorers: {}", "has no mapping scorer"),
-        ("scorer: [1", "mend the YAML"),
+        ("scorer: [1", "correct the YAML"),
     ],
 )
 def test_a_mistake_in_a_file_is_one_line(text, match, tmp_path):

@@ -57,7 +57,7 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
     assert kinds["launched"] == kinds["finished"] == 8 and kinds["done"] == 1
     first = campaign.trials()[0]
     assert first.values == {"gate.budget_fraction": 0.4, "gate.d95_m": 0.14}  # the paper's, before all else
-    assert first.why["phase"] == "default"
+    assert first.metadata["phase"] == "default"
     assert set(first.values) == set(campaign.settings.space.paths)
     saved = json.loads((tmp_path / "run" / "recommendation.json").read_text())
     assert saved["observations"] == 8
@@ -283,7 +283,7 @@ def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> 
     assert [t.state for t in trials] == ["complete"] * 8
     assert trials[0].values == campaign.settings.default_values()
     assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
-    searching = [t for t in trials if t.why["phase"] not in ("default", "verification")]
+    searching = [t for t in trials if t.metadata["phase"] not in ("default", "verification")]
     assert len(searching) >= 2
     assert len({tuple(t.values.values()) for t in searching}) == len(searching)
 
@@ -413,7 +413,9 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     assert run_campaign(campaign, executor).stopped == "budget"
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 4
-    assert {"model", "verification"} & {t.why["phase"] for t in trials}
-    keys = [tuple(t.values.values()) for t in trials if t.why["phase"] not in ("default", "verification")]
+    assert {"model", "verification"} & {t.metadata["phase"] for t in trials}
+    keys = [
+        tuple(t.values.values()) for t in trials if t.metadata["phase"] not in ("default", "verification")
+    ]
     assert len(set(keys)) == len(keys)
     assert Wide.capacity >= session.FROM_WORKERS

@@ -165,9 +165,9 @@ def test_a_changed_program_is_asked_about(gatetune, toy):
     ("options", "says"),
     [
         (["--mission", "nowhere.yaml"], "gatetune mission init"),
-        (["--mission", "toy.yaml", "--space", "gate"], "--space is of missions over rocks"),
-        (["--mission", "toy.yaml", "--condition", "field"], "--condition is of missions over rocks"),
-        (["--mission", "toy.yaml", "--set", "gate.kind=covis"], "--set is of missions over rocks"),
+        (["--mission", "toy.yaml", "--space", "gate"], "--space applies to missions over rocks"),
+        (["--mission", "toy.yaml", "--condition", "field"], "--condition applies to missions over rocks"),
+        (["--mission", "toy.yaml", "--set", "gate.kind=covis"], "--set applies to missions over rocks"),
         (["--mission", "toy.yaml", "--rock", "ccc"], "'ccc' is held out"),
         (["--mission", "toy.yaml", "--rock", "slab"], "'slab' is not an instance"),
         (["--mission", "toy.yaml", "--learn-from", "shipped"], "no missions come with this program"),

@@ -64,7 +64,7 @@ def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
         if mission.second is not None
     )
     page = write_campaign_report(fewest).read_text()
-    assert "study.best_trial is the best single mission that kept the limit" in page
+    assert "study.best_trial is the best single mission that met the constraint" in page
 
 
 def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_trials_that_repeat_photographs_use_no_budget(ended):
     trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
     again = repeated(trials)
     searched = [t for t in trials if t.number not in again]
-    assert len(searched) == 20 and again, [t.why for t in trials]
+    assert len(searched) == 20 and again, [t.metadata for t in trials]
     taken = [t.photographs_taken for t in searched]
     assert len(set(taken)) == len(taken)
     first = {t.photographs_taken: t.raw for t in searched}
@@ -91,7 +91,7 @@ def test_the_campaign_ends_in_one_table(ended):
     page = (run / "report.html").read_text()
     assert page.index('id="result"') < page.index('id="use"')
     assert 'id="gate-figure"' in page and "measured on 1 held-out rock" not in page
-    assert "Measure it on more rocks: 1 rock cannot speak for others." in page.replace("\u00a0", " ")
+    assert "Measure it on more rocks: 1 rock cannot represent others." in page.replace("\u00a0", " ")
     for sentence in result["sentences"]:
         assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
 

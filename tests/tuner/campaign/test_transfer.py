@@ -43,7 +43,7 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
     known = shutil.copytree(earlier.directory, tmp_path / "known")
     campaign = run(tmp_path / "run", rocks=("c", "d"), budget=8, learn_from=(str(known),))
     trials = campaign.trials()
-    assert [t.why["phase"] for t in trials[:3]] == ["default", "default", "earlier missions"]
+    assert [t.metadata["phase"] for t in trials[:3]] == ["default", "default", "earlier missions"]
     assert campaign.learned is not None and trials[2].values == campaign.learned.best(1)[0]
     # Near the optimum, where the default is not.
     assert synthetic.true_value(trials[2].values) > 0.9 > synthetic.true_value(trials[0].values)

@@ -67,7 +67,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, sa
         ("storage: postgresql://x\n", "leave storage out for a file in the run directory"),
         ("- budget\n", "must map names to values"),
         ("objective: {metrik: x}\n", "an objective is a metric's path"),
-        ("budget: [4\n", "mend the YAML"),
+        ("budget: [4\n", "correct the YAML"),
         ("format: 1\nsettings: {}\n", "has format 1, this version reads"),
     ],
 )

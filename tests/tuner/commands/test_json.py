@@ -63,7 +63,7 @@ def test_campaigns_are_listed_with_their_answers(
     assert rows["one"]["objective"] == "f_score"
     shown = gatetune("campaign", "list", runs)[1]
     assert "9 of 9 missions, tuned for f_score\n  rocks a, b; space gate; fidelity fake_missions:" in shown
-    assert "rocks c; space gate" in shown and "Answers compare only between campaigns" in shown
+    assert "rocks c; space gate" in shown and "Results compare only between campaigns" in shown
     monkeypatch.setattr(output, "width", 80)
     narrow = gatetune("campaign", "list", runs)[1].splitlines()
     assert max(len(line) for line in narrow if not line.startswith("/")) <= 80 and "…" not in "".join(narrow)

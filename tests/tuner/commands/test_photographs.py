@@ -53,7 +53,7 @@ def test_the_page_of_an_imported_set_says_what_there_is(home: Path) -> None:
     assert page == home / "photographs" / "mine" / "report.html"
     text = page.read_text()
     assert "6 of 7 photographs make one model" in text
-    assert "between azimuth 200° and 0°: nobody stood there" in text
+    assert "between azimuth 200° and 0°: none was taken there" in text
     assert "Elevations of 0° to 0°" in text or "Elevations of -0° to 0°" in text
     assert "LOST.JPG" in text
     assert "azimuth 60° to 90°: hardly any points" in text

@@ -37,7 +37,7 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
     fields: dict[str, Any] = {"values": values, "rock": "a", "replicate": 1}
     fields |= {
         "directory": "d",
-        "why": {},
+        "metadata": {},
         "raw": 81.234,
         "status": "ok",
         "wall_s": 13.0,
@@ -54,9 +54,7 @@ def test_an_event_is_one_json_object() -> None:
 
 def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(tmp_path: Path) -> None:
     unknown = begin_campaign(tmp_path / "own", fake_campaigns.settings())
-    assert expected_text(9, expected_s(unknown, 2)).startswith(
-        "9 missions to run; how long they take is known"
-    )
+    assert expected_text(9, expected_s(unknown, 2)).startswith("9 missions to run; their duration is known")
     ours = begin_campaign(
         tmp_path / "ours", fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
     )

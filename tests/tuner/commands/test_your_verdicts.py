@@ -88,21 +88,25 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'costs': {'fuel': 5.0}}"
     directory = evaluated(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
     code, out, err = gatetune("campaign", "status", "runs/own")
-    assert code == 0 and "No configuration that was evaluated is likely to keep Loss at most 1; the" in out, (
-        err
-    )
+    assert (
+        code == 0
+        and "No configuration that was evaluated is likely to meet the constraint (Loss at most 1); the"
+        in out
+    ), err
     page = page_of(directory)
     assert (
-        "Run more, or ask for less: no configuration that was evaluated is likely to keep Loss at most 1."
+        "Run more, or relax the constraint: no configuration that was evaluated is likely to meet it (Loss at most 1)."
         in page
     )
     code, out, err = gatetune(*next_command(directory), "--workers", 1)
     assert code == 0 and "all 2 configurations have run with every replicate" in out, out + err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
     note = tree["notes"][-1]
-    assert note.startswith("Nothing that the campaign ran is known to keep its limit: Tuned is the likeliest")
+    assert note.startswith(
+        "Nothing that the campaign ran is known to meet its constraint: Tuned is the likeliest"
+    )
     assert note in out and note in page
-    assert "kept on 0 of 1 instance" in out and "kept on 0 of 1 instance" in page
+    assert "met on 0 of 1 instance" in out and "met on 0 of 1 instance" in page
 
 
 def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):

@@ -168,7 +168,7 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
         ),
         (["--strategy", "no-such"], "unknown strategy 'no-such'.* or named with gatetune --plugin"),
         (["--family", "cube"], "there is no family 'cube' of rocks; choose from boulder, .*, mesa"),
-        (["--fidelity", "external"], "runs no external missions by name"),
+        (["--fidelity", "external"], "cannot run fidelity external"),
         (["--fidelity", "no-such"], "unknown fidelity 'no-such'"),
         (["--campaign", "no-such"], "no-such holds no campaign"),
         (["--suite", "rocks-9"], "there is no suite 'rocks-9'"),
@@ -278,7 +278,7 @@ def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_th
     for number, row in zip((12, 14), [row for row in rows if row["strategy"] == "random"], strict=True):
         told = json.loads((tmp_path / f"run/missions/random-{number}/00_ball_r0/mission.json").read_text())
         assert told["costs"]["images"] == float(row["photographs"]), (
-            "a seed without a photograph is not flown"
+            "a seed without a photograph is not taken"
         )
         f_score = told["metrics"]["observable"]["f_score_48mm"]
         assert float(row["f_score_percent"]) == pytest.approx(f_score, abs=1e-4)

@@ -132,7 +132,7 @@ def test_baselines_and_the_papers_table() -> None:
     assert configs["greedy-oracle"].gate.oracle_coverage == "matchable"  # what the dense stage pays back
     assert configs["hyb-o"].gate.oracle_coverage == "reconstruction"  # the paper's text
     assert (
-        label("predicted") == "Predicted repair"
+        label("predicted") == "Predicted"
         and label("tuned") == "Tuned"
         and label("hyb-o") == "Hyb-O"
         and label("mine") == "mine"

@@ -98,7 +98,7 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         (GOOD + "  gate.d95_m: {low: 0.1, high: 1.0}\n", r"line 3: duplicate key 'gate.d95_m'"),
         ("parameters: {}\n", "at least one parameter"),
         ("", "mapping with the key 'parameters'"),
-        ("parameters:\n  gate.d95_m: [0.1, 1.0\n", r"line \d+: .*mend the YAML"),
+        ("parameters:\n  gate.d95_m: [0.1, 1.0\n", r"line \d+: .*correct the YAML"),
         ("parameters:\n  gate.d95_m: {low: 0.3, high: 1.0}\n", "has the default 0.14, outside"),
         ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, default: 2}\n", "has the default 2, outside"),
         ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "low is 'abc'; it must be a number"),

@@ -157,6 +157,6 @@ def test_a_mission_that_ran_out_of_views_says_otherwise() -> None:
     found = photographs()
     values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.5}
     history = [Observation(0, values, "r0", 0, -26.0, second=99.0)]
-    assert DeterministicMetrics(found).agreed(history).first is found
+    assert DeterministicMetrics(found).confirmed_by(history).first is found
     short = Observation(1, values, "r1", 0, -23.0, second=97.0)
-    assert DeterministicMetrics(found).agreed([*history, short]).first is None
+    assert DeterministicMetrics(found).confirmed_by([*history, short]).first is None

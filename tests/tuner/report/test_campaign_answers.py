@@ -55,7 +55,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert pairs(facts, facts.recommendation) == {}  # type: ignore[arg-type]
     said = sure_answer(facts)
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
-    assert said[-2].startswith("They were never evaluated side by side")
+    assert said[-2].startswith("They cannot be compared in pairs")
     assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
 
 
@@ -77,7 +77,7 @@ def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None
 
 def test_what_next_follows_the_state(campaign: Campaign) -> None:
     facts = better(campaign)
-    assert "1 rock cannot speak for others" in next_answer(facts, evaluated=1)[0]
+    assert "1 rock cannot represent others" in next_answer(facts, evaluated=1)[0]
     assert next_answer(facts, evaluated=3)[1] == ""
     wide = facts.settings.space.parameters[1]
     edge = better(campaign, values={**facts.default, wide.path: wide.high})

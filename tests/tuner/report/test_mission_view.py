@@ -86,7 +86,7 @@ def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> No
     decisions = facts["steps"][24 : 24 + BUDGET]
     for step, record in zip(decisions, trace, strict=True):
         said = dict(step["facts"])
-        assert (said["scorer"], said["why"]) == (record["scorer"], record["reason"])
+        assert (said["scorer"], said["reason"]) == (record["scorer"], record["reason"])
         assert step["label"].endswith(record["chosen"])
         chosen = facts["views"][step["views"]]
         assert chosen["name"] == record["chosen"] and chosen["at"] in step["pool"]

@@ -12,8 +12,8 @@ from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.sampling import SobolQMCNormalSampler
 
 from tuner.acquisition.constrained import Constraint, two_models
-from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import LogNoisyImprovement, propose
+from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
@@ -65,7 +65,7 @@ def test_what_is_proposed_does_not_depend_on_another_thread() -> None:
     model = model_of(24)
 
     def proposed(seed: int) -> list[Values]:
-        return [propose(model, [], seed)[0], *draw([model], None, 3, seed)]
+        return [propose(model, [], seed)[0], *thompson_configurations([model], None, 3, seed)]
 
     alone, stop = [proposed(seed) for seed in range(3)], threading.Event()
 
@@ -95,10 +95,10 @@ def two_objectives(count: int) -> list[Observation]:
 
 def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
     models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS)
-    drawn = draw(models, Constraint(models[1], 0.5), 12, 0)
+    drawn = thompson_configurations(models, Constraint(models[1], 0.5), 12, 0)
     first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
     assert (first < 0.6).all()  # 0.5 and what the model leaves open
     anywhere = [synthetic.true_value(v) for v in positions(200, 5) if synthetic.SPACE.to_unit(v)[0] < 0.5]
     assert np.mean([synthetic.true_value(v) for v in drawn]) > np.mean(anywhere) + 0.1
-    out_of_reach = draw(models, Constraint(models[1], 2.0), 6, 0)
+    out_of_reach = thompson_configurations(models, Constraint(models[1], 2.0), 6, 0)
     assert np.mean([synthetic.SPACE.to_unit(v)[0] for v in out_of_reach]) < 0.2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.acquisition.draws import draw
+from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
@@ -51,10 +51,10 @@ def test_many_at_once_stay_away_from_what_fails() -> None:
     works = [o for o in synthetic.random_design(24, 0.02, 2) if synthetic.SPACE.to_unit(o.values)[0] <= 0.5]
     history = [*works, *(failed(100 + i, o.values) for i, o in enumerate(fails))]
     model = InstanceMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw([model], None, 12, 0)])
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in thompson_configurations([model], None, 12, 0)])
     assert (positions[:, 0] < 0.6).all()
     blind = InstanceMeanGP(synthetic.SPACE, works, synthetic.ROCKS)
-    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw([blind], None, 12, 0)])
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in thompson_configurations([blind], None, 12, 0)])
     assert (positions[:, 0] > 0.6).mean() > 0.2
 
 

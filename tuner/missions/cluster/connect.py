@@ -144,5 +144,5 @@ def _batch_cluster(where: Where, unencrypted: bool) -> Any:
         return (SLURMCluster if where == "slurm" else PBSCluster)(**options)
     except (ValueError, OSError, ImportError) as error:
         raise UserError(
-            f"--executor {where}: {error}; say cores, memory and the like in ~/.config/dask/jobqueue.yaml"
+            f"--executor {where}: {error}; set cores, memory and so on in ~/.config/dask/jobqueue.yaml"
         ) from error

@@ -51,7 +51,7 @@ class MissionFileProblem(Problem):
     def fidelity(self, asked: str) -> str:
         if asked not in (DEFAULT_FIDELITY, EXTERNAL):
             raise UserError(
-                "--fidelity is of missions over rocks; a mission file says itself how its mission runs"
+                "--fidelity applies to missions over rocks; a mission file says how its own mission runs"
             )
         return EXTERNAL
 
@@ -85,7 +85,7 @@ class MissionFileProblem(Problem):
     def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
         names, path = self.held_out(), self.mission.path
         if not names:
-            raise UserError(f"{path} holds nothing out; name instances under held_out")
+            raise UserError(f"{path} has no held-out instance; list some under held_out")
         for rock in rocks or ():
             if rock not in names:
                 raise UserError(f"{rock!r} is not held out; {path} holds out {', '.join(names)}")

@@ -56,7 +56,9 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
                 stderr=subprocess.STDOUT,
             )
         except (OSError, ValueError) as error:
-            raise UserError(f"{mission.path}: cannot run {command[0]!r} ({error}); mend 'command'") from error
+            raise UserError(
+                f"{mission.path}: cannot run {command[0]!r} ({error}); correct 'command'"
+            ) from error
         try:
             return process.wait(mission.time_limit_s)
         except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""Many proposals at once: the best of as many draws from the posterior (Thompson, Biometrika 1933; Kandasamy et al., AISTATS 2018).
+"""Many proposals at once by Thompson sampling (Thompson, Biometrika 1933; Kandasamy et al., AISTATS 2018).
 
 Each is the best configuration of one plausible objective, so that they differ where the model is uncertain. The cost hardly
 depends on their number.
@@ -19,12 +19,12 @@ from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.posterior import DeterministicOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
-_INFEASIBLE_PENALTY = 1e6  # standard deviations: worse than all that works
+_INFEASIBLE_PENALTY = 1e6  # standard deviations: puts what would fail below all that works
 _TIE_BREAK = 1e-6  # standard deviations
-_VIOLATION_PENALTY = 1e3  # likewise: worse than all that keeps a limit
+_VIOLATION_PENALTY = 1e3  # likewise: puts what violates the constraint below all that meets it
 
 
-def draw(
+def thompson_configurations(
     models: Sequence[InstanceMeanGP | DeterministicOutcome],
     constraint: Constraint | None,
     count: int,
@@ -32,10 +32,11 @@ def draw(
 ) -> list[Values]:
     """Return ``count`` configurations, each the best of one posterior draw that may work; no two are alike.
 
-    A draw is over points everywhere and near the best run. With a limit of the second objective: the best of the first where
-    the draw keeps it, else what comes nearest. What the configuration decides is the same in every draw.
+    Draws are over candidate configurations from the whole space and near the best that was run. With an outcome constraint a
+    draw's best has the best objective among those that meet it in this draw, or else the least violation. A deterministic
+    metric has the same value in every draw.
 
-    ``models``: a surrogate of the objective, or of each of two, or a known cost; one is a surrogate.
+    ``models``: of the objective and, if there is one, of the second objective; at least one is a surrogate.
     """
     model = surrogate_of(models)
     with numerics(), torch.no_grad():
@@ -54,7 +55,7 @@ def draw(
                 second >= constraint.floor(), draws + _TIE_BREAK * second, second - _VIOLATION_PENALTY
             )
         if model.feasibility is not None:
-            # Each draw has one opinion on what works: a point's own would let some of many through.
+            # One random number per draw decides what fails in it: with one per point, some of many points would pass.
             chance = model.feasibility.log_chance(tensor(points)).exp()
             refused = torch.rand(count, 1, dtype=chance.dtype, generator=generator) > chance
             draws[refused] -= _INFEASIBLE_PENALTY
@@ -69,7 +70,7 @@ def draw(
 def _drawn(
     model: InstanceMeanGP | DeterministicOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
+    """Return (count, points) draws on the model's own scale; a deterministic metric is standardised."""
     if isinstance(model, InstanceMeanGP):
         normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
         return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]
