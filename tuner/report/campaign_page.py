@@ -560,7 +560,7 @@ def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
         (
             "ledger",
             "an Optuna study with one trial per mission: its study.best_trial is the best single mission"
-            f"{' that kept the limit' if s.limit is not None else ''}, on one {facts.word}, not what is recommended",
+            f"{' that met the constraint' if s.limit is not None else ''}, on one {facts.word}, not the recommendation",
         ),
         (f"{facts.word}s (SHA-256)", named or "not recorded"),
     ]
