@@ -116,7 +116,11 @@ def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
     for arm in ("hyb-h-tuned-pool", "tuned-paper-thresholds"):
         shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
     said = " ".join(gate_result(Campaign.open(run, read_only=True)).sentences)
-    assert "What earned the gain is not known yet" in said and "is shown to be one" not in said and "–" not in said
+    assert (
+        "What earned the gain is not known yet" in said
+        and "is shown to be one" not in said
+        and "–" not in said
+    )
     shutil.copytree(ended[0] / "runs/gate/evaluation", run / "evaluation-2")
     assert gate_result(Campaign.open(run, read_only=True)).blocks[0].directory == "evaluation-2"
 
