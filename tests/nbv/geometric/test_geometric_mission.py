@@ -113,8 +113,8 @@ def test_seeds_alone_are_a_mission(config):
     assert a.metrics == b.metrics
 
 
-def test_only_a_mission_with_an_oracle_gate_asks_the_oracle(flown, config):
-    assert not any("oracle_rewards" in record.gate_details for record in flown.trace)
+def test_only_a_mission_with_an_oracle_gate_asks_the_oracle(finished, config):
+    assert not any("oracle_rewards" in record.gate_details for record in finished.trace)
     oracle = run_geometric_mission(config.with_values({"gate.kind": "hyb-o"}), ROCK)
     assert set(oracle.trace[0].gate_details["oracle_rewards"]) == {"covis", "b-aware"}
 

@@ -37,8 +37,8 @@ def finished(config, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_mission_reconstructs_the_rock(flown):
-    result, _, lines = flown
+def test_the_mission_reconstructs_the_rock(finished):
+    result, _, lines = finished
     assert (result.status, result.reason) == ("ok", "")
     assert result.costs["images"] == result.costs["registered_images"] == SEEDS + BUDGET
     assert result.metric("observable.completeness_48mm") > 80
