@@ -25,8 +25,9 @@ def test_a_page_answers_one_question(page):
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert 3 <= len(rows) <= 14, "one table of at most 12 rows below its head"
     assert sum(bool(re.fullmatch(r"[|:\- ]+", row)) for row in rows) == 1
-    for part in ("**What it does not show.**", "**Command**", "](data/"):
+    for part in ("**What it does not show.**", "**Command**"):
         assert part in text, part
+    assert any(page.name in row["page"].split(", ") for row in SOURCES), "its data stand in sources.csv"
 
 
 def test_the_index_names_every_page():

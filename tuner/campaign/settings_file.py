@@ -36,7 +36,7 @@ _READ_BY = "42627bd"  # the last commit that reads format 2
 _READS_DATABASES = "409a733"  # the last one
 SETTINGS = declared(CampaignSettings)
 # `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison. With 20 photographs in
-# a dim hall the paper's weights lose to random views, as on real photographs (docs/results/real_photographs.md).
+# a dim hall the paper's weights lose to random views, as on photographs of a real figure (docs/results/real_photographs.md).
 QUICK: dict[str, Any] = {
     "budget": 20,
     "rocks": QUICK_ROCKS,
