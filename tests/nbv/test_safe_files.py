@@ -26,7 +26,7 @@ BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
     "text, says",
     [
         (BOMB, "the number of nodes"),
-        ("a: &a [*a]", "for itself"),
+        ("a: &a [*a]", "to itself"),
         ("a: *b", "alias"),
         ("[" * 100 + "]" * 100, "the depth is 41; the limit is 40 (GATETUNE_LIMITS=10 raises"),
         ("x: " + "1" * 5000, "not YAML"),

@@ -44,7 +44,7 @@ def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatc
     with pytest.raises(UserError, match="cannot name a plug-in"):
         gatetune("plugin", "init", "Mine!")
     for taken in ("random", "pool"):
-        with pytest.raises(UserError, match=f"'{taken}' is the name of a strategy or section"):
+        with pytest.raises(UserError, match=f"'{taken}' is already the name of a strategy or section"):
             gatetune("plugin", "init", taken, "--out", tmp_path / taken)
     with pytest.raises(UserError, match="exists"):
         gatetune("plugin", "init", "mine", "--out", tmp_path)

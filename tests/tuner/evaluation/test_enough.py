@@ -104,4 +104,4 @@ def test_the_command_lists_the_files_that_would_have_done(
     times = [path.stat().st_mtime_ns for path in missions]
     assert CliRunner().invoke(app, asked).exit_code == 0
     assert [path.stat().st_mtime_ns for path in missions] == times  # nothing is run again
-    assert "must lie above 0" in str(CliRunner().invoke(app, [*asked, "--keep", "0"]).exception)
+    assert "must be above 0" in str(CliRunner().invoke(app, [*asked, "--keep", "0"]).exception)

@@ -132,7 +132,7 @@ def test_what_is_said_of_a_lead_and_of_rocks_nobody_ran_is_known() -> None:
     assert found.keep_default and "no configuration that was evaluated is known to be better" not in text
     assert (
         "Keep the default (24 photographs on rings" in text
-        and "for now: what looks better has too few trials" in text
+        and "for now: what looks better has run too few trials" in text
     )
     assert "over the above; it has to run on more rocks or replicates before it can be recommended." in text
     found, text = said(("r0",), missions(GOOD, 60.0, ("r0", 0), ("r0", 1)))

@@ -227,7 +227,7 @@ def test_the_skeleton_passes_its_own_check(gatetune):
     ("body", "says"),
     [
         ("return {}", "machine_error: no_result: result.json needs metrics, cloud or failure"),
-        ("return {'metrics': {'lose': 1}}", "no_metric: there is no 'loss'"),
+        ("return {'metrics': {'lose': 1}}", "no_metric: it has no metric 'loss'"),
         ("return {'failure': 'tipped_over'}", "tipped_over"),
         ("raise ValueError('no such sensor')", "ValueError: no such sensor"),
     ],
