@@ -202,6 +202,9 @@ def fit(asked: argparse.Namespace) -> None:
     for folder, of, p in zip(asked.out, truth, chance):
         print(f"\n{folder}, by the other sets' fit")
         reliability(p, of)
+    for folder, of, found in zip(asked.out, truth, of_set):
+        print(f"\n{folder}, by the calibration that ships")
+        reliability(np.concatenate([registration_chance(m, at, c) for m, at, _, c in found]), of)
 
 
 def check(asked: argparse.Namespace) -> None:
