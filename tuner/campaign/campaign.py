@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
+from nbv.rocks.catalogue import is_photographed
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.settings import CampaignSettings
@@ -204,7 +205,10 @@ class Campaign:
 
         s = self.settings
         verified = s.sampler == "gp"
-        data = CampaignData(s.space, history, s.instances, s.default_values(), s.blocks, verified)
+        repeatable = [instance for instance in s.instances if is_photographed(instance.rock)]
+        data = CampaignData(
+            s.space, history, s.instances, s.default_values(), s.blocks, verified, repeatable=repeatable
+        )
         result = recommend(data, self.goal(history))
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))

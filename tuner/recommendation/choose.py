@@ -65,9 +65,8 @@ def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
         data.observations,
         dataclasses.replace(data, observations=goal.outcomes(data.observations)),
     )
-    model, outliers = without_outliers(
-        InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
-    )
+    every = InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
+    model, outliers = without_outliers(every, instances_of(data.repeatable))
     choice = Choice(data, goal, model, constraint_of(history, data, goal, model), outliers)
     return choice.recommendation(choice.chosen_index())
 
@@ -312,17 +311,21 @@ def _on_next_rock(values: Values, data: CampaignData, model: InstanceMeanGP) -> 
     )
 
 
-def without_outliers(model: InstanceMeanGP) -> tuple[InstanceMeanGP, list[Observation]]:
+def without_outliers(
+    model: InstanceMeanGP, repeatable: Collection[Instance] = ()
+) -> tuple[InstanceMeanGP, list[Observation]]:
     """Return the model without missions that contradict all others, and these; at most one in `FEW`.
 
     The mission that is worst predicted by the others is left out where it lies more than `CONTRADICTS` standard deviations from
     what a model fitted without it says. Missions in an instance with fewer than ``FEW / 2`` stay: an instance may gain more from
-    a configuration than the others do, and nothing but its own missions tells that from an outlier.
+    a configuration than the others do, and nothing but its own missions tells that from an outlier. So do those in ``repeatable``
+    instances: run again they end the same.
     """
     left_out: list[Observation] = []
     for _ in range(len(model.observations) // FEW + 1):
         of_instance = Counter(o.instance for o in model.observations)
-        enough_beside = [of_instance[model.observations[i].instance] >= FEW // 2 for i in model.fitted_to]
+        where = [model.observations[i].instance for i in model.fitted_to]
+        enough_beside = [of_instance[i] >= FEW // 2 and i not in repeatable for i in where]
         z = np.where(enough_beside, np.abs(model.leave_one_out_z()), 0.0)
         worst = model.fitted_to[int(z.argmax())]
         if z.max() < SUSPECT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,6 +29,9 @@ class CampaignData:
     replicates: int = 1  # per instance
     only_verified: bool = True
     settings: SurrogateSettings | None = None  # of the surrogate; None: by the search space
+    repeatable: Collection[
+        InstanceLike
+    ] = ()  # instances on which a mission repeats exactly: no outlier there
 
 
 @dataclass(frozen=True)

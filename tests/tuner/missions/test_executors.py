@@ -33,19 +33,6 @@ def job(
     )
 
 
-def server_of_this_process() -> int:
-    """Process id of the mission server that this process has started."""
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            is_server = b"tuner.missions.server" in (entry / "cmdline").read_bytes()
-        except OSError:  # it has just ended
-            continue
-        if parent == os.getpid() and is_server:
-            return int(entry.name)
-    raise AssertionError("there is no server")
-
-
 def run_jobs(executor: Executor, jobs: list[MissionJob]) -> dict[str, Trial]:
     """How each mission ended, run again as a campaign would."""
     ended: dict[str, Trial] = {}
@@ -59,7 +46,8 @@ def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor,
     def meanwhile() -> None:
         while not (tmp_path / "0000" / "once.txt").exists():
             time.sleep(0.02)
-        happens(server_of_this_process())
+        assert executor._server is not None
+        happens(executor._server.pid)
 
     thread = threading.Thread(target=meanwhile)
     thread.start()

@@ -49,14 +49,23 @@ def test_proposals_and_recommendation_do_not_depend_on_the_unit(exponent: float,
     assert answers(a, a * shift if abs(shift) < 1e7 else shift) == answers(1.0, 0.0)
 
 
-def on_a_line(wild: dict[int, float]) -> Recommendation:
+def on_a_line(wild: dict[int, float], repeatable: tuple[str, ...] = ()) -> Recommendation:
     """20 missions of -(x - 0.3)^2, the default first, some with another outcome."""
     places = [0.1, *(np.arange(19) + 0.5) / 19]
     outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
     history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
-    best = recommend(CampaignData(LINE, history, ("one",), {"x": 0.1}), Goal(Objective("q")))
+    data = CampaignData(LINE, history, ("one",), {"x": 0.1}, repeatable=repeatable)
+    best = recommend(data, Goal(Objective("q")))
     assert best is not None
     return best
+
+
+def test_where_missions_repeat_exactly_nothing_is_left_out() -> None:
+    """The default's own bad outcome counts: run again it would be the same."""
+    assert on_a_line({0: -0.3}).outliers
+    best = on_a_line({0: -0.3}, repeatable=("one",))
+    assert not [o for o in best.outliers if o.counts_as is None]
+    assert best.default_mean < on_a_line({0: -0.3}).default_mean
 
 
 @pytest.mark.parametrize("outcome", [-0.3, -1.0, -10.0, -1e12, -1e300, 0.2, 1.0, 1e12])
