@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -42,6 +43,11 @@ class SeedConfig(Section):
         0,
         "seeds at even azimuths around the target, in place of the rings above; 0: those rings",
         why="the paper's 24; from 3 on a model can be aligned",
+        added=True,
+    )
+    layout: Literal["turn", "rings"] = not_in_paper(
+        "turn",
+        "how the seeds of `count` fly: one turn, or the rings above with `count` shared out among them in their proportions",
         added=True,
     )
     rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
@@ -106,6 +112,8 @@ class SeedConfig(Section):
     @property
     def total(self) -> int:
         """Seeds in all."""
+        if self.layout == "rings":
+            return sum(self.ring_counts)
         return self.count or sum(self.ring_azimuth_counts)
 
     @property
@@ -117,6 +125,8 @@ class SeedConfig(Section):
     @property
     def upper_count(self) -> int:
         """Seeds of ``count`` on the second ring."""
+        if self.layout == "rings":
+            return 0
         return min(round(self.upper_share * self.count), self.count - 1) if self.count else 0
 
     @property
@@ -125,9 +135,18 @@ class SeedConfig(Section):
         return self.lowest_deg + self.span_deg
 
     @property
+    def ring_counts(self) -> tuple[int, ...]:
+        """Views in each ring: the paper's, or ``count`` shared out in their proportions, one at least."""
+        given = self.ring_azimuth_counts
+        if not self.count:
+            return given
+        ends = [round(self.count * sum(given[: k + 1]) / sum(given)) for k in range(len(given))]
+        return tuple(max(1, end - begin) for begin, end in itertools.pairwise([0, *ends]))
+
+    @property
     def lowest_view_m(self) -> float:
         """Height of the lowest seed above the target's centre."""
-        if self.count:
+        if self.count and self.layout == "turn":
             lowest_deg = min(self.layout_deg + ((self.upper_deg,) if self.upper_count else ()))
             return self.radius_m * math.sin(math.radians(lowest_deg))
         radii_m = self.ring_radii_m or [self.radius_m] * len(self.ring_elevations_deg)
@@ -157,6 +176,12 @@ class PoolConfig(Section):
         "mission file",
         "altitude of the highest candidate; raised if an uncertain target leaves no ring below it",
         label="altitude limit",
+    )
+    max_elevation_deg: Elevation = not_in_paper(
+        89.0,
+        "elevation of the highest candidate, seen from the target's centre; holds for targets of any height",
+        label="highest elevation",
+        added=True,
     )
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")

@@ -50,6 +50,7 @@ class PhotographViewpoints(ViewpointSource):
             float(np.rad2deg(np.arcsin(np.clip((altitude_m - centre_m) / pool.radius_m, -1.0, 1.0))))
             for altitude_m in (pool.min_altitude_m, pool.max_altitude_m)
         )
+        self.highest_deg = min(self.highest_deg, pool.max_elevation_deg)
 
     def index(self, viewpoint: Viewpoint) -> int:
         """Which photograph a viewpoint is."""

@@ -58,9 +58,8 @@ def candidate_pool(
     counts = {"raw": len(raw)}
 
     z, travel = positions[:, 2], np.linalg.norm(positions - vehicle_position_m, axis=1)
-    keep = np.flatnonzero(
-        (z >= pool.min_altitude_m) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
-    )
+    allowed = (z >= pool.min_altitude_m) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
+    keep = np.flatnonzero(allowed & (elevations <= pool.max_elevation_deg))
     counts["altitude_travel"] = len(keep)
     # The paper calls it angular spacing; the authors' code measures Euclidean distance, and so does this.
     keep = keep[_spaced(positions[keep].tobytes(), pool.min_spacing_m)]

@@ -35,7 +35,7 @@ def _viewpoint(target_m: tuple[float, float, float], at: RingPosition, band: str
 
 
 def seed_viewpoints(config: MissionConfig, *, second_turn: bool = False) -> list[Viewpoint]:
-    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn or two rings.
+    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn, two rings, or as many on the rings.
 
     One turn: even azimuths, clockwise from ``seed.start_bearing_deg``, elevations in turn: neighbours differ in both.
     Two rings (``seed.upper_share``): each with even azimuths from that bearing, the lower one first.
@@ -57,17 +57,17 @@ def _seeds(
 def _seed_positions(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
     """Rings turned by ``turn_deg`` over the number of their seeds."""
     count, upper = layout.count, layout.upper_count
-    if count and not upper:
+    if count and not upper and layout.layout == "turn":
         start_deg, step_deg = layout.start_bearing_deg + turn_deg / count, 360.0 / count
         elevations_deg = layout.layout_deg
         return [
             (layout.radius_m, elevations_deg[k % layout.rings], start_deg + k * step_deg)
             for k in range(count)
         ]
-    rings = list(zip(layout.ring_elevations_deg, layout.ring_azimuth_counts))
+    rings = list(zip(layout.ring_elevations_deg, layout.ring_counts))
     radii_m = layout.ring_radii_m or (layout.radius_m,) * len(rings)
     bearings_deg = layout.ring_bearings_deg or (0.0,) * len(rings)
-    if count:
+    if upper:
         rings = [(layout.lowest_deg, count - upper), (layout.upper_deg, upper)]
         radii_m, bearings_deg = (layout.radius_m,) * 2, (layout.start_bearing_deg,) * 2
     return [

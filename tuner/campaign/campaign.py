@@ -37,7 +37,7 @@ from tuner.campaign.settings_file import (
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
-from tuner.problem.observations import Observation, Proposal
+from tuner.problem.observations import Block, Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
@@ -64,10 +64,25 @@ def sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None
         earlier=learned,
         budget=settings.budget,
         trusted_default=settings.trusted_default,
-        defaults=settings.default_missions,
+        arms=arm_proposals(settings),
         goal=settings.goal,
         default_beside=settings.draws_rocks,
     )
+
+
+def arm_proposals(settings: CampaignSettings) -> tuple[Proposal, ...]:
+    """Return the missions that come first: every plain plan on the same blocks, block by block, the default before the others."""
+    reference, arms = settings.problem.reference, settings.arms
+    names = tuple(dict.fromkeys([reference, *arms]))
+    blocks = [(instance, k) for k in range(settings.arm_blocks) for instance in settings.instances]
+
+    def proposal(name: str, block: Block) -> Proposal:
+        metadata = {"phase": "default" if name == reference else "arm", "arm": name}
+        on = block if len(names) > 1 else (None, None)  # one alone takes blocks in turn
+        return Proposal(dict(arms[name]), metadata, *on)
+
+    missions = [proposal(name, block) for block in blocks[: settings.arm_blocks] for name in names]
+    return tuple(missions[: settings.arm_missions])
 
 
 class Campaign:
@@ -207,7 +222,14 @@ class Campaign:
         verified = s.sampler == "gp"
         repeatable = [instance for instance in s.instances if is_photographed(instance.rock)]
         data = CampaignData(
-            s.space, history, s.instances, s.default_values(), s.blocks, verified, repeatable=repeatable
+            s.space,
+            history,
+            s.instances,
+            s.default_values(),
+            s.blocks,
+            verified,
+            repeatable=repeatable,
+            arms=s.arms,
         )
         result = recommend(data, self.goal(history))
         if result is not None and save:
@@ -219,9 +241,9 @@ class Campaign:
         history, s = self.history() if history is None else history, self.settings
         if not any(o.feasible for o in history):
             return f"none of the {len(history)} finished missions succeeded"
-        first = min(max(2, s.default_missions), s.budget)
+        first = min(max(2, s.arm_missions), s.budget)
         if len(history) < first:
-            return f"{len(history)} of the first {first} missions have ended, which show how the default varies over rocks and replicates"
+            return f"{len(history)} of the first {first} missions have ended, which show how the plain plans vary over rocks and replicates"
         return ""
 
     def surrogate_from(self, history: Sequence[Observation]) -> InstanceMeanGP:

@@ -19,11 +19,13 @@ from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
 from tuner.missions.registry import code_of
 from tuner.problem.baselines import (
+    ARMS,
     EVALUATION_BASELINES,
     RETARGETED_ORBITS,
     TUNED,
     TUNED_POOL_RANDOM,
     at_equal_number,
+    baseline,
     baseline_configs,
     ending_at,
     is_orbit,
@@ -36,8 +38,9 @@ from tuner.problem.baselines import (
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import COUNTS, Objective, require_share
+from tuner.problem.observations import mission_key
 from tuner.problem.problem import Evaluated, Problem, Strategies
-from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.search_space import SearchSpace, Values, value_at
 from tuner.problem.share import rocks_that_show
 
 HIGHEST_DEG = 60.0
@@ -60,12 +63,12 @@ class RockProblem(Problem):
     reference = "hyb-h"
 
     def base_config(self) -> MissionConfig:
-        """Return the preset with overrides and the space's fixed values."""
+        """Return the preset with overrides, the space's fixed values and the default ones."""
         return self._base
 
     @functools.cached_property
     def _base(self) -> MissionConfig:
-        return self.space.base_config(preset(self.preset).with_values(dict(self.overrides)))
+        return self.space.config(preset(self.preset).with_values(dict(self.overrides)), self._default)
 
     def default_values(self) -> Values:
         """Return the paper's values, or those that the space has in their place."""
@@ -80,6 +83,18 @@ class RockProblem(Problem):
         config = self._base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
+
+    def arms(self) -> dict[str, Values]:
+        """Return plain orbits and random views where the space holds them, all with the default's number, and the default."""
+        default, found = self.default_values(), dict[str, Values]()
+        for name in ARMS:
+            config = baseline(name).config(self._base)
+            values = {path: value_at(config, path) for path in self.space.paths}
+            if all(p.contains(values[p.path]) for p in self.space.parameters) and (
+                mission_key(self.config(values)) == mission_key(config)
+            ):
+                found[name] = self.space.settled(values)
+        return {**found, self.reference: default}
 
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         """Return the number of photographs where nothing ends a mission early."""

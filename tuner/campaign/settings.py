@@ -16,6 +16,7 @@ from nbv.config import (
     Condition,
     condition_from_dict,
     load_conditions,
+    preset,
     require_distinct,
 )
 from nbv.config.declaration import OneOrMore, Section, declared, setting
@@ -251,6 +252,9 @@ class CampaignSettings(Section):
         super().__post_init__()
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
+        if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
+            asked = preset(self.preset).with_values(dict(self.overrides))
+            object.__setattr__(self, "space", self.space.fitted(asked))
         require_rocks(self.rocks)
         require_distinct(self.conditions)
         if twice := set(self.compare_on) & set(self.rocks):
@@ -380,23 +384,33 @@ class CampaignSettings(Section):
         """
         return self.sampler == "gp" and (self.second is None or self.exact.first is None)
 
-    @property
-    def default_missions(self) -> int:
-        """Missions of the default that come first: its replicates in every training instance, at most half of the budget.
+    @functools.cached_property
+    def arms(self) -> dict[str, Values]:
+        """The plain plans that run in every campaign, as values by strategy, the default among them."""
+        return self.problem.arms()
 
-        One where rocks are drawn: there the default runs beside all that is proposed.
+    @property
+    def arm_blocks(self) -> int:
+        """Blocks on which every arm runs first: all replicates in every instance, as far as half of the budget goes.
+
+        One where rocks are drawn and the default is the only arm: there it runs beside all that is proposed.
         """
-        if self.draws_rocks:
+        if self.draws_rocks and len(self.arms) == 1:
             return 1
         most = self.budget // 2 if self.initial is None else min(self.initial, self.budget)
-        return max(1, min(len(self.instances) * self.replicates, most))
+        return max(1, min(len(self.instances) * self.replicates, most // len(self.arms)))
+
+    @property
+    def arm_missions(self) -> int:
+        """Missions of the arms, which come first."""
+        return min(self.budget, self.arm_blocks * len(self.arms))
 
     def initial_size(self) -> int:
-        """Missions of the initial design, those of the default included."""
+        """Missions of the initial design, those of the arms included."""
         if self.initial is not None:
             return min(self.initial, self.budget)
-        behind_default = self.default_missions - 1
-        return behind_default + initial_design_size(
+        behind_arms = self.arm_missions - 1
+        return behind_arms + initial_design_size(
             self.space.dimension,
             self.budget,
             trusted_default=self.trusted_default,

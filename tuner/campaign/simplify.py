@@ -25,7 +25,7 @@ def simplified(campaign: Campaign) -> list[Proposal]:
     The list is empty where there is no such value, or where the simplified configuration has been tried already.
     """
     s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None or best.keep_default:
+    if best is None or best.keep_default or best.plain:
         return []
     trials, space = campaign.trials(), s.space
     own = [t for t in trials if t.state == "complete" and t.values == best.values]

@@ -11,18 +11,12 @@ from typing import Any
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
 from tuner.problem.instances import Instance, InstanceLike, instances_of
-from tuner.problem.search_space import Configuration, SearchSpace, Values
+from tuner.problem.search_space import PLANNERS, Configuration, SearchSpace, Values
 
 MAX_MISSIONS = 100_000  # of a campaign
 MAX_REPLICATES = 10_000  # of a rock
 Key = tuple[float, ...]
 Block = tuple[Instance, int]  # with the replicate
-# What only the planner of a mission reads: without effect where no view is planned.
-PLANNERS = (
-    *("gate.", "covis.", "b_aware.", "matchable."),
-    *("pool.min_altitude_m", "pool.max_altitude_m", "pool.max_travel_m", "pool.min_spacing_m"),
-    *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
-)
 
 
 @dataclass(frozen=True)
@@ -115,7 +109,9 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
 def mission_key(config: Configuration) -> str:
     """Return the same for configurations that run the same mission: what is without effect in it does not count."""
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
-        idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
+        without = (*PLANNERS, "stop.")
+        idle = {path: about.default for path, about in parameters().items() if path.startswith(without)}
+        idle["stop.adaptive_budget"] = 0
         config = config.with_values(idle).changed(plugins=())
     return config.digest()
 

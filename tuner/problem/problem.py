@@ -57,6 +57,10 @@ class Problem(abc.ABC):
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         """Return the objective as a function of the tuned values; None where only a mission can tell it."""
 
+    def arms(self) -> dict[str, Values]:
+        """Return the plain plans that a campaign runs beside what it searches, by strategy; the default is one of them."""
+        return {self.reference: self.default_values()}
+
     # -- what may be asked -----------------------------------------------------------------------------------
 
     @abc.abstractmethod

@@ -6,6 +6,7 @@ The unit cube has one dimension per parameter: floats and integers are scaled (a
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -49,6 +50,22 @@ Value = float | int | str | bool
 Values = dict[str, Any]
 Kind = Literal["float", "int", "categorical"]
 Scale = Literal["linear", "log"]
+
+# What only the planner of a mission reads: without effect where no view is planned.
+PLANNERS = (
+    *("gate.", "covis.", "b_aware.", "matchable."),
+    *(
+        "pool.min_altitude_m",
+        "pool.max_altitude_m",
+        "pool.max_elevation_deg",
+        "pool.max_travel_m",
+        "pool.min_spacing_m",
+    ),
+    *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
+)
+# What nothing reads: beside random views, and where the seeds fly the paper's rings.
+_NOT_AT_RANDOM = ("gate.budget", "gate.d95", "gate.geometry", "covis.", "b_aware.", "matchable.")
+_NOT_ON_RINGS = ("seed.lowest_deg", "seed.span_deg", "seed.upper_share")
 
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
@@ -130,6 +147,8 @@ class SearchSpace:
     base: dict[str, Any] = field(default_factory=dict)
     description: str = ""
     begin: tuple[Values, ...] = ()  # run right after the default: where they differ from it
+    # Whether every configuration takes as many photographs as the preset: ``seed.count`` are seeds, the rest is planned.
+    equal_photographs: bool = False
 
     @property
     def dimension(self) -> int:
@@ -147,6 +166,29 @@ class SearchSpace:
     def paths(self) -> tuple[str, ...]:
         """Parameter paths in order."""
         return tuple(parameter.path for parameter in self.parameters)
+
+    def fitted(self, preset: Configuration) -> SearchSpace:
+        """Return the space for the photographs that ``preset`` takes: with `equal_photographs` all of them may be seeds.
+
+        The default is then the preset's own seed phase: its rings, or its one turn.
+        """
+        if not self.equal_photographs or not isinstance(preset, MissionConfig):
+            return self
+        base = preset.with_values({p: v for p, v in self.base.items() if not p.startswith("stop.")})
+        seeds, number = base.seed, base.seed.total + base.adaptive_budget
+        own: Values = {"seed.count": seeds.total, "seed.layout": seeds.layout if seeds.count else "rings"}
+
+        def fit(p: Parameter) -> Parameter:
+            default = own.get(p.path, value_at(base, p.path) if p.default is None else p.default)
+            return dataclasses.replace(p, default=default, high=number if p.path == "seed.count" else p.high)
+
+        fixed = {"stop.adaptive_budget": number, "stop.max_photographs": number}
+        return dataclasses.replace(
+            self,
+            parameters=tuple(map(fit, self.parameters)),
+            base={**self.base, **fixed},
+            equal_photographs=False,
+        )
 
     def base_config(self, preset: C) -> C:
         """Return ``preset`` with the space's fixed values."""
@@ -203,10 +245,21 @@ class SearchSpace:
         return np.array([parameter.to_unit(values[parameter.path]) for parameter in self.parameters])
 
     def from_unit(self, position: Floats | Sequence[float]) -> Values:
-        """Return the values at a (d,) position in the unit cube."""
+        """Return the values at a (d,) position in the unit cube, `settled`."""
         if len(position) != self.dimension:
             raise ValueError(f"position has {len(position)} coordinates, the space {self.dimension}")
-        return {p.path: p.from_unit(float(u)) for p, u in zip(self.parameters, position)}
+        return self.settled({p.path: p.from_unit(float(u)) for p, u in zip(self.parameters, position)})
+
+    def settled(self, values: Values) -> Values:
+        """Return ``values`` of a `fitted` space with those at their default that nothing reads beside the others."""
+        if "seed.layout" not in values or any(p.default is None for p in self.parameters):
+            return values
+        idle: tuple[str, ...] = _NOT_ON_RINGS if values["seed.layout"] == "rings" else ()
+        if values["seed.count"] == self.base.get("stop.max_photographs"):
+            idle += PLANNERS
+        elif values.get("gate.kind") == "random":
+            idle += _NOT_AT_RANDOM
+        return {p.path: p.default if p.path.startswith(idle) else values[p.path] for p in self.parameters}
 
     def snap(self, position: Floats) -> Floats:
         """Return (d,) nearest position that is exactly a configuration (integers and choices settle)."""
@@ -241,6 +294,7 @@ class SearchSpace:
             "description": self.description,
             "base": dict(self.base),
             **({"begin": [dict(values) for values in self.begin]} if self.begin else {}),
+            **({"equal_photographs": True} if self.equal_photographs else {}),
             "parameters": {parameter.path: parameter.to_dict() for parameter in self.parameters},
         }
 

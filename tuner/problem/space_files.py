@@ -5,6 +5,7 @@ A search space file reads::
     name: gate
     base:                       # optional: fixed values laid over the preset
       gate.kind: hyb-h
+    equal_photographs: true     # optional: as many photographs as the preset, of which seed.count are seeds
     begin:                      # optional: run right after the default
       - {gate.d95_m: 0.1}
     parameters:
@@ -30,7 +31,7 @@ MAX_PARAMETERS = 100
 MAX_CHOICES = 50
 MAX_BEGIN = 10
 _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
-_SPACE_KEYS = ("name", "description", "base", "begin", "parameters")
+_SPACE_KEYS = ("name", "description", "base", "begin", "equal_photographs", "parameters")
 
 
 def available_search_spaces() -> dict[str, Path]:
@@ -89,12 +90,17 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         base,
         str(tree.get("description") or ""),
         tuple(map(_with_current_names, begin)),
+        coerce(bool, tree.get("equal_photographs", False), f"{source}: equal_photographs"),
     )
+    if space.equal_photographs and "seed.count" not in space.paths:
+        raise UserError(
+            f"{source}: equal_photographs shares photographs out by seed.count; tune it, or leave it out"
+        )
     try:
         space.base_config(MissionConfig())
     except UserError as error:
         raise UserError(f"{source}: base: {error}") from error
-    space.default(MissionConfig())  # checks defaults and both ends of every range
+    space.fitted(MissionConfig()).default(MissionConfig())  # checks defaults and both ends of every range
     return space
 
 

@@ -1,13 +1,14 @@
 """Chooses the configuration to recommend among those that have been run, with its uncertainty.
 
-Most parameters that a search varies have no effect on the outcome. So among the configurations that are better than the
-default, with a 95 % interval, the one with the fewest changes is taken that is not worse than the best of them, or that had
-exactly its outcomes wherever both ran. Where none is better, the default is recommended: the gain lies within the noise.
+Of the plain plans (orbits, random views, the default) the simplest stands that is not worse than the best of them. Most
+parameters that a search varies have no effect on the outcome. So among the configurations that are better than it, with a 95 %
+interval, the one with the fewest changes is taken that is not worse than the best of them, or that had exactly its outcomes
+wherever both ran. Where none is better, the plain plan is recommended: the gain lies within the noise.
 
 The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
 infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
-rocks and with two replicates, and where there are several conditions under two (`enough`). The default need not: it was not
-selected by its outcome.
+rocks and with two replicates, and where there are several conditions under two (`enough`). The plain plans need not: they were
+not selected by their outcomes.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from tuner.acquisition.constrained import Constraint, Outcome
+from tuner.problem.baselines import is_orbit
 from tuner.problem.deterministic_metrics import with_second_first
 from tuner.problem.instances import Instance, InstanceLike, are_drawn, conditions_of, instances_of, rocks_of
 from tuner.problem.observations import (
@@ -37,6 +39,7 @@ from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import (
+    BestPlain,
     NextRock,
     Outlier,
     Recommendation,
@@ -157,9 +160,9 @@ class Choice:
         eligible = set(candidates.eligible)
         few = max(TOP, JOINT // len(self.model.instances))
         best = [i for i in best_first if i in eligible][:few]
-        own_default = [i for i in candidates.eligible if candidates.values[i] == self.data.default]
+        plain = self.plain_plans(candidates.eligible)
         seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
-        order = list(dict.fromkeys([*best, *own_default, *seldom]))
+        order = list(dict.fromkeys([*best, *plain, *seldom]))
         return Candidates(
             [candidates.values[i] for i in order],
             [candidates.missions[i] for i in order],
@@ -198,25 +201,57 @@ class Choice:
     def _fewest_changes(self, among: Sequence[int]) -> int:
         """Return the one of ``among``, not empty, with the fewest changes that is not worse than the best of them.
 
-        One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
-        mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`. The default is
-        taken only where it is among them.
+        A plain plan is taken where none of ``among`` is better than it with a 95 % interval.
         """
-        posterior, noise_sd, better = self.modelled, self.model.noise_sd, list(among)
-        own = [i for i in among if self.candidates.values[i] == self.data.default]
-        if own:
-            reference = len(self.candidates)
-            better = [i for i in among if interval_95(*posterior.difference(i, reference))[0] > 0.0]
+        better = list(among)
+        plain = self.plain_plans(among)
+        if plain:
+            best = max(plain, key=lambda i: self.modelled.mean[i])
+            better = [
+                i
+                for i in among
+                if i not in plain and interval_95(*self.modelled.difference(i, best))[0] > 0.0
+            ]
             if not better:
-                return own[0]
-        best = max(better, key=lambda i: posterior.mean[i])
+                return self._simplest_plain(plain, best)
+        best = max(better, key=lambda i: self.modelled.mean[i])
+        not_worse = [i for i in better if self._not_worse(i, best)]
+        return min(not_worse, key=lambda i: (self.changes(i), -self.modelled.mean[i]))
 
-        def not_worse(i: int) -> bool:
-            mean, sd = posterior.difference(i, best)
-            unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
-            return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
+    def _not_worse(self, i: int, best: int) -> bool:
+        """Return whether the posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and a loss
+        above the noise of one mission has a probability of at most `RISK_OF_LOSS`."""
+        noise_sd = self.model.noise_sd
+        mean, sd = self.modelled.difference(i, best)
+        unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
+        return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
-        return min(filter(not_worse, better), key=lambda i: (self.changes(i), -posterior.mean[i]))
+    def plain_plans(self, among: Sequence[int]) -> dict[int, str]:
+        """Return the indices of those of ``among`` that are plain plans, with the plan's strategy."""
+        arms: Mapping[str, Mapping[str, Any]] = self.data.arms or {"": self.data.default}
+        return {
+            i: name for name, own in arms.items() for i in among if self.candidates.values[i] == dict(own)
+        }
+
+    def _simplest_plain(self, plain: Mapping[int, str], best: int) -> int:
+        """Return the best of the simplest plain plans that are not worse than ``best``: an orbit, random views, the default."""
+        order = list(plain.values())
+
+        def rank(i: int) -> tuple[int, float]:
+            return -1 if is_orbit(plain[i]) else order.index(plain[i]), -self.modelled.mean[i]
+
+        return min((i for i in plain if self._not_worse(i, best)), key=rank)
+
+    def _best_plain(self, index: int) -> tuple[str, BestPlain | None]:
+        """Return which plain plan a candidate is, and the best of them with the candidate's gain over it."""
+        plain = self.plain_plans(range(len(self.candidates)))
+        if len(self.data.arms) < 2 or not plain:
+            return "", None
+        best = max(plain, key=lambda i: (self.modelled.mean[i], i == index))
+        gain, sd = self.modelled.difference(index, best)
+        mean = self.goal.modelled.sign * self.modelled.mean[best]
+        values = dict(self.candidates.values[best])
+        return plain.get(index, ""), BestPlain(plain[best], values, float(mean), gain, interval_95(gain, sd))
 
     def recommendation(self, index: int) -> Recommendation:
         """Return the recommendation of a candidate, with all that is said of it."""
@@ -226,6 +261,7 @@ class Choice:
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
         elsewhere = _on_next_rock(values, data, model)
+        plain, best_plain = self._best_plain(index)
         return Recommendation(
             values=values,
             mean=mean,
@@ -257,6 +293,8 @@ class Choice:
                 no_worse=None if elsewhere is None else elsewhere.no_worse,
             ),
             outliers=self._outliers(),
+            plain=plain,
+            best_plain=best_plain,
         )
 
     def _rock_row(self, instance: Instance, index: int) -> RockRow:
@@ -353,8 +391,8 @@ def enough(evaluated: Collection[Block], instances: Collection[InstanceLike], re
 
 
 def may_be_recommended(data: CampaignData, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
-    """Return for each configuration whether it has run often enough, failures not counted; the default always has."""
+    """Return for each configuration whether it has run often enough, failures not counted; the plain plans always have."""
     evaluated = blocks_evaluated(data.space, [o for o in data.observations if o.feasible])
-    trusted = configuration_key(data.space, data.default)
+    trusted = {configuration_key(data.space, values) for values in (data.default, *data.arms.values())}
     keys = [configuration_key(data.space, values) for values in configurations]
-    return [key == trusted or enough(evaluated.get(key, ()), data.instances, data.replicates) for key in keys]
+    return [key in trusted or enough(evaluated.get(key, ()), data.instances, data.replicates) for key in keys]

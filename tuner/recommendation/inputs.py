@@ -10,7 +10,7 @@ from tuner.problem.deterministic_metrics import DeterministicMetrics, with_secon
 from tuner.problem.instances import InstanceLike
 from tuner.problem.objective import Objective, least_outcome
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace
+from tuner.problem.search_space import SearchSpace, Values
 from tuner.surrogate.settings import SurrogateSettings
 
 
@@ -32,6 +32,9 @@ class CampaignData:
     repeatable: Collection[
         InstanceLike
     ] = ()  # instances on which a mission repeats exactly: no outlier there
+    arms: Mapping[str, Values] = field(
+        default_factory=dict
+    )  # the plain plans by strategy, the simplest first
 
 
 @dataclass(frozen=True)

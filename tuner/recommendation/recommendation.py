@@ -77,6 +77,20 @@ class RunnerUp:
 
 
 @dataclass(frozen=True)
+class BestPlain:
+    """The best plain plan (a plain orbit, random views or the default), and what the recommendation gains over it.
+
+    The gain and its 95 % interval are of the modelled metric in its unit, positive where the recommendation is better.
+    """
+
+    strategy: str
+    values: dict[str, Any]
+    mean: float
+    gain: float
+    interval_95: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class NextRock:
     """The gain over the default on a new rock, metric's unit, positive where the recommendation is better."""
 
@@ -101,7 +115,8 @@ class Recommendation:
     """The answer of a campaign: ``values``, a configuration that has been run, or the default.
 
     Of the configurations run often enough (``tuner.recommendation.choose``) that are not worse than the best posterior
-    mean, the one with the fewest changes; the default itself where the gain is inside the noise (``keep_default``).
+    mean, the one with the fewest changes; a plain plan (``plain``) where nothing is known to be better than it, which may be the
+    default (``keep_default``).
 
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training instances, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
@@ -137,6 +152,8 @@ class Recommendation:
     )
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()
+    plain: str = ""  # the plain plan that it is, as a strategy; empty where it is none
+    best_plain: BestPlain | None = None  # None where the default is the only one
 
     def __repr__(self) -> str:
         """``Recommendation(seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""

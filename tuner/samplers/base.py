@@ -1,13 +1,14 @@
 """Our optimiser and the baselines propose missions through one interface; `SAMPLERS` has them by name.
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
-campaign that is resumed proposes what it would have proposed. Every sampler starts with the default configuration, which a
-campaign runs with all replicates on every training rock first: each optimiser may know where the paper stands. A new one is a file with a class, and a line here. None is imported before it is made: the
+campaign that is resumed proposes what it would have proposed. Every sampler starts with the default configuration and the plain
+plans, which a campaign runs with all replicates on every training rock first: each optimiser may know where they stand. A new one is a file with a class, and a line here. None is imported before it is made: the
 command line lists their names.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
@@ -65,7 +66,7 @@ class SamplerSettings:
     earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
-    defaults: int = 1  # missions of the default that come first
+    arms: tuple[Proposal, ...] = ()  # missions of the plain plans, which come first; none: one of the default
     goal: Goal = field(default_factory=lambda: Goal(Objective()))
     default_beside: bool = False  # on new rocks the default runs, too: a gain is not taken for an easy rock
 
@@ -73,6 +74,11 @@ class SamplerSettings:
     def instances(self) -> tuple[Instance, ...]:
         """The training instances, every one with its condition."""
         return instances_of(self.places)
+
+    @property
+    def first(self) -> int:
+        """How many missions come before the design."""
+        return max(1, len(self.arms))
 
 
 def derived_seed(seed: int, number: int) -> int:
@@ -86,10 +92,13 @@ def missions_asked(history: Sequence[Observation], pending: Sequence[Observation
 
 
 def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
-    """Return mission ``number`` of a design that needs no outcomes: the default's, then a Sobol sequence."""
-    if number < settings.defaults:
+    """Return mission ``number`` of a design that needs no outcomes: the plain plans', then a Sobol sequence."""
+    if number < len(settings.arms):
+        arm = settings.arms[number]
+        return dataclasses.replace(arm, metadata={"sampler": sampler, **arm.metadata})
+    if number == 0:
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
-    point = number - settings.defaults
+    point = number - settings.first
     metadata = {"sampler": sampler, "phase": "initial design", "point": point}
     return Proposal(sobol_point(settings.space, settings.seed, point), metadata)
 

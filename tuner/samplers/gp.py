@@ -17,7 +17,7 @@ from tuner.acquisition.constrained import (
 from tuner.acquisition.propose import propose
 from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.instances import are_drawn, rocks_of
-from tuner.problem.observations import Observation, Proposal
+from tuner.problem.observations import Key, Observation, Proposal, configuration_key
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
 from tuner.recommendation.inputs import Goal
@@ -85,7 +85,7 @@ class GPSampler:
         while len(proposals) < count:
             number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._design(number, goal)
+                proposal = self._design(number, goal, history)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
                 metadata = {"sampler": self.name, "phase": "exploration"}
                 proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), metadata)
@@ -140,36 +140,50 @@ class GPSampler:
             model, history, running, s.replicates, gain, last=last, constraint=constraint, exact=exact
         )
 
-    def _design(self, number: int, goal: Goal) -> Proposal:
-        """Return a mission of the design; unless it is the default, none that is known to break the limit."""
-        if number < self.settings.defaults:
+    def _design(self, number: int, goal: Goal, history: Sequence[Observation]) -> Proposal:
+        """Return a mission of the design; unless it is a plain plan's, none that is known to break the limit."""
+        if number < self.settings.first:
             return initial_proposal(self.settings, number, self.name)
-        number -= self.settings.defaults - 1
+        number -= self.settings.first - 1
         skipped, limited, least = 0, goal.exact.second, goal.at_least
-        proposal = self._design_point(number)
+        proposal = self._design_point(number, history)
         while limited is not None and least is not None and skipped < MOST_SKIPPED:
             if limited.outcome(proposal.values) >= least:
                 return proposal
             skipped += 1
-            proposal = self._design_point(number + 2 * ASIDE * skipped)
+            proposal = self._design_point(number + 2 * ASIDE * skipped, history)
         return proposal
 
-    def _design_point(self, number: int) -> Proposal:
-        """Return point ``number`` of the design, which begins with 1 behind the default."""
+    def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
+        """Return point ``number`` of the design, which begins with 1 behind the plain plans."""
         s, rank = self.settings, number // 2 - 1
         if 1 <= number <= len(s.space.begin):
             values = {**s.default, **s.space.begin[number - 1]}
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
-        places = places_for_earlier(s.initial - s.defaults + 1)
+        places = places_for_earlier(s.initial - s.first + 1)
         if number in places and s.earlier is not None and s.earlier.usable:
             nth = places.index(number)
             best = s.earlier.best(nth + 1)
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
-        if not stays_near_default(s.space.dimension, s.trusted_default):
-            return initial_proposal(s, number + s.defaults - 1, self.name)
+        if not stays_near_default(s.space.dimension, s.trusted_default) and len(s.arms) < 2:
+            return initial_proposal(s, number + s.first - 1, self.name)
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
         if number % 2 == 1:
-            values = near_default(s.space, s.default, s.seed, number // 2)
-            return Proposal(values, {**metadata, "near": "default", "point": number // 2})
+            values = near_default(s.space, self._best_plain(history), s.seed, number // 2)
+            return Proposal(values, {**metadata, "near": "best plain plan", "point": number // 2})
         return Proposal(sobol_point(s.space, s.seed, rank), {**metadata, "point": rank})
+
+    def _best_plain(self, history: Sequence[Observation]) -> Values:
+        """Return the plain plan with the best mean outcome so far: the design stays near it."""
+        outcomes: dict[Key, list[float]] = {}
+        for o in history:
+            if o.outcome is not None:
+                outcomes.setdefault(configuration_key(self.settings.space, o.values), []).append(o.outcome)
+        plans = [dict(self.settings.default), *(dict(arm.values) for arm in self.settings.arms)]
+
+        def mean(values: Values) -> float:
+            known = outcomes.get(configuration_key(self.settings.space, values))
+            return sum(known) / len(known) if known else -math.inf
+
+        return max(plans, key=mean)

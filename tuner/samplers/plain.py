@@ -20,7 +20,7 @@ class PlainSampler:
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         s, number = self.settings, missions_asked(history, pending)
-        if self.name == "sobol" or number < s.defaults:
+        if self.name == "sobol" or number < s.first:
             return initial_proposal(s, number, self.name)
         rng = np.random.default_rng(derived_seed(s.seed, number))
         values = s.space.from_unit(rng.random(s.space.dimension))
