@@ -47,7 +47,7 @@ from tuner.samplers.design import initial_design_size
 
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, how it searches", "Execution"
-_DEFAULT_SPACE = "gate_weights_and_pool"
+_DEFAULT_SPACE = "plan_and_gate"
 
 
 def _read_space(raw: Any, source: str) -> SearchSpace:
@@ -98,7 +98,7 @@ class CampaignSettings(Section):
         lambda: load_search_space(_DEFAULT_SPACE),
         "search space, a YAML file or a name",
         shown=_DEFAULT_SPACE,
-        why="it gains on other rocks: docs/results/held_out.md",
+        why="it holds plain orbits, random views and the paper's configuration",
         names=available_search_spaces,
         option="--space",
         panel=WHAT,
@@ -391,13 +391,14 @@ class CampaignSettings(Section):
 
     @property
     def arm_blocks(self) -> int:
-        """Blocks on which every arm runs first: all replicates in every instance, as far as half of the budget goes.
+        """Blocks on which every arm runs first: all replicates in every instance, as far as two thirds of the budget go.
 
         One where rocks are drawn and the default is the only arm: there it runs beside all that is proposed.
         """
         if self.draws_rocks and len(self.arms) == 1:
             return 1
-        most = self.budget // 2 if self.initial is None else min(self.initial, self.budget)
+        share = self.budget // 2 if len(self.arms) == 1 else 2 * self.budget // 3
+        most = share if self.initial is None else min(self.initial, self.budget)
         return max(1, min(len(self.instances) * self.replicates, most // len(self.arms)))
 
     @property

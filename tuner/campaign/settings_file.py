@@ -35,10 +35,10 @@ FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
 _READ_BY = "42627bd"  # the last commit that reads format 2
 _READS_DATABASES = "409a733"  # the last one
 SETTINGS = declared(CampaignSettings)
-# `make tune`: the gate's thresholds, each scorer's own weights and the pool's ceiling, then the comparison. With 20 photographs in
-# a dim hall the paper's weights lose to random views, as on photographs of a real figure (docs/results/real_photographs.md).
+# `make tune`: what to fly with 20 photographs, then the comparison. In a dim hall the paper's weights lose to random views, as on
+# photographs of a real figure (docs/results/real_photographs.md).
 QUICK: dict[str, Any] = {
-    "budget": 20,
+    "budget": 40,
     "rocks": QUICK_ROCKS,
     "conditions": ["indoors"],
     "overrides": {
@@ -47,7 +47,7 @@ QUICK: dict[str, Any] = {
         "stop.adaptive_budget": 8,
         "dense.agreeing_views": 3,
     },
-    "space": "gate_weights_and_pool",
+    "space": "plan_and_gate",
     "compare_on": QUICK_HELD_OUT,
 }
 

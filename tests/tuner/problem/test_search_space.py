@@ -59,7 +59,7 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
 
 @pytest.mark.parametrize("name", available_search_spaces())
 def test_every_point_of_the_shipped_spaces_is_a_mission(name: str) -> None:
-    space = load_search_space(name)
+    space = load_search_space(name).fitted(preset("campaign"))
     space.config(preset("campaign"), space.default(preset("campaign")))  # a campaign begins there
     rng = np.random.default_rng(0)
     corners = rng.integers(0, 2, (40, space.dimension)).astype(float)
