@@ -70,9 +70,8 @@ def tune(
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
-        if run_campaign(campaign, executor, on_event).found:
-            for comparison in end_of_campaign(campaign):
-                comparison.run(executor)
+        if run_campaign(campaign, executor, on_event).found and (comparison := end_of_campaign(campaign)):
+            comparison.run(executor)
     return campaign
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as _json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,8 +12,6 @@ from rich.padding import Padding
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
-from nbv.mission.run_directory import write_atomic
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -27,6 +24,7 @@ from tuner.commands.campaign_display import (
     event_line,
     expected_s,
     expected_text,
+    show_answer,
     show_counts,
     show_recommendation,
 )
@@ -56,6 +54,7 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
+from tuner.evaluation.advice import advice_of
 from tuner.evaluation.of_campaign import end_of_campaign
 from tuner.missions import executors
 from tuner.missions.registry import (
@@ -65,7 +64,7 @@ from tuner.missions.registry import (
     refuse_code_of_file,
 )
 from tuner.problem.objective import objective_text
-from tuner.report.answer import use_sentence
+from tuner.report.answer import advice_lines, use_sentence
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
@@ -185,7 +184,18 @@ def status(
     if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
         output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
     show_recommendation(best, campaign)
-    answer_json({"directory": directory, "status": counts, "recommendation": best})
+    advice = advice_of(campaign, best)
+    missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}
+    answer_json(
+        {
+            "directory": directory,
+            "status": {name: value for name, value in missions.items() if name != "complete"},
+            "recommendation": best,
+            "advice": None
+            if best is None or advice is None
+            else advice_lines(advice, best, campaign.settings),
+        }
+    )
 
 
 @app.command("list")
@@ -303,12 +313,15 @@ def run_and_report(
                 f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
             )
             raise typer.Exit(130)
-        show_recommendation(summary.recommendation, campaign)
+        comparing = bool(settings.compare_on and summary.found)
+        if not comparing:
+            show_recommendation(summary.recommendation, campaign)
         output.print(
             f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
         )
-        if settings.compare_on and summary.found:
+        if comparing:
             compare_strategies(campaign, executor)
+            show_recommendation(summary.recommendation, campaign)
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
@@ -320,30 +333,21 @@ def compare_strategies(campaign: Campaign, executor: executors.Executor) -> None
 
     What has been run before is not run again.
     """
-    from tuner.report import comparison, gate_result
+    from tuner.report import comparison
 
     with working(f"preparing the comparison, {LOADING_ROCKS}"):
-        comparisons = end_of_campaign(campaign)
-    for planned in comparisons:
-        plan = planned.plan
-        output.print(
-            f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
-        )
-        with ComparisonProgress("observable.f_score_48mm") as show:
-            run, directory = planned.run(executor, show)
-        require_complete(run, f"resume with: gatetune campaign resume {campaign.directory}")
-        facts = comparison.ComparisonFacts(run, planned.reference, planned.spec, notes=planned.notes)
-        comparison.write_comparison_report(facts, directory, title=planned.title)
-    result = gate_result.gate_result(campaign)
-    assert result is not None, "both comparisons are there"
-    write_atomic(campaign.directory / "comparison.json", _json.dumps(json_ready(result.to_dict()), indent=1))
-    if output.quiet:
-        typer.echo(_json.dumps(json_ready({"event": "comparison", **result.to_dict()})))
-    for block in result.blocks:
-        output.print(*gate_result.table_of(block).for_terminal(output.width))
-    output.print(gate_result.LEGEND, style="dim")
-    for sentence in result.sentences:
-        output.print(sentence, style="bold", highlight=False)
+        planned = end_of_campaign(campaign)
+    assert planned is not None, "the campaign asks for one"
+    plan = planned.plan
+    output.print(
+        f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
+    )
+    with ComparisonProgress("observable.f_score_48mm") as show:
+        run, directory = planned.run(executor, show)
+    require_complete(run, f"resume with: gatetune campaign resume {campaign.directory}")
+    facts = comparison.ComparisonFacts(run, planned.reference, planned.spec, notes=planned.notes)
+    comparison.write_comparison_report(facts, directory, title=planned.title)
+    show_answer(campaign)
 
 
 def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:

@@ -7,14 +7,22 @@ from typing import Any
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
+from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output, show_table
+from tuner.evaluation.advice import advice_of
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import runner_up_sentence, switch_sentences, use_sentence, worth_sentences
+from tuner.report.answer import (
+    advice_lines,
+    runner_up_sentence,
+    switch_sentences,
+    use_sentence,
+    worth_sentences,
+)
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 LINE = 80  # columns of a mission's line
@@ -130,8 +138,8 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
         f"{duration(facts.mission_wall_s)} of computing"
     )
     if facts.repeats:
-        repeats = counted(facts.repeats, "trial")
-        output.print(f"{repeats} more took the photographs of an earlier mission and used no budget")
+        repeats = counted(facts.repeats, "more trial")
+        output.print(f"{repeats} took the photographs of an earlier mission and used no budget")
     parts = {word: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition
@@ -149,7 +157,9 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
         output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
         return
     worth, switches = worth_sentences(best, settings), switch_sentences(campaign, campaign.trials())
-    for line in (use_sentence(best, settings), *worth, *switches):
+    advice = advice_of(campaign, best)
+    advised = [use_sentence(best, settings)] if advice is None else advice_lines(advice, best, settings)
+    for line in (*advised, *worth, *switches):
         output.print(line, highlight=False)
     if best.changed:
         changed = [
@@ -166,3 +176,21 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
     output.print(f"{label.axis}, {word} by {word}: {', '.join(rows)}", highlight=False)
     if rival := runner_up_sentence(best, settings):
         output.print(rival, highlight=False)
+
+
+def show_answer(campaign: Campaign) -> None:
+    """Print the table of all strategies from everything in the run directory, and write it as ``comparison.json``."""
+    from tuner.report import gate_result
+
+    result = gate_result.gate_result(campaign)
+    if result is None:
+        return
+    document = json_ready(result.to_dict())
+    write_atomic(campaign.directory / "comparison.json", json.dumps(document, indent=1))
+    if output.quiet:
+        return
+    for block in result.blocks:
+        output.print(*gate_result.table_of(block).for_terminal(output.width))
+    output.print(gate_result.LEGEND, style="dim")
+    for sentence in result.sentences:
+        output.print(sentence, style="bold", highlight=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -210,11 +210,35 @@ def run_and_report(
             from tuner.report.campaign_page import write_campaign_report
 
             write_campaign_report(planned.source)
+    answer = {} if planned.source is None else show_all_results(planned.source)
     output.print(f"{duration(run.elapsed_s)}; report: {report}")
-    answer_json({"title": planned.title, "directory": directory, "report": report, **facts.to_dict()})
+    answer_json(
+        {"title": planned.title, "directory": directory, "report": report, **facts.to_dict(), **answer}
+    )
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
     require_complete(run)
+
+
+def show_all_results(campaign: Campaign) -> dict[str, Any]:
+    """Print the campaign's table, what to fly and what next, anew from all results; return what was said."""
+    from tuner.commands.campaign_display import show_answer
+    from tuner.evaluation.advice import advice_of, next_step
+    from tuner.report.answer import advice_lines, next_text
+
+    best = campaign.recommendation(save=False)
+    advice = advice_of(campaign, best)
+    if best is None or advice is None:
+        return {}
+    show_answer(campaign)
+    said = advice_lines(advice, best, campaign.settings)
+    why, command = next_text(next_step(campaign, best, advice), campaign, advice)
+    for line in said:
+        output.print(line, style="bold", highlight=False)
+    output.print(f"What next: {why}", highlight=False)
+    if command:
+        output.print(command, highlight=False, soft_wrap=True)
+    return {"advice": said, "next": {"why": why, "command": command}}
 
 
 def _ceiling(name: str) -> str:

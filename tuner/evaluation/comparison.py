@@ -9,7 +9,7 @@ from __future__ import annotations
 import collections
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -193,6 +193,12 @@ class Interval:
     rocks: int
     missions: int
     method: str
+
+    @property
+    def reversed(self) -> Interval:
+        """The interval of the negative."""
+        low, high = (None if bound is None else -bound for bound in (self.high, self.low))
+        return replace(self, mean=-self.mean, low=low, high=high)
 
 
 def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN_ROCKS) -> Interval | None:

@@ -21,12 +21,9 @@ from tuner.missions.executors import Executor, LocalProcessExecutor, local_execu
 from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.problem.baselines import (
     COMPARISON,
-    CONTROLS,
     REPRODUCTION_STRATEGIES,
     TUNED,
-    TUNED_POOL_HYB_H,
     baseline_configs,
-    kind_of,
     reference_of,
 )
 from tuner.problem.objective import COUNTS, Objective
@@ -207,30 +204,12 @@ def reproduction(
     )
 
 
-def training_comparison(source: Campaign) -> PlannedComparison:
-    """The recommendation and the paper's strategies on the training rocks, with the replicates that the campaign has run.
-
-    They show what was tuned for, at little cost: seeds, default and recommendation are known. `confirmation` has fresh
-    replicates, and the controls are compared on the held-out rocks, where a gain counts.
-    """
-    s, found = source.settings, source.recommended()
-    tuned = _evaluated(source, found, s.conditions, s.rocks)
-    strategies, notes = s.problem.strategies(tuned, COMPARISON)
-    kept = {
-        name: c for name, c in strategies.items() if kind_of(name) != CONTROLS or name == TUNED_POOL_HYB_H
-    }
-    plan = EvaluationPlan(kept, s.rocks, fidelity=s.fidelity, conditions=s.conditions)
-    title, reference = f"{s.name}: all strategies on the training rocks", reference_of(strategies, "hyb-h")
-    return PlannedComparison(plan, reference, asked_of(s), title, source.directory / TRAINING, notes, source)
-
-
-def end_of_campaign(source: Campaign) -> list[PlannedComparison]:
-    """The comparisons that a campaign ends in where it has ``compare_on``: on held-out rocks, on training rocks."""
+def end_of_campaign(source: Campaign) -> PlannedComparison | None:
+    """The comparison on held-out rocks that a campaign ends in where it has ``compare_on``."""
     s = source.settings
     if not s.compare_on:
-        return []
-    unseen = held_out(source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity)
-    return [unseen, training_comparison(source)]
+        return None
+    return held_out(source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity)
 
 
 def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
@@ -282,5 +261,6 @@ def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
     if unseen := [name for name in names if name not in evaluated]:
         notes.append(f"Conditions that the campaign has not seen: {', '.join(unseen)}.")
     if (seen := [name for name in names if name in evaluated]) and names != [IDEAL]:
-        notes.append(f"Tuned under, so no test of transfer: {', '.join(seen)}.")
+        tuned = "the condition that it was tuned in" if len(seen) == 1 else "conditions that it was tuned in"
+        notes.append(f"{', '.join(seen)}: {tuned}, so this does not test transfer to others.")
     return notes

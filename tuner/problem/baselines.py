@@ -308,6 +308,11 @@ def _split(strategy: str) -> tuple[str, str]:
     return (name, number) if number.isdigit() and name in BASELINES else (strategy, "")
 
 
+def base_name(strategy: str) -> str:
+    """``hyb-h`` of ``hyb-h-26``."""
+    return _split(strategy)[0]
+
+
 def tuned_configs(
     tuned: MissionConfig, base: MissionConfig, counted: MissionConfig | None = None
 ) -> dict[str, MissionConfig]:

@@ -6,13 +6,18 @@ import collections
 import contextlib
 import itertools
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
+from nbv.viewpoints import raw_candidates
+from tuner.evaluation.advice import Next
+from tuner.evaluation.verdict import Kind
 from tuner.missions.registry import is_geometric
+from tuner.problem.baselines import TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
@@ -21,6 +26,8 @@ from tuner.report.labels import (
     MetricLabel,
     counted,
     decimals_for,
+    difference_text,
+    gain_words,
     interval_text,
     metric_label,
     number_text,
@@ -34,11 +41,17 @@ if TYPE_CHECKING:
 
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
+    from tuner.evaluation.advice import Advice, Results
     from tuner.missions.job import Trial
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 FEW = 3  # changes that a sentence can name
-PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
+PLAN = (
+    "seed.",
+    "stop.",
+    "pool.max_altitude_m",
+    "pool.max_elevation_deg",
+)  # parameters that `plan_words` puts into words
 GEOMETRIC = "These values are predictions of geometric missions, in which no photograph is taken."
 
 
@@ -46,24 +59,129 @@ GEOMETRIC = "These values are predictions of geometric missions, in which no pho
 
 
 def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
-    """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
+    """``Fly 14 photographs on rings, then 12 chosen by the planner, planned views at most 20° high.``"""
+    word = s.problem.instance_word
+    verb = "Use" if s.mission is not None else "Fly"
     if best.limit is not None and not best.limit.kept:
         likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
         return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); the likeliest is {likeliest}."
+    plan = plan_words(s.config(best.values))
+    if best.plain and not best.keep_default:
+        what = "the orbit" if is_orbit(best.plain) else strategy_label(best.plain).lower()
+        return f"Fly {what}: {plan}; no planner was better on the training {word}s."
     if best.keep_default:
-        plan = plan_words(s.config(best.values), ceiling=False)
         default = f"the default{f' ({plan})' if plan else ''}"
         if _leads(best.runner_up):
             return f"Keep {default} for now: what looks better has run too few trials to be recommended."
         return f"Keep {default}: no configuration that was evaluated is known to be better."
     words = configuration_words(best.values, best, s)
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
-        word, (low, high) = s.problem.instance_word, best.limit.next_hundred or (0, 100)
+        low, high = best.limit.next_hundred or (0, 100)
         return (
             f"{words} met the constraint ({limit_words(best.limit)}) on the training {word}s, and is expected to on "
             f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})."
         )
-    return f"Use {words}."
+    return f"{verb} {words}."
+
+
+def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> list[str]:
+    """What to fly, what it gains over the best plain plan and over the reference, on how many instances, and what an orbit would lose."""
+    where, said = there(advice.results), [use_sentence(best, s)]
+    if advice.fly != TUNED and advice.over_plain is not None:
+        label, gain = metric_label(advice.over_plain.metric), advice.over_plain.gain
+        lost = (
+            "" if gain is None else f" by {difference_text(gain.reversed)} {label.difference_unit}".rstrip()
+        )
+        said[0] = (
+            f"Fly {strategy_label(advice.plain)} ({plan_words(advice.config)}): on {where} it beats what the campaign "
+            f"recommends ({configuration_words(best.values, best, s)}){lost}."
+        )
+    gains = list[str]()
+    for verdict in (advice.over_plain if advice.fly == TUNED else None, advice.over_reference):
+        if verdict is not None and verdict.gain is not None and verdict.reference not in "".join(gains):
+            unit = metric_label(verdict.metric).difference_unit
+            best_of = "the best plain plan, " if verdict is advice.over_plain else ""
+            gains.append(
+                f"{difference_text(verdict.gain)} {unit} over {best_of}{strategy_label(verdict.reference)}"
+            )
+    if gains:
+        said.append(f"On {where} it gains {' and '.join(gains)} (95 % intervals).")
+    if advice.is_plain and not best.keep_default and advice.over_plain is None:
+        said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
+    if advice.by_orbit is not None and advice.by_orbit.gain is not None:
+        unit = metric_label(advice.by_orbit.metric).difference_unit
+        orbit, gain = strategy_label(advice.by_orbit.strategy), advice.by_orbit.gain
+        said.append(
+            f"With {orbit} in its place the result is {gain_words(gain.mean, unit)} ({difference_text(gain)})."
+        )
+    if (ceiling := advice.ceiling) is not None:
+        most = max(0.0, ceiling.mean)
+        text = f"The greedy oracle, which sees the true surface, has {difference_text(ceiling)} points over {strategy_label(advice.plain)}"
+        said.append(
+            f"{text}: up to {most:.1f} points can be gained here, so try planners."
+            if advice.planners_may_gain
+            else f"{text}: no planner can gain more than {most:.1f} points here."
+        )
+    return said
+
+
+def there(results: Results) -> str:
+    """``2 held-out rocks``."""
+    return counted(len(results.rocks), "held-out rock" if results.held_out else "training rock")
+
+
+NEXT = {
+    Next.RUN: "Finish it: {left} of {budget} missions are left.",
+    Next.MORE: "Run more missions: nothing that was run is known to be good enough.",
+    Next.CONFIRM: "Confirm it in new replicates: your mission file has no held-out instance.",
+    Next.EVALUATE: "Evaluate it on held-out {word}s: so far it has run where it was tuned.",
+    Next.MORE_INSTANCES: "Evaluate it on more {word}s: {count} cannot represent others.",
+    Next.FLY_PLAIN: "Stop, and fly {plain}: on {where} it is better than what was tuned.",
+    Next.FLY: "Stop, and fly it: {evidence} on {where}.",
+    Next.TRY_PLANNERS: "Fly it, or try other planners with gatetune compare: {evidence} on {where}, and the oracle shows room.",
+    Next.KEEP: "Stop: keep the default. Nothing else is predicted to be better.",
+}
+
+
+def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[str, str]:
+    """What to do now and its command; an empty command means to stop."""
+    s, status = campaign.settings, campaign.status()
+    run = shlex.join([str(campaign.directory), *s.problem.options()])
+    resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
+    if s.draws_rocks:
+        evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
+    commands = {
+        Next.RUN: resume,
+        Next.MORE: f"{resume} --missions {2 * status.budget}",
+        Next.CONFIRM: f"gatetune confirm {run}",
+        Next.EVALUATE: evaluate,
+        Next.MORE_INSTANCES: evaluate,
+        Next.FLY_PLAIN: f"gatetune export {run}",
+        Next.FLY: f"gatetune export {run}",
+        Next.TRY_PLANNERS: f"gatetune export {run}",
+    }
+    reason = max(status.failures, key=lambda r: status.failures[r], default="")
+    if step is Next.RUN and not status.complete and reason:
+        return (
+            f"Every mission failed, most often with {reason!r}: correct that (see below), then resume.",
+            resume,
+        )
+    word = s.problem.instance_word
+    evidence = "no plain plan is better"
+    if advice is not None and advice.is_plain:
+        evidence = "nothing that was run is better"
+    elif advice is not None and advice.over_plain is not None and advice.over_plain.kind is Kind.BETTER:
+        evidence = f"it is better than every plain plan, {strategy_label(advice.plain)} the best of them,"
+    text = NEXT[step].format(
+        left=status.remaining,
+        budget=status.budget,
+        word=word,
+        count=counted(advice.instances if advice else 0, word),
+        plain=strategy_label(advice.plain) if advice else "",
+        where=there(advice.results) if advice else "",
+        evidence=evidence,
+    )
+    return text, commands.get(step, "")
 
 
 def may_fail_on_most(limit: Limit) -> bool:
@@ -75,8 +193,10 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
     """Which parameters of a configuration differ from the default."""
     changed = [path for path, value in values.items() if value != best.default_values[path]]
     planned = [path for path in changed if path.startswith(PLAN)]
-    plan = plan_words(s.config(values), ceiling="pool.max_altitude_m" in changed) if planned else ""
+    plan = plan_words(s.config(values)) if planned else ""
     rest = [path for path in changed if not plan or path not in planned]
+    if plan and builtin(s.config(values)).adaptive_budget == 0:
+        rest = []
     if len(rest) > FEW:
         named = f"{len(rest)} changes"
     else:
@@ -86,21 +206,31 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
     return f"the default with {named}" if rest else "the default"
 
 
-def plan_words(config: Configuration, *, ceiling: bool) -> str:
-    """How many photographs are taken where; empty for a mission file's configuration."""
+def plan_words(config: Configuration) -> str:
+    """How many photographs are taken where, and how high; empty for a mission file's configuration."""
     if not isinstance(config, MissionConfig):
         return ""
-    seed, stop = config.seed, config.stop
-    rings = f"{seed.total} photographs on rings"
-    if seed.count and seed.rings == 1:
+    seed, stop, pool = config.seed, config.stop, config.pool
+    rings, highest_deg = f"{seed.total} photographs on rings", max(seed.ring_elevations_deg)
+    if seed.count and seed.layout == "turn" and seed.rings == 1:
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
         rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
+        highest_deg = seed.upper_deg if seed.upper_count else seed.lowest_deg
     if not config.adaptive_budget:
         return rings
-    words = f"{rings}, then {config.adaptive_budget} chosen by the planner"
+    by = _PLANNERS.get(config.gate.kind, strategy_label(config.gate.kind))
+    words = f"{rings}, then {config.adaptive_budget} chosen {by}"
     if stop.may_end_early:
         words = f"{rings}, then planned ones until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
-    return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
+    views = [v for v in raw_candidates(config) if v.position_m[2] <= pool.max_altitude_m]
+    every = max(v.elevation_deg for v in raw_candidates(config))
+    allowed = [v.elevation_deg for v in views if v.elevation_deg <= pool.max_elevation_deg]
+    if allowed and max(allowed) < every:
+        words += f", these at most {max(allowed):.0f}° high (the seeds stand at up to {highest_deg:.0f}°)"
+    return words
+
+
+_PLANNERS = {"hyb-h": "by the planner", "random": "at random"}
 
 
 def value_text(values: Mapping[str, Any], path: str) -> str:
@@ -194,16 +324,16 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     worth = f"{_subject(label)} is {_mean(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
-        worth = f"It gains {_gain(rival.difference, (low, high), (high - low) / 4, label)} over the above"
+        worth = f"It is {_gain(rival.difference, (low, high), (high - low) / 4, label)} better"
     keeps = (
         ""
         if rival.probability is None
         else f"; it meets the constraint with probability {rival.probability:.2f}"
     )
-    few = "; it has to run on more rocks or replicates before it can be recommended" if _leads(rival) else ""
+    why = "it has run in too few trials to be recommended" if _leads(rival) else "which is within the noise"
     return (
         f"The runner-up, evaluated in {counted(rival.missions, 'trial')}, is {configuration_words(rival.values, best, s)}. "
-        f"{worth}{keeps}{few}."
+        f"{worth}{keeps}; {why}, so it was not chosen."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import math
 import shlex
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -21,8 +22,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
-from tuner.evaluation.comparison import MIN_ROCKS
-from tuner.evaluation.of_campaign import HELD_OUT, evaluations
+from tuner.evaluation.advice import Advice, advice_of, next_step
 from tuner.missions.job import Trial
 from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 from tuner.problem.baselines import label as strategy_label
@@ -34,14 +34,14 @@ from tuner.problem.search_space import Parameter, builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import gate_result
 from tuner.report.answer import (
+    advice_lines,
     bound,
     gate_words,
-    limit_words,
     may_fail_on_most,
+    next_text,
     runner_up_sentence,
     switch_sentences,
     traces_of,
-    use_sentence,
     value_text,
     worth_sentences,
 )
@@ -66,6 +66,8 @@ from tuner.surrogate.model import InstanceMeanGP
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
+NEAR_A_BOUND = 0.01  # of the range
+BEYOND = (0.1, 0.02)  # of the range: how far beyond a bound a mission is tried
 OPTIMISM_NOTE = "The recommendation was selected on these trials, so its intervals are optimistic."
 
 
@@ -92,6 +94,17 @@ class CampaignFacts:
     def recommendation(self) -> Recommendation | None:
         """The recommendation after all finished missions, the same as in status, export and evaluation."""
         return self.campaign.recommendation(save=False)
+
+    @cached_property
+    def advice(self) -> Advice | None:
+        """What to fly, from all results."""
+        return advice_of(self.campaign, self.recommendation)
+
+    @cached_property
+    def advised(self) -> list[str]:
+        """The same in sentences."""
+        best, advice = self.recommendation, self.advice
+        return [] if best is None or advice is None else advice_lines(advice, best, self.settings)
 
     @cached_property
     def model(self) -> InstanceMeanGP | None:
@@ -152,8 +165,8 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for what in ("evaluation*", "confirmation*")
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
-    why, command = next_answer(facts, evaluated=_rocks_measured(facts))
-    result = gate_result.gate_result(campaign)
+    why, command = next_text(next_step(campaign, best, facts.advice), campaign, facts.advice)
+    result = gate_result.gate_result(campaign, best)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -168,7 +181,8 @@ def write_campaign_report(campaign: Campaign) -> Path:
         subtitle=_subtitle(facts),
         measure=measure_text(facts.label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
         verdict_kind=kind,
-        use=f"Nothing yet: {campaign.nothing_yet()}." if best is None else use_sentence(best, s),
+        use=f"Nothing yet: {campaign.nothing_yet()}." if best is None else facts.advised[0],
+        advice=facts.advised[1:],
         changed=None if best is None or best.keep_default else _changed_table(best),
         runner_up="" if best is None else runner_up_sentence(best, s),
         plan="" if (planned := facts.planned_config()) is None else embed(plan_figure(planned)),
@@ -326,62 +340,6 @@ def gate_figure(facts: CampaignFacts) -> str:
     return draw_gate([(f"{name}, {where}", gate, found[name][block]) for name, gate in gates.items()])
 
 
-def _rocks_measured(facts: CampaignFacts) -> int:
-    """The number of rocks on which the recommendation was evaluated and reported."""
-    best = facts.recommendation
-    if best is None:
-        return 0
-    found = evaluations(facts.campaign, HELD_OUT, facts.settings.config(best.values))
-    return len({rock for folder, plan in found if (folder / REPORT_FILE).is_file() for rock in plan.rocks})
-
-
-def next_answer(facts: CampaignFacts, *, evaluated: int) -> tuple[str, str]:
-    """``(why, command)``: the one thing to do now; an empty command means to stop.
-
-    ``evaluated``: rocks that the campaign has not seen, on which the recommendation was measured.
-    """
-    best, status, s = facts.recommendation, facts.status, facts.settings
-    problem, word = s.problem, facts.word
-    run = shlex.join([str(facts.campaign.directory), *problem.options()])
-    resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
-    if s.draws_rocks:  # as many of every family as are worth an interval
-        evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
-    more = f"{resume} --missions {2 * status.budget}"
-    if best is None and not status.complete:
-        reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")
-        return (
-            f"Every mission failed, most often with {reason!r}: correct that (see below), then resume.",
-            resume,
-        )
-    if best is None or status.remaining:
-        return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
-    if evaluated >= min(MIN_ROCKS, len(problem.held_out()) or 1):
-        return f"Stop: it has been measured on {counted(evaluated, f'held-out {word}')}.", ""
-    if evaluated:
-        return f"Measure it on more {word}s: {counted(evaluated, word)} cannot represent others.", evaluate
-    if best.limit is not None and not best.limit.kept:
-        return (
-            f"Run more, or relax the constraint: no configuration that was evaluated is likely to meet it ({limit_words(best.limit)}).",
-            more,
-        )
-    if best.keep_default:
-        rival = best.runner_up
-        if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
-            return "Stop: keep the default. Nothing else is predicted to be better.", ""
-        return "Run more: it is not yet known whether the runner-up is better than the default.", more
-    if is_geometric(s.fidelity):
-        return (
-            "Evaluate it with photographs on held-out rocks: so far its values are predictions.",
-            evaluate,
-        )
-    if not problem.held_out():
-        return "Confirm it in new replicates: your mission file has no held-out instance.", confirm
-    if len(pairs(facts, best)) < 2:
-        one_rock = f"{confirm} --rock {shlex.quote(s.rocks[0])}"
-        return f"Confirm it on a training {word}: too few pairs were evaluated.", one_rock
-    return f"Measure it on held-out {word}s.", evaluate
-
-
 # -- what limits the answer ------------------------------------------------------------------------------------
 
 
@@ -441,11 +399,14 @@ def bounds_text(facts: CampaignFacts) -> str:
 
 
 def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> bool:
-    if values[p.path] not in p.ends:
+    at = p.to_unit(values[p.path])
+    if NEAR_A_BOUND < at < 1.0 - NEAR_A_BOUND:
         return False
-    step = 0.1 * (p.high - p.low) * (1 if values[p.path] == p.high else -1)
-    beyond = values[p.path] + step if p.kind == "float" else round(values[p.path] + step)
-    return s.problem.can_run({**values, p.path: beyond})
+    span = (p.high - p.low) * (1 if at > 0.5 else -1)
+    beyond = [
+        values[p.path] + (share * span if p.kind == "float" else math.copysign(1, span)) for share in BEYOND
+    ]
+    return any(s.problem.can_run({**values, p.path: value}) for value in beyond)
 
 
 # -- missions and model ----------------------------------------------------------------------------------------

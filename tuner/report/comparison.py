@@ -25,12 +25,12 @@ from tuner.evaluation.comparison import (
     MetricRow,
     comparison_table,
     same_photographs,
-    strategy_difference,
     strategy_interval,
     values_of,
 )
 from tuner.evaluation.of_campaign import ComparisonSpec
 from tuner.evaluation.run import EvaluationRun
+from tuner.evaluation.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.baselines import (
@@ -50,6 +50,7 @@ from tuner.report.labels import (
     decimals_for,
     difference_text,
     format_number,
+    gain_words,
     interval_methods,
     interval_text,
     measure_text,
@@ -98,6 +99,33 @@ class Sentence(NamedTuple):
 
     text: str
     kind: str = ""  # better, worse, no
+
+
+TONES = {Kind.BETTER: "better", Kind.NOT_WORSE: "better", Kind.WORSE: "worse"}
+
+
+def verdict_text(verdict: Verdict, word: str = "rock", whom: str = "") -> str:
+    """The verdict as a sentence; ``whom``: what the reference is called, where not by its label."""
+    label, gain = metric_label(verdict.metric), verdict.gain
+    who, whom = strategy_label(verdict.strategy), whom or strategy_label(verdict.reference)
+    if gain is None:
+        return f"{who}: no mission in common with {whom}."
+    allowed = f" by more than {with_unit(verdict.margin, label.difference_unit)}" if verdict.margin else ""
+    begin = {
+        Kind.BETTER: f"{who} is better than {whom}",
+        Kind.WORSE: f"{who} is worse than {whom}{allowed}",
+        Kind.NOT_WORSE: f"{who} is not worse than {whom}{allowed}",
+        Kind.UNDECIDED: f"Not known whether {who} is worse than {whom}{allowed}",
+        Kind.NO_DIFFERENCE: f"No difference detected between {who} and {whom}",
+        Kind.NO_INTERVAL: f"{who} against {whom}",
+    }[verdict.kind]
+    bounds = "too few missions for an interval"
+    if gain.low is not None:
+        bounds = interval_text((gain.low, gain.high), signed=True)
+    where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, word)}"
+    if gain.method == "replicates":  # such an interval has no spread between rocks
+        where += f", valid for {'this one' if gain.rocks == 1 else 'these'} only"
+    return f"{begin} in {label.full}: {gain_words(gain.mean, label.difference_unit)} ({bounds}; {where})."
 
 
 class ComparisonFacts:
@@ -268,38 +296,9 @@ class ComparisonFacts:
     def _quality(
         self, name: str, reference: str, quality: Objective, margin: float, whom: str = ""
     ) -> Sentence:
-        """Whether a strategy's quality is better, worse, or no worse by more than the margin.
-
-        ``margin``: what may be lost and still counts as kept, in the metric's unit. ``whom``: what the reference is
-        called, where not by its label.
-        """
-        row, label = _row_of(quality), metric_label(quality.metric)
-        who, whom = strategy_label(name), whom or strategy_label(reference)
-        d = strategy_difference(self.records, name, reference, row.key)
-        if d is None:
-            return Sentence(f"{who}: no mission in common with {whom}.")
-        gain, low, high = gain_interval(d, row)
-        allowed = f" by more than {with_unit(margin, label.difference_unit)}" if margin else ""
-        if low is None or high is None:
-            begin, kind, bounds = f"{who} against {whom}", "no", "too few missions for an interval"
-        else:
-            bounds = interval_text((low, high), signed=True)
-            if low > 0:
-                begin, kind = f"{who} is better than {whom}", "better"
-            elif high < -margin:
-                begin, kind = f"{who} is worse than {whom}{allowed}", "worse"
-            elif margin and low >= -margin:
-                begin, kind = f"{who} is not worse than {whom}{allowed}", "no" if high < 0 else "better"
-            elif margin:
-                begin = f"Not known whether {who} is worse than {whom}{allowed}"
-                kind = "worse" if high < 0 else "no"
-            else:
-                begin, kind = f"No difference detected between {who} and {whom}", "no"
-        where = f"{counted(d.missions, 'paired mission')} on {counted(d.rocks, self.word)}"
-        if d.method == "replicates":  # such an interval has no spread between rocks
-            where += f", valid for {'this one' if d.rocks == 1 else 'these'} only"
-        said = with_unit(gain, label.difference_unit, signed=True)
-        return Sentence(f"{begin} in {label.full}: improvement {said} ({bounds}; {where}).", kind)
+        """Whether a strategy's quality is better, worse, or no worse by more than the margin."""
+        verdict = judge(self.records, name, reference, quality, margin)
+        return Sentence(verdict_text(verdict, self.word, whom), TONES.get(verdict.kind, "no"))
 
     def _limit(self) -> list[Sentence]:
         asked, share = self.asked, self._share_kept(self.records, TUNED)
@@ -350,13 +349,6 @@ def _row_of(objective: Objective) -> MetricRow:
     """A table row in the direction of an objective."""
     label = metric_label(objective.metric)
     return MetricRow("", label.name, objective.metric, label.unit, objective.direction == "maximise")
-
-
-def gain_interval(d: Interval, metric: MetricRow) -> tuple[float, float | None, float | None]:
-    """``(gain, low, high)``: the difference oriented so that positive is better than the reference."""
-    if metric.higher_is_better:
-        return d.mean, d.low, d.high
-    return -d.mean, None if d.high is None else -d.high, None if d.low is None else -d.low
 
 
 # -- tables --------------------------------------------------------------------------------------------------

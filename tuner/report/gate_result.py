@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 from tuner.campaign.campaign import Campaign
+from tuner.evaluation.advice import Results, held_out_results, training_results
 from tuner.evaluation.comparison import (
     ComparisonTable,
     Interval,
@@ -16,13 +15,10 @@ from tuner.evaluation.comparison import (
     comparison_table,
     strategy_difference,
 )
-from tuner.evaluation.of_campaign import HELD_OUT, TRAINING, evaluations
-from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.baselines import (
     B_AWARE,
     CHOICE,
-    CONTROLS,
     COVIS,
     THRESHOLDS,
     TUNED,
@@ -35,6 +31,7 @@ from tuner.problem.baselines import (
     sees_ground_truth,
 )
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import there
 from tuner.report.labels import counted, difference_text, format_number
 from tuner.report.style import short_names
 from tuner.report.table import Cell, Row, Table
@@ -60,36 +57,41 @@ LEGEND = (
 class ResultBlock:
     """All strategies on one set of rocks."""
 
-    rocks: tuple[str, ...]
-    held_out: bool
-    replicates: int
+    results: Results = field(repr=False, compare=False)
     table: ComparisonTable
-    complete: bool
-    directory: str
-    records: list[Trial] = dataclasses.field(repr=False, compare=False)
+
+    @property
+    def rocks(self) -> tuple[str, ...]:
+        """The rocks on which the recommendation has run."""
+        return self.results.rocks
 
     @property
     def title(self) -> str:
         """``Held-out rocks: arch, fin (3 replicates)``."""
-        what = "Held-out rocks" if self.held_out else "Training rocks"
-        names = ", ".join(short_names(self.rocks))
-        again = "" if self.held_out else ", tuned on"
-        return f"{what}: {names} ({counted(self.replicates, 'replicate')}{again})"
+        least, most = self.results.replicates[0], self.results.replicates[-1]
+        replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
+        what, again = ("Held-out rocks", "") if self.results.held_out else ("Training rocks", ", tuned on")
+        return f"{what}: {', '.join(short_names(self.rocks))} ({replicates}{again})"
 
     @property
     def there(self) -> str:
         """``2 held-out rocks``."""
-        return counted(len(self.rocks), "held-out rock" if self.held_out else "training rock")
-
-    @property
-    def f_scores(self) -> dict[str, float]:
-        """The mean F-score at 48 mm of every strategy that has one."""
-        row = next(row for row in self.table.rows if row.metric.key == F_48)
-        return {name: cell.mean for name, cell in row.cells.items() if cell is not None}
+        return there(self.results)
 
     def gain(self, strategy: str, reference: str = "hyb-h") -> Interval | None:
         """The paired difference of the F-score at 48 mm."""
-        return strategy_difference(self.records, strategy, reference, F_48)
+        return strategy_difference(self.results.records, strategy, reference, F_48)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON (`nbv.mission.result.json_ready`)."""
+        own = self.results
+        return {
+            "rocks": self.rocks,
+            "held_out": own.held_out,
+            "replicates": own.replicates,
+            "complete": own.complete,
+            "table": self.table,
+        }
 
 
 @dataclass(frozen=True)
@@ -101,54 +103,41 @@ class GateResult:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON (`nbv.mission.result.json_ready`)."""
-        blocks = [{name: value for name, value in vars(b).items() if name != "records"} for b in self.blocks]
-        return {"blocks": blocks, "sentences": self.sentences}
+        return {"blocks": [block.to_dict() for block in self.blocks], "sentences": self.sentences}
 
 
-def gate_result(campaign: Campaign) -> GateResult | None:
-    """Return the comparison of the present recommendation, from the evaluations in its run directory; None without one."""
-    s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None:
+def gate_result(campaign: Campaign, best: Recommendation | None = None) -> GateResult | None:
+    """Return all strategies beside the present recommendation, from everything in the run directory; None without evaluation."""
+    s, best = campaign.settings, best or campaign.recommendation(save=False)
+    found = None if best is None else held_out_results(campaign, s.config(best.values))
+    if best is None or found is None or not _against_hyb_h(found):
         return None
-    tuned, blocks = s.config(best.values), list[ResultBlock]()
-    for held_out, name in ((True, HELD_OUT), (False, TRAINING)):
-        found = [
-            _block(directory, plan, held_out)
-            for directory, plan in evaluations(campaign, name, tuned)
-            if "hyb-h" in plan.strategies
-        ]
-        if found:  # the complete one with the most rocks stands for all
-            blocks.append(max(found, key=lambda b: (b.complete, len(b.rocks), b.replicates)))
-    return GateResult(blocks, _sentences(blocks, best)) if blocks else None
+    training = training_results(campaign, best)
+    blocks = [_block(results) for results in (found, training) if _against_hyb_h(results)]
+    return GateResult(blocks, _what_was_found(blocks, best))
 
 
-def _block(directory: Path, plan: EvaluationPlan, held_out: bool) -> ResultBlock:
-    records, names = plan.records(directory), in_table_order(plan.strategies)
-    table = comparison_table(records, names, "hyb-h", _COLUMNS)
-    complete = len(records) == plan.combinations
-    return ResultBlock(plan.rocks, held_out, plan.replicates, table, complete, directory.name, records)
+def _against_hyb_h(results: Results) -> bool:
+    return bool(results.records) and "hyb-h" in results.strategies
+
+
+def _block(results: Results) -> ResultBlock:
+    names = in_table_order(results.strategies)
+    return ResultBlock(results, comparison_table(results.records, names, "hyb-h", _COLUMNS))
 
 
 # -- sentences -----------------------------------------------------------------------------------------------
 
 
-def _sentences(blocks: Sequence[ResultBlock], best: Recommendation) -> list[str]:
-    """Return what the table says: the gain, what earned it, the best control, what the gate did."""
-    block = blocks[0]
-    if best.keep_default:
-        said = ["The campaign found nothing better than Hyb-H at its default: Tuned is Hyb-H."]
-    else:
+def _what_was_found(blocks: Sequence[ResultBlock], best: Recommendation) -> list[str]:
+    """Return the gain on held-out and on training rocks, what earned it, and whether the paper's gate did anything."""
+    block, said = blocks[0], list[str]()
+    if not best.keep_default:
         also = [f", and {difference_text(other.gain(TUNED))} on {other.there}" for other in blocks[1:]]
         said = [
             f"On {block.there} Tuned gains {difference_text(block.gain(TUNED))} points of F-score at 48 mm over Hyb-H{''.join(also)}.",
             *_what_earned_it(block, best.changed),
         ]
-    if controls := {name: mean for name, mean in block.f_scores.items() if kind_of(name) == CONTROLS}:
-        name = max(controls, key=lambda control: controls[control])
-        said.append(
-            f"The best control on the {block.there} is {label(name)}; Tuned's difference from it is "
-            f"{difference_text(block.gain(TUNED, name))} points."
-        )
     if same := block.table.same.get("hyb-h"):
         said.append(
             f"On the {block.there} Hyb-H took the photographs of {label(same)} in every mission: its gate had no effect."
@@ -183,7 +172,7 @@ def measured_steps(records: Sequence[Trial], strategies: Sequence[str], changed:
 
 def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
     """Return the gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
-    steps = measured_steps(block.records, block.table.strategies, changed)
+    steps = measured_steps(block.results.records, block.table.strategies, changed)
     if missing := [label(step.strategy) for step in steps if step.gain is None]:
         return [
             f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
@@ -233,6 +222,6 @@ def table_of(block: ResultBlock) -> Table:
     if oracles := [label(name) for name in table.strategies if sees_ground_truth(name)]:
         see = "sees" if len(oracles) == 1 else "see"
         notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")
-    title = block.title if block.complete else f"{block.title}, not complete"
+    title = block.title if block.results.complete else f"{block.title}, not complete"
     names = (row.metric.label for row in columns)
     return Table(title, ("strategy", *names, "F 48 from Hyb-H"), rows, " ".join(notes))

@@ -110,6 +110,12 @@ def difference_text(d: Interval | None, digits: int = 1) -> str:
     return mean if d.low is None or d.low == d.high else f"{mean} [{low}, {high}]"
 
 
+def gain_words(gain: float, unit: str, digits: int = 1) -> str:
+    """``3.2 points better``, ``3.2 points worse``; ``equal`` where the difference is rounded to nothing."""
+    size = with_unit(abs(gain), unit, digits)
+    return "equal" if round(gain, digits) == 0 else f"{size} {'better' if gain > 0 else 'worse'}"
+
+
 def duration(seconds: float) -> str:
     """``75.2`` as ``75 s``, 179.8 as ``3 min 0 s``, 5400 as ``1 h 30 min``."""
     if seconds < 90:

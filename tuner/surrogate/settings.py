@@ -8,7 +8,7 @@ from tuner.problem.search_space import SearchSpace
 
 # From so many parameters on most of them are expected to be without effect: 64 missions cannot tell which of 18
 # matter otherwise.
-MANY_PARAMETERS = 13
+MANY_PARAMETERS = 16
 
 
 @dataclass(frozen=True)

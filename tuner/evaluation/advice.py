@@ -1,0 +1,229 @@
+"""What to fly after a campaign, from all that was run: its own trials, and every evaluation and confirmation in its directory."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+from nbv.config import MissionConfig
+from tuner.campaign.campaign import Campaign
+from tuner.evaluation.comparison import MIN_ROCKS, Interval, strategy_difference, strategy_interval
+from tuner.evaluation.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
+from tuner.evaluation.verdict import Kind, Verdict, judge
+from tuner.missions.job import Trial
+from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit
+from tuner.problem.objective import Objective
+from tuner.problem.observations import mission_key
+from tuner.problem.search_space import Configuration
+from tuner.recommendation.recommendation import Recommendation
+
+CEILING = "greedy-oracle"
+LITTLE = 1.0  # points: what a planner could gain at most where it is not worth trying others
+
+
+@dataclass(frozen=True)
+class Results:
+    """Every record of the present recommendation and of what it is compared with, on held-out or on training instances."""
+
+    held_out: bool
+    records: list[Trial]
+    strategies: Mapping[str, Configuration]
+    complete: bool
+
+    @property
+    def rocks(self) -> tuple[str, ...]:
+        """The rocks, or a mission file's instances, on which the recommendation has run."""
+        return tuple(dict.fromkeys(r.rock for r in self.records if r.strategy == TUNED))
+
+    @property
+    def replicates(self) -> list[int]:
+        """How many replicates the recommendation has on each of these."""
+        blocks = {(r.rock, r.condition, r.replicate) for r in self.records if r.strategy == TUNED}
+        return sorted(collections.Counter(rock for rock, _, _ in blocks).values())
+
+
+def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None:
+    """Return the evaluations of ``tuned`` under the campaign's conditions, pooled; None without one.
+
+    Missions with photographs count where there are some, else the others.
+    """
+    found = evaluations(campaign, HELD_OUT, tuned)
+    if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in found):
+        found = [(where, plan) for where, plan in found if plan.fidelity == DEFAULT_FIDELITY]
+    under = {condition.name for condition in campaign.settings.conditions}
+    records, strategies, complete = list[Trial](), dict[str, Configuration](), True
+    for where, plan in found:
+        own = plan.records(where)
+        complete &= len(own) == plan.combinations
+        records += [r for r in own if r.condition in under]
+        strategies |= plan.strategies
+    records = _each_once(records)
+    return Results(True, records, strategies, complete) if records else None
+
+
+def training_results(campaign: Campaign, best: Recommendation) -> Results:
+    """Return the campaign's trials of the recommendation and of the plain plans, with the records of confirmations."""
+    s = campaign.settings
+    names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.arms}
+    records = [
+        dataclasses.replace(t, strategy=name, rock=s.drawn_rock(t.rock, t.replicate))
+        for name, values in names.items()
+        for t in campaign.trials()
+        if t.status and dict(t.values) == dict(values)
+    ]
+    configs = {name: s.config(values) for name, values in names.items()}
+    for where, plan in evaluations(campaign, TRAINING, configs[TUNED]):
+        renamed = {
+            name: next((n for n, c in configs.items() if mission_key(c) == mission_key(own)), name)
+            for name, own in plan.strategies.items()
+            if name != TUNED
+        }
+        records += [
+            dataclasses.replace(r, strategy=renamed.get(r.strategy, r.strategy)) for r in plan.records(where)
+        ]
+    return Results(False, _each_once(records), configs, True)
+
+
+def _each_once(records: Iterable[Trial]) -> list[Trial]:
+    return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in records}.values())
+
+
+class Next(StrEnum):
+    """The one thing to do now."""
+
+    RUN = "run the rest of the campaign"
+    MORE = "run more missions"
+    CONFIRM = "confirm on a training instance"
+    EVALUATE = "evaluate on held-out instances"
+    MORE_INSTANCES = "evaluate on more instances"
+    FLY_PLAIN = "fly the plain plan in place of the recommendation"
+    FLY = "fly what is recommended"
+    TRY_PLANNERS = "fly what is recommended, or try other planners"
+    KEEP = "keep the default"
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to fly, and what it is worth on the instances of ``results``.
+
+    ``fly`` is a strategy of the results: the recommendation (``tuned``), unless a plain plan is better on held-out instances with
+    a 95 % interval.
+    """
+
+    fly: str
+    config: Configuration
+    results: Results
+    reference: str
+    plain: str  # the best plain plan (an orbit, random views, the default) with as many photographs; empty without one
+    is_plain: bool  # whether ``fly`` runs the missions of a plain plan
+    over_plain: Verdict | None  # the recommendation against that plan; None where they are one
+    over_reference: Verdict | None  # ``fly`` against the reference
+    by_orbit: Verdict | None  # the best plain orbit against ``fly``; None where that is one
+    ceiling: Interval | None  # the greedy oracle minus the best plain plan; None where it was not run
+
+    @property
+    def instances(self) -> int:
+        """How many instances the results are of."""
+        return len(self.results.rocks)
+
+    @cached_property
+    def planners_may_gain(self) -> bool | None:
+        """Whether the ceiling leaves room for a planner; None where it was not run."""
+        return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
+
+
+def advice_of(campaign: Campaign, best: Recommendation | None = None) -> Advice | None:
+    """Return the advice from everything in the campaign's directory; None while nothing is recommended.
+
+    ``best``: its recommendation, where that is known.
+    """
+    best = best or campaign.recommendation(save=False, latest=True)
+    if best is None:
+        return None
+    s = campaign.settings
+    tuned, quality = s.config(best.values), asked_of(s).shown
+    training = training_results(campaign, best)
+    found = held_out_results(campaign, tuned)
+    if found is None or not _plain(found.strategies, s.problem.reference):
+        found = training
+    reference = s.problem.reference
+    plain = {
+        name: found.strategies[name]
+        for name in _plain(found.strategies, reference)
+        if strategy_interval(found.records, name, quality.metric) is not None
+    }
+    named = _best(found.records, plain, quality)
+    key = mission_key(tuned)
+    over_plain = None
+    if named and mission_key(plain[named]) != key:
+        over_plain = judge(found.records, TUNED, named, quality)
+    fly = TUNED
+    if found.held_out and over_plain is not None and over_plain.kind is Kind.WORSE:
+        fly = named
+    flown = found.strategies[fly]
+    orbit = _best(found.records, {n: c for n, c in plain.items() if is_orbit(n)}, quality)
+    ceiling = None
+    if named and CEILING in {base_name(name) for name in found.strategies}:
+        oracle = next(name for name in found.strategies if base_name(name) == CEILING)
+        ceiling = strategy_difference(found.records, oracle, named, quality.metric)
+        ceiling = ceiling if ceiling is None or quality.direction == "maximise" else ceiling.reversed
+    elsewhere = reference in found.strategies and mission_key(found.strategies[reference]) != mission_key(
+        flown
+    )
+    return Advice(
+        fly=fly,
+        config=flown,
+        results=found,
+        reference=reference,
+        plain=named,
+        is_plain=mission_key(flown) in {mission_key(c) for c in plain.values()},
+        over_plain=over_plain,
+        over_reference=judge(found.records, fly, reference, quality) if elsewhere else None,
+        by_orbit=judge(found.records, orbit, fly, quality)
+        if orbit and mission_key(plain[orbit]) != mission_key(flown)
+        else None,
+        ceiling=ceiling,
+    )
+
+
+def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]:
+    """Return the plain plans among ``strategies`` that take as many photographs as the recommendation, it among them."""
+    tuned, equal = strategies.get(TUNED), {*controls_at_equal_number(strategies)}
+    kinds = [name for name in strategies if is_orbit(name) or base_name(name) in ("random", reference)]
+    if not isinstance(tuned, MissionConfig):
+        return kinds
+    same = {name for name in kinds if mission_key(strategies[name]) == mission_key(tuned)}
+    return [name for name in kinds if name in equal | same]
+
+
+def _best(records: Sequence[Trial], among: Mapping[str, Configuration], quality: Objective) -> str:
+    """Return the one of ``among`` with the best mean; empty where none has one."""
+    means = {name: strategy_interval(records, name, quality.metric) for name in among}
+    known = {name: quality.sign * i.mean for name, i in means.items() if i is not None}
+    return max(known, key=lambda name: known[name]) if known else ""
+
+
+def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:
+    """Return the one thing to do now, by what the results say."""
+    s, status = campaign.settings, campaign.status()
+    if best is None or advice is None or status.remaining:
+        return Next.RUN
+    if best.limit is not None and not best.limit.kept:
+        return Next.MORE
+    if advice.results.held_out:
+        enough = min(MIN_ROCKS, len(s.problem.held_out()) or 1)
+        if advice.instances < enough:
+            return Next.MORE_INSTANCES
+        if advice.fly != TUNED:
+            return Next.FLY_PLAIN
+        return Next.TRY_PLANNERS if advice.is_plain and advice.planners_may_gain else Next.FLY
+    rival = best.runner_up
+    if best.keep_default and len(s.arms) == 1:
+        hopeless = rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd)
+        return Next.KEEP if hopeless else Next.MORE
+    return Next.EVALUATE if s.problem.held_out() else Next.CONFIRM

@@ -1,0 +1,58 @@
+"""Whether one strategy is better than another: an enumeration with numbers, which pages and terminal put into words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tuner.evaluation.comparison import Interval, strategy_difference
+from tuner.missions.job import Trial
+from tuner.problem.objective import Objective
+
+
+class Kind(StrEnum):
+    """What a paired difference and its 95 % interval say."""
+
+    BETTER = "better"
+    WORSE = "worse"  # by more than the margin
+    NOT_WORSE = "not worse"  # by more than the margin
+    UNDECIDED = "undecided"  # whether it is worse by more than the margin
+    NO_DIFFERENCE = "no difference"  # detected
+    NO_INTERVAL = "no interval"  # too few missions
+    NOT_PAIRED = "not paired"  # no mission in common
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One strategy against another."""
+
+    kind: Kind
+    strategy: str
+    reference: str
+    metric: str
+    gain: Interval | None  # oriented so that positive is better than the reference; None: not paired
+    margin: float = 0.0  # what may be lost and still counts as kept, in the metric's unit
+
+
+def judge(
+    records: Sequence[Trial], strategy: str, reference: str, objective: Objective, margin: float = 0.0
+) -> Verdict:
+    """Return the verdict on ``strategy`` from the (rock, replicate) pairs that both finished."""
+    d = strategy_difference(records, strategy, reference, objective.metric)
+    if d is None:
+        return Verdict(Kind.NOT_PAIRED, strategy, reference, objective.metric, None, margin)
+    gain = d if objective.direction == "maximise" else d.reversed
+    return Verdict(_kind(gain, margin), strategy, reference, objective.metric, gain, margin)
+
+
+def _kind(gain: Interval, margin: float) -> Kind:
+    if gain.low is None or gain.high is None:
+        return Kind.NO_INTERVAL
+    if gain.low > 0:
+        return Kind.BETTER
+    if gain.high < -margin:
+        return Kind.WORSE
+    if not margin:
+        return Kind.NO_DIFFERENCE
+    return Kind.NOT_WORSE if gain.low >= -margin else Kind.UNDECIDED
