@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import fake_campaigns
 import pytest
 
 from tuner.campaign.campaign import Campaign
+from tuner.evaluation.advice import Next, Results, next_step
+from tuner.evaluation.comparison import Interval
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import NextRock
-from tuner.report.answer import use_sentence
+from tuner.report.answer import next_text, use_sentence
 from tuner.report.campaign_page import (
     CampaignFacts,
     bounds_text,
-    next_answer,
     pairs,
     sure_answer,
 )
@@ -56,7 +58,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     said = sure_answer(facts)
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
     assert said[-2].startswith("They cannot be compared in pairs")
-    assert "gatetune confirm" in next_answer(facts, evaluated=0)[1]
+    assert step_of(facts) is Next.EVALUATE
 
 
 def test_rocks_that_disagree_are_named(campaign: Campaign) -> None:
@@ -71,16 +73,34 @@ def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None
     facts = better(campaign, values=default, runner_up=None)
     best = facts.recommendation
     assert best is not None and use_sentence(best, facts.settings).startswith("Keep the default")
-    why, command = next_answer(facts, evaluated=0)
-    assert why.startswith("Stop") and command == ""
+    assert step_of(facts) is Next.KEEP and next_text(Next.KEEP, campaign, None)[1] == ""
 
 
 def test_what_next_follows_the_state(campaign: Campaign) -> None:
     facts = better(campaign)
-    assert "1 rock cannot represent others" in next_answer(facts, evaluated=1)[0]
-    assert next_answer(facts, evaluated=3)[1] == ""
     wide = facts.settings.space.parameters[1]
     edge = better(campaign, values={**facts.default, wide.path: wide.high})
     assert "d95" in bounds_text(edge) and not bounds_text(facts)
-    facts.status = dataclasses.replace(facts.status, budget=10)
-    assert "campaign resume" in next_answer(facts, evaluated=0)[1]
+    assert step_of(facts, ["arch"]) is Next.MORE_INSTANCES
+    on_three = ["arch", "fin", "horn"]
+    assert step_of(facts, on_three) is Next.FLY
+    assert step_of(facts, on_three, fly="orbit") is Next.FLY_PLAIN
+    room = {"is_plain": True, "ceiling": Interval(5.0, 2.0, 8.0, 3, 6, "rocks")}
+    assert step_of(facts, on_three, **room) is Next.TRY_PLANNERS
+    assert step_of(facts, on_three, is_plain=True) is Next.FLY
+    for step in Next:  # each has its words and, unless nothing is to be done, a command
+        why, command = next_text(step, campaign, None)
+        assert why and (command.startswith("gatetune") or step is Next.KEEP)
+
+
+def step_of(facts: CampaignFacts, held_out: Sequence[str] = (), **of_advice: Any) -> Next:
+    """What to do next, with results of the recommendation on these held-out rocks."""
+    advice = facts.advice
+    assert advice is not None
+    trial = next(t for t in facts.trials if t.status)
+    records = [dataclasses.replace(trial, rock=rock, strategy="tuned") for rock in held_out]
+    if held_out:
+        advice = dataclasses.replace(
+            advice, results=Results(True, records, advice.results.strategies, True), **of_advice
+        )
+    return next_step(facts.campaign, facts.recommendation, advice)

@@ -12,10 +12,11 @@ from made_evaluations import made_run
 from rich.console import Console
 
 from tuner.evaluation.comparison import comparison_table
+from tuner.evaluation.verdict import Kind, judge
+from tuner.problem.objective import Objective
 from tuner.report.comparison import (
     ComparisonFacts,
     cell,
-    gain_interval,
     table_by_strategy,
     table_i,
     write_comparison_report,
@@ -62,11 +63,10 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
     mean_c2c, f_score = table.rows[1], table.rows[5]
-    for name, better, worse in (("tuned", True, False), ("covis", False, True), ("random", False, False)):
-        for row in (mean_c2c, f_score):
-            found = row.differences[name]
-            _, low, high = gain_interval(found, row.metric)
-            assert (low > 0, high < 0) == (better, worse), name
+    kinds = {"tuned": Kind.BETTER, "covis": Kind.WORSE, "random": Kind.NO_DIFFERENCE}
+    for row in (mean_c2c, f_score):
+        asked = Objective(row.metric.key, "maximise" if row.metric.higher_is_better else "minimise")
+        assert {name: judge(run.records, name, "hyb-h", asked).kind for name in kinds} == kinds
     assert cell(mean_c2c, "tuned").below[0].startswith("−") and cell(mean_c2c, "hyb-h").below == ()
 
 
