@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import collections
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from nbv.types import Floats
 from tuner.missions.job import Trial
 
 # With fewer rocks a t-interval over rocks says little but "unknown".
 MIN_ROCKS = 3
 CONFIDENCE = 0.95
+BOOTSTRAP, LEAST_DRAWN = 1000, 5  # draws; fewer targets have no interval
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,8 @@ class Interval:
 
     ``method`` is ``rocks`` (t-interval over rock means: generalises to unseen rocks of the same kind),
     ``replicates`` (rocks taken as fixed, pooled variance between replicates: generalises to new replicates on
-    these rocks only), ``wilson`` (of a share of rocks), or ``none`` (too few missions for any; the bounds are None).
+    these rocks only), ``bootstrap`` (over rocks), ``wilson`` (of a share of rocks), or ``none`` (too few missions for any; the
+    bounds are None).
     """
 
     mean: float
@@ -223,3 +227,22 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN
         return Interval(mean, None, None, rocks, missions, "none")
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, degrees) * error
     return Interval(mean, mean - half, mean + half, rocks, missions, method)
+
+
+def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> tuple[Any, Any]:
+    """95 % bootstrap interval of a statistic over rocks, the last axis of ``values`` (..., R); None, None for too few."""
+    if values.shape[-1] < LEAST_DRAWN:
+        return None, None
+    same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
+    found = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
+    return found.confidence_interval.low, found.confidence_interval.high
+
+
+def bootstrap_means(values: Floats) -> list[Interval]:
+    """Mean over rocks of each row of (K, R) values, or of one row (R,), with its bootstrap interval."""
+    values = np.atleast_2d(values)
+    rocks = values.shape[1]
+    low, high = bootstrap_bounds(np.mean, values)
+    bounds = [(None, None)] * len(values) if low is None else zip(low.tolist(), high.tolist())
+    method = "none" if low is None else "bootstrap"
+    return [Interval(float(row.mean()), *own, rocks, rocks, method) for row, own in zip(values, bounds)]
