@@ -154,9 +154,10 @@ def compare(
             require_complete(run)
             records += run.records
     with working("drawing"):
-        found = curves.outcome(asked, list(chosen), reference, records)
-        document = write_curves(found, out)
-    output.print(*answer_table(found).for_terminal(output.width))
+        series = curves.all_series(asked, list(chosen), records)
+        found = curves.outcome(asked, series, reference)
+        document = write_curves(asked, series, found, out)
+    output.print(*answer_table(asked, found).for_terminal(output.width))
     output.print(" ".join(document["verdict"]), style="bold")
     if found.score_0:
         output.print("These missions count with a score of 0:", style="red")

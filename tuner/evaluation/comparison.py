@@ -238,11 +238,14 @@ def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> 
     return found.confidence_interval.low, found.confidence_interval.high
 
 
+def bootstrapped(mean: float, low: float | None, high: float | None, rocks: int) -> Interval:
+    """Return an interval over rocks with the bounds of a bootstrap."""
+    return Interval(mean, low, high, rocks, rocks, "none" if low is None else "bootstrap")
+
+
 def bootstrap_means(values: Floats) -> list[Interval]:
     """Mean over rocks of each row of (K, R) values, or of one row (R,), with its bootstrap interval."""
     values = np.atleast_2d(values)
-    rocks = values.shape[1]
     low, high = bootstrap_bounds(np.mean, values)
     bounds = [(None, None)] * len(values) if low is None else zip(low.tolist(), high.tolist())
-    method = "none" if low is None else "bootstrap"
-    return [Interval(float(row.mean()), *own, rocks, rocks, method) for row, own in zip(values, bounds)]
+    return [bootstrapped(float(row.mean()), *own, len(row)) for row, own in zip(values, bounds)]

@@ -27,7 +27,7 @@ from nbv.rocks.catalogue import is_photographed
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.evaluation.advice import CEILING, LITTLE
-from tuner.evaluation.comparison import Interval, bootstrap_bounds, bootstrap_means
+from tuner.evaluation.comparison import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.verdict import Kind, kind_of
 from tuner.missions.job import Trial
@@ -203,15 +203,6 @@ def _strategy_run(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """Means over some targets at each setting."""
-
-    name: str
-    photographs: Floats  # (K,)
-    means: list[Interval]
-
-
-@dataclass(frozen=True)
 class Series:
     """A strategy at each of its K settings, a number, a level or a threshold, on R targets."""
 
@@ -225,7 +216,7 @@ class Series:
         """Whether it is an upper reference, no planner."""
         return sees_ground_truth(self.name.removesuffix(STOPPED))
 
-    def mean_photographs(self, of: Ints) -> Floats:
+    def mean_photographs(self, of: Ints | slice) -> Floats:
         """(K,) means over the targets ``of``."""
         mean: Floats = self.photographs[:, of].mean(axis=1)
         return mean
@@ -248,14 +239,10 @@ class Series:
 
         None more than one photograph beyond them; photograph sets may lack one here and there.
         """
-        mean = self.mean_photographs(np.arange(values.shape[1]))
+        mean = self.mean_photographs(slice(None))
         if not mean[0] - 1.0 < number < mean[-1] + 1.0:
             return None
         return np.array([np.interp(number, mean, own) for own in values.T])
-
-    def curve(self, values: Floats, of: Ints) -> Curve:
-        """The means of ``values`` (K, R) over the targets ``of``."""
-        return Curve(self.name, self.mean_photographs(of), bootstrap_means(values[:, of]))
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
@@ -374,35 +361,30 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
     In a draw of the bootstrap in which a strategy does not reach the share, its most photographs count.
     """
     everyone = np.arange(reference.scores.shape[1])
-    base, least = reference.needed(share, score, everyone), share - 1e-9
+    base = reference.needed(share, score, everyone)
+
+    def fewest(one: Series) -> bool:
+        return bool(share and one.shares(score)[0] >= share - 1e-9)
 
     def photographs(one: Series, of: Ints) -> float:
         found = one.needed(share, score, of)
         return float(one.mean_photographs(of).max()) if found is None else found
 
     def finding(one: Series) -> Finding:
-        needed, shares, ratio, kind = (
-            one.needed(share, score, everyone),
-            one.shares(score),
-            None,
-            Kind.NOT_PAIRED,
-        )
+        needed, ratio, kind = one.needed(share, score, everyone), None, Kind.NOT_PAIRED
         if needed is not None and base is not None:
             low, high = bootstrap_bounds(
                 lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
             )
-            ratio = Interval(
-                needed / base, low, high, len(everyone), len(everyone), "none" if low is None else "bootstrap"
-            )
-            if low is None or high is None:
-                kind = Kind.NO_INTERVAL
-            elif high < 1.0 and not reference.shares(score)[0] >= least:
+            ratio = bootstrapped(needed / base, low, high, len(everyone))
+            kind = Kind.NO_INTERVAL if low is None else Kind.NO_DIFFERENCE
+            if (
+                high is not None and high < 1.0 and not fewest(reference)
+            ):  # else it may need fewer than were tried
                 kind = Kind.BETTER
-            elif low > 1.0 and not shares[0] >= least:
+            elif low is not None and low > 1.0 and not fewest(one):
                 kind = Kind.WORSE
-            else:  # what has the share with the first number may need fewer
-                kind = Kind.NO_DIFFERENCE
-        return Finding(one.name, kind, needed, ratio, float(shares.max()), bool(shares[0] >= least))
+        return Finding(one.name, kind, needed, ratio, float(one.shares(score).max()), fewest(one))
 
     return [finding(one) for one in series]
 
@@ -435,8 +417,6 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
 class Outcome:
     """What a comparison found."""
 
-    suite: Suite
-    series: list[Series]
     reference: str
     share: (
         float  # at which numbers of photographs are compared; 0: they are not, and scores at ``number`` are
@@ -447,53 +427,44 @@ class Outcome:
     plain: str  # the best plain plan at the largest number; empty without one
     ceiling: Interval | None  # the greedy oracle minus that plan; None where one of them was not run
     score_0: list[Zero]
+    ground_truth: list[str]  # strategies that see it
 
     @property
     def planners_may_gain(self) -> bool | None:
         """Whether the ceiling leaves room for a planner; None where it was not run."""
         return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
 
-    def panels(self) -> dict[str, list[Curve]]:
-        """The share in percent, the F-scores of all targets, and those of each family, over the number of photographs."""
-        everyone, of_family = np.arange(len(self.suite.targets)), dict[str, list[int]]()
-        for r, target in enumerate(self.suite.targets):
-            named = generated_name(target.rock)
-            of_family.setdefault(named[0] if named else "others", []).append(r)
-        reached = [np.where(one.scores >= self.suite.score, 100.0, 0.0) for one in self.series]
-        groups = {"": everyone} | (of_family if len(of_family) > 1 else {})
-        return {
-            "share": [one.curve(own, everyone) for one, own in zip(self.series, reached)],
-            **{
-                name: [one.curve(one.scores, np.array(of)) for one in self.series]
-                for name, of in groups.items()
-            },
-        }
 
-
-def outcome(suite: Suite, strategies: Sequence[str], reference: str, trials: Sequence[Trial]) -> Outcome:
-    """Return what finished missions say; ``reference``: the strategy of the ratios and gains."""
-    series, first, last = all_series(suite, strategies, trials), suite.numbers[0], suite.numbers[-1]
+def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
+    """Return what the series say; ``reference``: the strategy of the ratios and gains."""
+    score, (first, *_, last) = suite.score, (suite.numbers[0], *suite.numbers)
     base = next(one for one in series if one.name == reference)
-    share = share_compared(base, suite.share, suite.score)
-    findings = at_share(series, base, share, suite.score)
+    share = share_compared(base, suite.share, score)
+    findings = at_share(series, base, share, score)
     if all(f.fewest for f in findings if f.needed is not None):
-        share = 0.0  # all ratios would be of the first number
+        share = 0.0  # every ratio would be of the first number
     number = max(n for n in suite.numbers if base.at(n, base.scores) is not None)
     shown = sorted({first, number, last, *(n for n in SHOWN_NUMBERS if first < n < last)})
+    standings = [row for n in shown for row in at_number(series, base, n, score)]
     scores = {one.name: own for one in series if (own := one.at(last, one.scores)) is not None}
     plain = {n: s.mean() for n, s in scores.items() if is_orbit(n) or n in ("random", BY_HEIGHT)}
     best, ceiling = max(plain, key=lambda name: plain[name], default=""), None
     if best and CEILING in scores:
-        ceiling = bootstrap_means(scores[CEILING] - scores[best])[0]
-    return Outcome(
-        suite,
-        series,
-        reference,
-        share,
-        number,
-        findings,
-        [row for n in shown for row in at_number(series, base, n, suite.score)],
-        best,
-        ceiling,
-        what_scores_0(series, suite.targets),
-    )
+        (ceiling,) = bootstrap_means(scores[CEILING] - scores[best])
+    zeros, oracles = what_scores_0(series, suite.targets), [s.name for s in series if s.sees_ground_truth]
+    return Outcome(reference, share, number, findings, standings, best, ceiling, zeros, oracles)
+
+
+def panels(suite: Suite, series: Sequence[Series]) -> dict[str, list[tuple[Floats, list[Interval]]]]:
+    """Mean photographs and, over them, the share in percent, the F-score of all targets ("") and of each family; by series."""
+    of_family: dict[str, list[int]] = {}
+    for r, target in enumerate(suite.targets):
+        named = generated_name(target.rock)
+        of_family.setdefault(named[0] if named else "others", []).append(r)
+    reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
+    found = {
+        "share": [(s.mean_photographs(slice(None)), bootstrap_means(v)) for s, v in zip(series, reached)]
+    }
+    for name, of in {"": slice(None), **(of_family if len(of_family) > 1 else {})}.items():
+        found[name] = [(s.mean_photographs(of), bootstrap_means(s.scores[:, of])) for s in series]
+    return found

@@ -9,19 +9,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nbv.mission.result import json_ready
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
-from tuner.evaluation.curves import Curve, Finding, Outcome, Standing, Zero
+from nbv.types import Floats
+from tuner.evaluation.comparison import Interval
+from tuner.evaluation.curves import Finding, Outcome, Series, Standing, Suite, Zero, panels
 from tuner.evaluation.verdict import Kind
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
 from tuner.report.pages import write_page
 from tuner.report.table import Cell, Row, Table
 
+_Curve = tuple[Floats, list[Interval]]
 SHOWN = {
     Kind.BETTER: "fewer",
     Kind.WORSE: "more",
@@ -30,63 +34,46 @@ SHOWN = {
 }
 
 
-def write_curves(found: Outcome, directory: Path) -> dict[str, Any]:
+def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directory: Path) -> dict[str, Any]:
     """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
-    suite, targets = found.suite, [target.label for target in found.suite.targets]
-    panels, said = found.panels(), verdict_lines(found)
-    document: dict[str, Any] = json_ready(
-        {
-            "suite": suite.name,
-            "provenance": provenance(),
-            "settings": suite.to_dict(),
-            "strategies": [one.name for one in found.series],
-            "ground_truth": _ground_truth(found),
-            "reference": found.reference,
-            "share": found.share,
-            "number": found.number,
-            "at_share": found.findings,
-            "at_number": found.standings,
-            "plain": found.plain,
-            "ceiling": found.ceiling,
-            "score_0": found.score_0,
-            "verdict": said,
-        }
-    )
+    curves, said, made = panels(suite, series), verdict_lines(suite, found), provenance()
+    about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
+    document: dict[str, Any] = json_ready({**about, **vars(found)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))
     _write_csv(
         directory / "curves.csv",
         ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share", "score_0"),
         (
-            (curve.name, k, n, f.mean, f.low, f.high, reached.mean / 100, sum(one.scores[k] == 0.0))
-            for one, curve, shares in zip(found.series, panels[""], panels["share"])
-            for k, (n, f, reached) in enumerate(zip(curve.photographs, curve.means, shares.means))
+            (one.name, k, n, f.mean, f.low, f.high, share.mean / 100, (one.scores[k] == 0.0).sum())
+            for one, (numbers, means), (_, shares) in zip(series, curves[""], curves["share"])
+            for k, (n, f, share) in enumerate(zip(numbers, means, shares))
         ),
     )
     _write_csv(
         directory / "targets.csv",
         ("strategy", "target", "photographs", "f_score_percent"),
         (
-            (one.name, target, *cell)
-            for one in found.series
-            for r, target in enumerate(targets)
+            (one.name, target.label, *cell)
+            for one in series
+            for r, target in enumerate(suite.targets)
             for cell in zip(one.photographs[:, r], one.scores[:, r])
         ),
     )
-    figure = _figure(found, panels)
+    figure = _figure(suite, series, curves)
     style.save_figure(figure, directory, "curves")
     numbers = dict.fromkeys(row.photographs for row in found.standings)
     write_page(
         directory / "report.html",
         "curves.html.j2",
         title="Planners against orbits",
-        sub=f"suite {suite.name}: {len(targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
-        revision=document["provenance"]["revision"],
-        plugins=[plugin_text(*each) for each in document["provenance"].get("plugins", {}).items()],
+        sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
+        revision=made["revision"],
+        plugins=[plugin_text(*each) for each in made.get("plugins", {}).items()],
         verdict=said,
-        score_0=[zero_text(zero, len(targets)) for zero in found.score_0],
-        dagger=bool(document["ground_truth"]),
+        score_0=[zero_text(zero, len(suite.targets)) for zero in found.score_0],
+        dagger=bool(found.ground_truth),
         figure=style.embed(figure),
-        tables=[*([share_table(found)] if found.share else []), number_table(found, *numbers)],
+        tables=[*([share_table(suite, found)] if found.share else []), number_table(suite, found, *numbers)],
     )
     return document
 
@@ -100,20 +87,20 @@ def plugin_text(name: str, facts: Mapping[str, str]) -> str:
 # -- sentences -----------------------------------------------------------------------------------------------
 
 
-def verdict_lines(found: Outcome) -> list[str]:
+def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
     """The outcome, a sentence for each strategy; then what a planner could gain."""
-    score, reference = found.suite.score, found.reference
+    score, reference = suite.score, found.reference
     base = next(f for f in found.findings if f.strategy == reference)
     to_it = f"of the targets to an F-score of {score:g} %"
     instead = f"{100 * found.share:g} %" if found.share else "mean F-scores"
     said = []
-    if base.reached < found.suite.share - 1e-9:
+    if base.reached < suite.share - 1e-9:
         said.append(
-            f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * found.suite.share:g} % asked for; "
+            f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
             f"{instead} are compared instead."
         )
     if base.fewest:
-        few = f"brings {100 * found.suite.share:g} % {to_it} with the fewest photographs tried"
+        few = f"brings {100 * suite.share:g} % {to_it} with the fewest photographs tried"
         said.append(f"{reference} {few}; ask for a higher --score, or begin --numbers with a smaller one.")
     if found.share:
         said.append(
@@ -123,7 +110,13 @@ def verdict_lines(found: Outcome) -> list[str]:
     else:
         said += [_stands(s, reference) for s in found.standings if s.photographs == found.number]
     if found.ceiling is not None:
-        said.append(ceiling_text(found.ceiling, found.plain, room=bool(found.planners_may_gain)))
+        said.append(
+            ceiling_text(
+                found.ceiling,
+                f"{found.plain} with {suite.numbers[-1]} photographs",
+                room=bool(found.planners_may_gain),
+            )
+        )
     return said
 
 
@@ -154,14 +147,14 @@ def zero_text(zero: Zero, targets: int) -> str:
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def answer_table(found: Outcome) -> Table:
+def answer_table(suite: Suite, found: Outcome) -> Table:
     """What each strategy needs for the share or, where no share is compared, its mean score."""
-    return share_table(found) if found.share else number_table(found, found.number)
+    return share_table(suite, found) if found.share else number_table(suite, found, found.number)
 
 
-def share_table(found: Outcome) -> Table:
+def share_table(suite: Suite, found: Outcome) -> Table:
     """Return what each strategy needs for the share."""
-    share, score = 100 * found.share, found.suite.score
+    share, score = 100 * found.share, suite.score
     rows = [
         (
             _marked(found, f.strategy),
@@ -175,7 +168,7 @@ def share_table(found: Outcome) -> Table:
     return Table.of(title, ("strategy", "photographs", "ratio", "largest share"), rows)
 
 
-def number_table(found: Outcome, *numbers: int) -> Table:
+def number_table(suite: Suite, found: Outcome, *numbers: int) -> Table:
     """Return each strategy at these mean numbers of photographs."""
     rows: list[Row] = []
     for number in numbers:
@@ -188,17 +181,13 @@ def number_table(found: Outcome, *numbers: int) -> Table:
                 str(s.score_0),
             )
             rows.append(Row(_marked(found, s.strategy), tuple(map(Cell, texts))))
-    share = f"share at {found.suite.score:g} %"
+    share = f"share at {suite.score:g} %"
     head = ("strategy", "F-score, %", f"minus {found.reference}", share, "score 0")
     return Table("Mean F-score at equal number of photographs", head, rows)
 
 
-def _ground_truth(found: Outcome) -> list[str]:
-    return [one.name for one in found.series if one.sees_ground_truth]
-
-
 def _marked(found: Outcome, name: str) -> str:
-    return f"{name} †" if name in _ground_truth(found) else name
+    return f"{name} †" if name in found.ground_truth else name
 
 
 # -- files ---------------------------------------------------------------------------------------------------
@@ -212,15 +201,15 @@ def _write_csv(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -
     write_atomic(path, text.getvalue())
 
 
-def _figure(found: Outcome, panels: Mapping[str, Sequence[Curve]]) -> Figure:
-    titles = {"share": f"share of targets at {found.suite.score:g} %", "": "F-score, all targets"}
-    dashed, columns = _ground_truth(found), min(4, len(panels))
+def _figure(suite: Suite, series: Sequence[Series], panels: Mapping[str, Sequence[_Curve]]) -> Figure:
+    titles = {"share": f"share of targets at {suite.score:g} %", "": "F-score, all targets"}
+    columns = min(4, len(panels))
     rows = -(-len(panels) // columns)
     with style.look():
         figure = style.new_figure(3.1 * columns, 2.6 * rows + 0.6)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for axis, (name, curves) in zip(axes, panels.items()):
-            _panel(axis, curves, dashed)
+            _panel(axis, series, curves)
             axis.set_title(titles.get(name, f"F-score, {name}"), fontsize=9)
         for axis in axes[len(panels) :]:
             axis.set_visible(False)
@@ -230,12 +219,10 @@ def _figure(found: Outcome, panels: Mapping[str, Sequence[Curve]]) -> Figure:
     return figure
 
 
-def _panel(axis: Axes, curves: Sequence[Curve], dashed: Sequence[str]) -> None:
-    for index, curve in enumerate(curves):
-        x, colour, line = curve.photographs, f"C{index}", "--" if curve.name in dashed else "-"
-        axis.plot(x, [i.mean for i in curve.means], line, color=colour, label=curve.name, lw=1.4)
-        if curve.means[0].low is not None:
-            low, high = ([getattr(i, bound) for i in curve.means] for bound in ("low", "high"))
-            axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
-    lowest = min(i.mean for curve in curves for i in curve.means[len(curve.means) // 4 :])
+def _panel(axis: Axes, series: Sequence[Series], curves: Sequence[_Curve]) -> None:
+    for index, (one, (x, means)) in enumerate(zip(series, curves)):
+        y, low, high = np.array([(i.mean, i.low, i.high) for i in means], dtype=float).T  # None: NaN
+        axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=f"C{index}", label=one.name, lw=1.4)
+        axis.fill_between(x, low, high, color=f"C{index}", alpha=0.12, lw=0)
+    lowest = min(i.mean for _, means in curves for i in means[len(means) // 4 :])
     axis.set_ylim(max(0.0, lowest - 1.0), 100.0)
