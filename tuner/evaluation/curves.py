@@ -424,7 +424,7 @@ class Outcome:
     number: int  # the largest that the reference takes
     findings: list[Finding]
     standings: list[Standing]  # number by number
-    plain: str  # the best plain plan at the largest number; empty without one
+    plain: str  # the best plain plan at ``number``; empty without one
     ceiling: Interval | None  # the greedy oracle minus that plan; None where one of them was not run
     score_0: list[Zero]
     ground_truth: list[str]  # strategies that see it
@@ -437,16 +437,17 @@ class Outcome:
 
 def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
     """Return what the series say; ``reference``: the strategy of the ratios and gains."""
-    score, (first, *_, last) = suite.score, (suite.numbers[0], *suite.numbers)
+    score, first, last = suite.score, suite.numbers[0], suite.numbers[-1]
     base = next(one for one in series if one.name == reference)
     share = share_compared(base, suite.share, score)
     findings = at_share(series, base, share, score)
     if all(f.fewest for f in findings if f.needed is not None):
         share = 0.0  # every ratio would be of the first number
-    number = max(n for n in suite.numbers if base.at(n, base.scores) is not None)
-    shown = sorted({first, number, last, *(n for n in SHOWN_NUMBERS if first < n < last)})
+    taken = base.mean_photographs(slice(None))
+    least, number = math.ceil(taken[0]), math.floor(taken[-1])
+    shown = sorted({least, first, number, last, *(n for n in SHOWN_NUMBERS if first < n < last)})
     standings = [row for n in shown for row in at_number(series, base, n, score)]
-    scores = {one.name: own for one in series if (own := one.at(last, one.scores)) is not None}
+    scores = {one.name: own for one in series if (own := one.at(number, one.scores)) is not None}
     plain = {n: s.mean() for n, s in scores.items() if is_orbit(n) or n in ("random", BY_HEIGHT)}
     best, ceiling = max(plain, key=lambda name: plain[name], default=""), None
     if best and CEILING in scores:

@@ -113,7 +113,7 @@ def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
         said.append(
             ceiling_text(
                 found.ceiling,
-                f"{found.plain} with {suite.numbers[-1]} photographs",
+                f"{found.plain} with {found.number} photographs",
                 room=bool(found.planners_may_gain),
             )
         )
