@@ -150,13 +150,13 @@ def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
                     require_expressible(under(builtin(own), condition), rock)
 
 
-def comparison_plans(
-    suite: Suite, strategies: Mapping[str, MissionConfig | None]
-) -> dict[str, EvaluationPlan]:
+Strategies = Mapping[str, MissionConfig | None]  # by name; None: the baseline, scorer or gate of that name
+
+
+def comparison_plans(suite: Suite, strategies: Strategies) -> dict[str, EvaluationPlan]:
     """Return the missions of a suite by folder: one plan, or one for each condition where these have not the same rocks.
 
-    ``strategies``: by name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken,
-    and photographs are reconstructed and measured as those of all others are.
+    Of a configuration its plan is taken, and photographs are reconstructed and measured as those of all others are.
 
     Raises `UserError`: there is no such strategy, or nothing can stop it.
     """
@@ -377,13 +377,12 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
                 lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
             )
             ratio = bootstrapped(needed / base, low, high, len(everyone))
-            kind = Kind.NO_INTERVAL if low is None else Kind.NO_DIFFERENCE
-            if (
-                high is not None and high < 1.0 and not fewest(reference)
-            ):  # else it may need fewer than were tried
+            if low is None:
+                kind = Kind.NO_INTERVAL
+            elif high < 1.0 and not fewest(reference):  # it may need fewer than were tried
                 kind = Kind.BETTER
-            elif low is not None and low > 1.0 and not fewest(one):
-                kind = Kind.WORSE
+            else:
+                kind = Kind.WORSE if low > 1.0 and not fewest(one) else Kind.NO_DIFFERENCE
         return Finding(one.name, kind, needed, ratio, float(one.shares(score).max()), fewest(one))
 
     return [finding(one) for one in series]
@@ -418,9 +417,7 @@ class Outcome:
     """What a comparison found."""
 
     reference: str
-    share: (
-        float  # at which numbers of photographs are compared; 0: they are not, and scores at ``number`` are
-    )
+    share: float  # at which numbers of photographs are compared; 0: scores at ``number`` are instead
     number: int  # the largest that the reference takes
     findings: list[Finding]
     standings: list[Standing]  # number by number
@@ -463,9 +460,9 @@ def panels(suite: Suite, series: Sequence[Series]) -> dict[str, list[tuple[Float
         named = generated_name(target.rock)
         of_family.setdefault(named[0] if named else "others", []).append(r)
     reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
-    found = {
-        "share": [(s.mean_photographs(slice(None)), bootstrap_means(v)) for s, v in zip(series, reached)]
-    }
-    for name, of in {"": slice(None), **(of_family if len(of_family) > 1 else {})}.items():
+    everyone = np.arange(len(suite.targets))
+    found = {"share": [(s.mean_photographs(everyone), bootstrap_means(v)) for s, v in zip(series, reached)]}
+    groups = {name: np.array(of) for name, of in of_family.items() if len(of_family) > 1}
+    for name, of in {"": everyone, **groups}.items():
         found[name] = [(s.mean_photographs(of), bootstrap_means(s.scores[:, of])) for s in series]
     return found

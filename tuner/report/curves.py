@@ -99,24 +99,18 @@ def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
             f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
             f"{instead} are compared instead."
         )
-    if base.fewest:
-        few = f"brings {100 * suite.share:g} % {to_it} with the fewest photographs tried"
-        said.append(f"{reference} {few}; ask for a higher --score, or begin --numbers with a smaller one.")
+    if base.needed is not None and base.fewest:
+        fewest = f"{reference} has this share with the fewest photographs tried, {base.needed:.1f}"
+        said.append(f"{fewest}; ask for a higher --score, or begin --numbers with a smaller one.")
     if found.share:
-        said.append(
-            f"{reference} needs {base.needed:.1f} photographs to bring {100 * found.share:g} % {to_it}."
-        )
+        needs = f"needs {'at most ' if base.fewest else ''}{base.needed:.1f} photographs to bring"
+        said.append(f"{reference} {needs} {100 * found.share:g} % {to_it}.")
         said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
     else:
         said += [_stands(s, reference) for s in found.standings if s.photographs == found.number]
     if found.ceiling is not None:
-        said.append(
-            ceiling_text(
-                found.ceiling,
-                f"{found.plain} with {found.number} photographs",
-                room=bool(found.planners_may_gain),
-            )
-        )
+        plain = f"{found.plain} with {found.number} photographs"
+        said.append(ceiling_text(found.ceiling, plain, room=bool(found.planners_may_gain)))
     return said
 
 
