@@ -17,6 +17,7 @@ from scipy import stats
 
 from nbv.types import Floats
 from tuner.missions.job import Trial
+from tuner.problem.objective import Objective
 
 # With fewer rocks a t-interval over rocks says little but "unknown".
 MIN_ROCKS = 3
@@ -96,6 +97,28 @@ def _over_rocks(values: Mapping[tuple[str, int], float]) -> Interval | None:
     for (rock, _), value in values.items():
         by_rock.setdefault(rock, []).append(value)
     return mean_interval(by_rock)
+
+
+def share_kept(
+    records: Sequence[Trial], strategy: str, limited: Objective, limit: float, *, exact: bool
+) -> Interval | None:
+    """Share of the rocks, in percent, whose mean meets the constraint, with Wilson's interval; without one of an ``exact`` metric.
+
+    A rock on which a mission failed has not kept it. None where the strategy has no mission.
+    """
+    ran = collections.Counter(r.rock for r in records if r.strategy == strategy)
+    if not ran:
+        return None
+    by_rock: dict[str, list[float]] = {rock: [] for rock in ran}
+    for (rock, _), value in values_of(records, strategy, limited.metric).items():
+        by_rock[rock].append(limited.sign * value)
+    least = limited.sign * limit - 1e-9 * abs(limit)
+    kept = sum(len(own) == ran[rock] and sum(own) / len(own) >= least for rock, own in by_rock.items())
+    share, rocks, missions = 100 * kept / len(ran), len(ran), ran.total()
+    if exact:
+        return Interval(share, None, None, rocks, missions, "none")
+    bounds = stats.binomtest(kept, rocks).proportion_ci(method="wilson")
+    return Interval(share, 100 * bounds.low, 100 * bounds.high, rocks, missions, "wilson")
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
