@@ -417,7 +417,7 @@ class Outcome:
     """What a comparison found."""
 
     reference: str
-    share: float  # at which numbers of photographs are compared; 0: scores at ``number`` are instead
+    share: float  # at which numbers of photographs are compared; 0: hardly any is reached
     number: int  # the largest that the reference takes
     findings: list[Finding]
     standings: list[Standing]  # number by number
@@ -425,6 +425,11 @@ class Outcome:
     ceiling: Interval | None  # the greedy oracle minus that plan; None where one of them was not run
     score_0: list[Zero]
     ground_truth: list[str]  # strategies that see it
+
+    @property
+    def by_share(self) -> bool:
+        """Whether numbers of photographs are compared; not where all ratios would be of the first. Else scores at ``number``."""
+        return any(f.needed is not None and not f.fewest for f in self.findings)
 
     @property
     def planners_may_gain(self) -> bool | None:
@@ -438,8 +443,6 @@ def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
     base = next(one for one in series if one.name == reference)
     share = share_compared(base, suite.share, score)
     findings = at_share(series, base, share, score)
-    if all(f.fewest for f in findings if f.needed is not None):
-        share = 0.0  # every ratio would be of the first number
     taken = base.mean_photographs(slice(None))
     least, number = math.ceil(taken[0]), math.floor(taken[-1])
     shown = sorted({least, first, number, last, *(n for n in SHOWN_NUMBERS if first < n < last)})

@@ -18,7 +18,7 @@ from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
 from tuner.evaluation.comparison import Interval
-from tuner.evaluation.curves import Finding, Outcome, Series, Standing, Suite, Zero, panels
+from tuner.evaluation.curves import Finding, Outcome, Series, Suite, Zero, panels
 from tuner.evaluation.verdict import Kind
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
@@ -38,7 +38,7 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
     """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
     curves, said, made = panels(suite, series), verdict_lines(suite, found), provenance()
     about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
-    document: dict[str, Any] = json_ready({**about, **vars(found)})
+    document: dict[str, Any] = json_ready({**about, "by_share": found.by_share, **vars(found)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))
     _write_csv(
         directory / "curves.csv",
@@ -73,7 +73,10 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
         score_0=[zero_text(zero, len(suite.targets)) for zero in found.score_0],
         dagger=bool(found.ground_truth),
         figure=style.embed(figure),
-        tables=[*([share_table(suite, found)] if found.share else []), number_table(suite, found, *numbers)],
+        tables=[
+            *([share_table(suite, found)] if found.by_share else []),
+            number_table(suite, found, *numbers),
+        ],
     )
     return document
 
@@ -91,23 +94,24 @@ def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
     """The outcome, a sentence for each strategy; then what a planner could gain."""
     score, reference = suite.score, found.reference
     base = next(f for f in found.findings if f.strategy == reference)
-    to_it = f"of the targets to an F-score of {score:g} %"
-    instead = f"{100 * found.share:g} %" if found.share else "mean F-scores"
-    said = []
+    share, to_it = f"{100 * found.share:g} %", f"of the targets to an F-score of {score:g} %"
+    instead, said = share if found.share else "mean F-scores", list[str]()
     if base.reached < suite.share - 1e-9:
         said.append(
             f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
             f"{instead} are compared instead."
         )
-    if base.needed is not None and base.fewest:
-        fewest = f"{reference} has this share with the fewest photographs tried, {base.needed:.1f}"
-        said.append(f"{fewest}; ask for a higher --score, or begin --numbers with a smaller one.")
-    if found.share:
-        needs = f"needs {'at most ' if base.fewest else ''}{base.needed:.1f} photographs to bring"
-        said.append(f"{reference} {needs} {100 * found.share:g} % {to_it}.")
-        said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
+    if base.fewest:
+        few = f"already the fewest photographs tried ({base.needed:.1f}) bring {share} {to_it}"
+        said.append(
+            f"With {reference} {few}; ask for a higher --score, or begin --numbers with a smaller one."
+        )
+    if not found.by_share:
+        said.append(_scores(found))
     else:
-        said += [_stands(s, reference) for s in found.standings if s.photographs == found.number]
+        if not base.fewest:
+            said.append(f"{reference} needs {base.needed:.1f} photographs to bring {share} {to_it}.")
+        said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
     if found.ceiling is not None:
         plain = f"{found.plain} with {found.number} photographs"
         said.append(ceiling_text(found.ceiling, plain, room=bool(found.planners_may_gain)))
@@ -121,12 +125,17 @@ def _needs(f: Finding, reference: str) -> str:
     return f"{f.strategy} needs {times} times as many photographs as {reference}: {SHOWN[f.kind]}."
 
 
-def _stands(s: Standing, reference: str) -> str:
-    has = f"{s.strategy} has a mean F-score of {difference_text(s.f_score, signed=False)} %"
-    if s.strategy == reference or s.gain is None:
-        return f"{has} with {s.photographs} photographs."
-    shown = {Kind.BETTER: "better", Kind.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
-    return f"{has}, {difference_text(s.gain)} points from {reference}: {shown}."
+def _scores(found: Outcome) -> str:
+    """``Mean F-score with 34 photographs, minus that of orbit: better: mine +1.20 [+0.30, +2.10]; worse: ...``."""
+    groups: dict[str, list[str]] = {}
+    for s in found.standings:
+        if s.photographs == found.number and s.strategy != found.reference:
+            shown = {Kind.BETTER: "better", Kind.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
+            groups.setdefault(shown, []).append(f"{s.strategy} {difference_text(s.gain, 2)}")
+    listed = "; ".join(f"{shown}: {', '.join(own)}" for shown, own in groups.items())
+    return (
+        f"Mean F-score with {found.number} photographs, minus that of {found.reference}: {listed or MISSING}."
+    )
 
 
 def zero_text(zero: Zero, targets: int) -> str:
@@ -143,7 +152,7 @@ def zero_text(zero: Zero, targets: int) -> str:
 
 def answer_table(suite: Suite, found: Outcome) -> Table:
     """What each strategy needs for the share or, where no share is compared, its mean score."""
-    return share_table(suite, found) if found.share else number_table(suite, found, found.number)
+    return share_table(suite, found) if found.by_share else number_table(suite, found, found.number)
 
 
 def share_table(suite: Suite, found: Outcome) -> Table:
