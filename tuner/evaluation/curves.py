@@ -439,13 +439,12 @@ class Outcome:
 
 def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
     """Return what the series say; ``reference``: the strategy of the ratios and gains."""
-    score, first, last = suite.score, suite.numbers[0], suite.numbers[-1]
-    base = next(one for one in series if one.name == reference)
+    score, base = suite.score, next(one for one in series if one.name == reference)
     share = share_compared(base, suite.share, score)
     findings = at_share(series, base, share, score)
-    taken = base.mean_photographs(slice(None))
-    least, number = math.ceil(taken[0]), math.floor(taken[-1])
-    shown = sorted({least, first, number, last, *(n for n in SHOWN_NUMBERS if first < n < last)})
+    within = [n for n in suite.numbers if base.at(n, base.scores) is not None]
+    number = within[-1] if within else int(base.mean_photographs(slice(None))[-1])
+    shown = sorted({suite.numbers[0], number, suite.numbers[-1], *set(SHOWN_NUMBERS) & {*suite.numbers}})
     standings = [row for n in shown for row in at_number(series, base, n, score)]
     scores = {one.name: own for one in series if (own := one.at(number, one.scores)) is not None}
     plain = {n: s.mean() for n, s in scores.items() if is_orbit(n) or n in ("random", BY_HEIGHT)}
