@@ -23,7 +23,8 @@ import numpy as np
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats, Ints
-from tuner.evaluation.curves import BOOTSTRAP, Series, mean_interval
+from tuner.evaluation.comparison import BOOTSTRAP, bootstrap_means
+from tuner.evaluation.curves import Series
 
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 NUMBERS = range(12, 49)
@@ -42,8 +43,8 @@ def read(path: Path) -> list[dict[str, str]]:
 
 def interval(values: Floats) -> str:
     """Mean and its 95 % bootstrap interval."""
-    mean, low, high = mean_interval(values)
-    return f"{mean:+.2f} [{low:+.2f}, {high:+.2f}]"
+    (found,) = bootstrap_means(values)
+    return f"{found.mean:+.2f} [{found.low:+.2f}, {found.high:+.2f}]"
 
 
 class Curves:

@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
-from nbv.config import MissionConfig
+from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, load_condition
 from nbv.errors import UserError
+from nbv.safe_files import is_file
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.commands.console import (
+    CONDITION_HELP,
     LOADING_ROCKS,
     AsJson,
     ComparisonProgress,
@@ -21,10 +23,14 @@ from tuner.commands.console import (
     output,
     parse_overrides,
     require_complete,
+    under_conditions,
     working,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.evaluation.run import run_evaluation
+from tuner.missions.job import Trial
+from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
+from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
 DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")
@@ -52,7 +58,15 @@ def compare(
     ] = None,
     rocks: Annotated[
         list[str] | None,
-        typer.Option("--rock", help="Rock, mesh file or photograph set in place of drawn rocks, repeatable."),
+        typer.Option(
+            "--rock",
+            help="Rock, mesh file or photograph set in place of drawn rocks, or one under a condition of its own as "
+            "ROCK@CONDITION, repeatable.",
+        ),
+    ] = None,
+    conditions: Annotated[
+        list[str] | None,
+        typer.Option("--condition", help=f"{CONDITION_HELP[:-1]}, repeatable (default: ideal)."),
     ] = None,
     numbers: Annotated[
         str, typer.Option(help="Numbers of photographs: FIRST:LAST:STEP, or a list N,N,...")
@@ -87,17 +101,19 @@ def compare(
     output.print("comparing strategies")  # before what takes seconds to load
     load("tuner.evaluation.curves")
     from tuner.evaluation import curves
-    from tuner.report.curves import share_table, write_comparison
+    from tuner.report.curves import answer_table, write_curves, zero_text
 
     names = list(dict.fromkeys(strategies or DEFAULT))
     chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
     if suite is not None and suite not in curves.SUITES:
         raise UserError(f"there is no suite {suite!r}; there are {', '.join(curves.SUITES)}")
+    everywhere = tuple(map(_condition, conditions or [IDEAL]))
     if rocks:
         with working(LOADING_ROCKS):
-            places = tuple(rock_arguments(rocks))
+            places, under = _places(rocks, everywhere)
     else:
-        places = curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
+        drawn = curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
+        places, under = tuple(Instance(t.rock, c.name) for c in everywhere for t in drawn), everywhere
     asked = curves.Suite(
         places,
         _numbers(numbers),
@@ -106,6 +122,7 @@ def compare(
         share,
         fidelity,
         {**curves.BASE, **parse_overrides(set_ or [])},
+        under,
     )
     if suite is not None and asked != curves.SUITES[suite]:
         published = curves.SUITES[suite].to_dict()
@@ -118,25 +135,53 @@ def compare(
     reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
-    plan = curves.comparison_plan(asked, chosen)
-    if rocks or families or set_:  # else the targets and views fit
+    plans = curves.comparison_plans(asked, chosen)
+    if rocks or families or set_ or conditions:  # else the targets and views fit
         with working("looking at the targets"):
-            curves.require_room(places, asked.base)
+            curves.require_runnable(asked, plans.values())
     executor = local_executor(fidelity, workers, timeout_s)
-    output.print(f"{asked.name}: {len(chosen)} strategies on {len(places)} targets, {plan.missions} missions")
-    with executor, ComparisonProgress("observable.f_score_48mm") as show:
-        run = run_evaluation(plan, out, executor, show)
-    require_complete(run)
+    if conditions and is_geometric(fidelity):
+        output.print(LOW_FIDELITY_NOTE, style="yellow")
+    missions = sum(plan.missions for plan in plans.values())
+    output.print(
+        f"{asked.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
+    )
+    records = list[Trial]()
+    with executor:
+        for folder, plan in plans.items():
+            with ComparisonProgress("observable.f_score_48mm") as show:
+                run = run_evaluation(plan, out / folder, executor, show)
+            require_complete(run)
+            records += run.records
     with working("drawing"):
-        document = write_comparison(asked, list(chosen), reference, run.records, out)
-    output.print(*share_table(document).for_terminal(output.width))
-    output.print(document["verdict"], style="bold")
-    if document["score_0"]:
+        series = curves.all_series(asked, list(chosen), records)
+        found = curves.outcome(asked, series, reference)
+        document = write_curves(asked, series, found, out)
+    output.print(*answer_table(asked, found).for_terminal(output.width))
+    output.print(" ".join(document["verdict"]), style="bold")
+    if found.score_0:
         output.print("These missions count with a score of 0:", style="red")
-    for said in document["score_0"]:
-        output.print(f"- {said}")
+    for zero in found.score_0:
+        output.print(f"- {zero_text(zero, len(places))}")
     output.print(f"report: {out / 'report.html'}")
     answer_json(document)
+
+
+def _places(
+    rocks: list[str], everywhere: tuple[Condition, ...]
+) -> tuple[tuple[Instance, ...], tuple[Condition, ...]]:
+    """Every rock under its own condition, of ROCK@CONDITION, or else ``everywhere``; and the conditions."""
+    split = [(rock, "") if is_file(Path(rock)) else rock.partition("@")[::2] for rock in rocks]
+    places, used = list[Instance](), list[Condition]()
+    for (_, own), rock in zip(split, rock_arguments([name for name, _ in split])):
+        for condition in (_condition(own),) if own else everywhere:
+            places.append(Instance(rock, condition.name))
+            used += [condition] if condition not in used else []
+    return tuple(places), tuple(used)
+
+
+def _condition(name: str) -> Condition:
+    return IDEAL_CONDITION if name == IDEAL else load_condition(name)  # without its file's description
 
 
 def _numbers(text: str) -> tuple[int, ...]:

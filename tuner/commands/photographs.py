@@ -153,8 +153,8 @@ def enough(
         f"how many photographs of {name} would have been enough"
     )  # before what takes seconds to load
     load("tuner.evaluation.enough")
-    from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough, seconds
-    from tuner.report.photographs import draw_enough
+    from tuner.evaluation.enough import METRIC, NUMBERS, enough_plans, read_enough, seconds
+    from tuner.report.photographs import draw_enough, enough_table, enough_text
 
     photographs = PhotographSet.read(name)
     tuned = None
@@ -174,37 +174,12 @@ def enough(
                 runs.append(run_evaluation(plan, where / folder, executor, show))
             require_complete(runs[-1])
     answer = read_enough(runs[0], runs[1], keep)
-    rows = []
-    for way, p in ((way, p) for way, points in answer.curves.items() for p in points):
-        bounds = "–" if p.quality.low is None else f"{p.quality.low:.1f} to {p.quality.high:.1f}"
-        means = (f"{mean:.1f}" for mean in (p.photographs, p.registered, p.quality.mean))
-        rows.append((WAYS[way], *means, bounds))
-    show_table(
-        ("way", "photographs", "registered", "F-score", "95 % interval"),
-        rows,
-        f"F-score at 3 % of the height, %; one half of all photographs against the other: {answer.ceiling:.1f}",
-        right=4,
-    )
-    output.print(
-        f"all {answer.all_photographs:.0f}: {answer.all_quality:.1f} %; {keep:g} % of that: {answer.asked_quality:.1f} %"
-    )
-    picture = draw_enough(answer, photographs, keep, where / "enough.png")
-    if answer.smallest is None:
-        output.print(
-            "no plan's lower bound reached it: try a larger --number or more --replicates; "
-            f"picture: {picture}",
-            soft_wrap=True,
-        )
-    else:
+    output.print(*enough_table(answer).for_terminal(output.width))
+    picture, listed = draw_enough(answer, photographs, keep, where / "enough.png"), where / "enough.txt"
+    if answer.smallest is not None:
         source = {p.name: p.source for p in photographs.photographs}
-        listed = where / "enough.txt"
         write_atomic(listed, "".join(f"{source[taken]}\n" for taken in answer.smallest.taken))
-        output.print(
-            f"{answer.smallest.plan.photographs:.0f} photographs would have been enough ({WAYS[answer.smallest.way]}, mean "
-            f"{answer.smallest.plan.quality.mean:.1f} %, lower bound {answer.smallest.plan.quality.low:.1f}); the files of "
-            f"a typical mission, {answer.smallest.quality:.1f} %: {listed}; picture: {picture}",
-            soft_wrap=True,
-        )
+    output.print(f"{enough_text(answer, keep, listed)} Picture: {picture}", soft_wrap=True)
     answer_json(answer)
 
 

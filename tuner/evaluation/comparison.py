@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import collections
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from nbv.types import Floats
 from tuner.missions.job import Trial
+from tuner.problem.objective import Objective
 
 # With fewer rocks a t-interval over rocks says little but "unknown".
 MIN_ROCKS = 3
 CONFIDENCE = 0.95
+BOOTSTRAP, LEAST_DRAWN = 1000, 5  # draws; fewer targets have no interval
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,28 @@ def _over_rocks(values: Mapping[tuple[str, int], float]) -> Interval | None:
     for (rock, _), value in values.items():
         by_rock.setdefault(rock, []).append(value)
     return mean_interval(by_rock)
+
+
+def share_kept(
+    records: Sequence[Trial], strategy: str, limited: Objective, limit: float, *, exact: bool
+) -> Interval | None:
+    """Share of the rocks, in percent, whose mean meets the constraint, with Wilson's interval; without one of an ``exact`` metric.
+
+    A rock on which a mission failed has not kept it. None where the strategy has no mission.
+    """
+    ran = collections.Counter(r.rock for r in records if r.strategy == strategy)
+    if not ran:
+        return None
+    by_rock: dict[str, list[float]] = {rock: [] for rock in ran}
+    for (rock, _), value in values_of(records, strategy, limited.metric).items():
+        by_rock[rock].append(limited.sign * value)
+    least = limited.sign * limit - 1e-9 * abs(limit)
+    kept = sum(len(own) == ran[rock] and sum(own) / len(own) >= least for rock, own in by_rock.items())
+    share, rocks, missions = 100 * kept / len(ran), len(ran), ran.total()
+    if exact:
+        return Interval(share, None, None, rocks, missions, "none")
+    bounds = stats.binomtest(kept, rocks).proportion_ci(method="wilson")
+    return Interval(share, 100 * bounds.low, 100 * bounds.high, rocks, missions, "wilson")
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
@@ -184,7 +210,8 @@ class Interval:
 
     ``method`` is ``rocks`` (t-interval over rock means: generalises to unseen rocks of the same kind),
     ``replicates`` (rocks taken as fixed, pooled variance between replicates: generalises to new replicates on
-    these rocks only), ``wilson`` (of a share of rocks), or ``none`` (too few missions for any; the bounds are None).
+    these rocks only), ``bootstrap`` (over rocks), ``wilson`` (of a share of rocks), or ``none`` (too few missions for any; the
+    bounds are None).
     """
 
     mean: float
@@ -223,3 +250,25 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN
         return Interval(mean, None, None, rocks, missions, "none")
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, degrees) * error
     return Interval(mean, mean - half, mean + half, rocks, missions, method)
+
+
+def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> tuple[Any, Any]:
+    """95 % bootstrap interval of a statistic over rocks, the last axis of ``values`` (..., R); None, None for too few."""
+    if values.shape[-1] < LEAST_DRAWN:
+        return None, None
+    same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
+    found = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
+    return found.confidence_interval.low, found.confidence_interval.high
+
+
+def bootstrapped(mean: float, low: float | None, high: float | None, rocks: int) -> Interval:
+    """Return an interval over rocks with the bounds of a bootstrap."""
+    return Interval(mean, low, high, rocks, rocks, "none" if low is None else "bootstrap")
+
+
+def bootstrap_means(values: Floats) -> list[Interval]:
+    """Mean over rocks of each row of (K, R) values, or of one row (R,), with its bootstrap interval."""
+    values = np.atleast_2d(values)
+    low, high = bootstrap_bounds(np.mean, values)
+    bounds = [(None, None)] * len(values) if low is None else zip(low.tolist(), high.tolist())
+    return [bootstrapped(float(row.mean()), *own, len(row)) for row, own in zip(values, bounds)]

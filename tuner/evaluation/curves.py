@@ -7,38 +7,44 @@ photographs are rendered or given, every number is a mission of its own for all 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from nbv.cache import Store, digest
-from nbv.config import MissionConfig, preset
+from nbv.config import IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
 from nbv.mission.target_prior import with_size_error
 from nbv.photographs import PhotographSet
+from nbv.photographs.mission import require_expressible
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
-from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_recipe
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
+from tuner.evaluation.advice import CEILING, LITTLE
+from tuner.evaluation.comparison import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.verdict import Kind, kind_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, PHOTOGRAPHS
-from tuner.problem.baselines import PLAN, baseline, ending_at, sees_ground_truth, with_sections_of
+from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of
+from tuner.problem.instances import Instance
+from tuner.problem.search_space import builtin
 
 BY_HEIGHT, STOPPED = "orbit-by-height", "-stopped"  # derived from the missions of others
 TWO_RINGS = "orbit-two"
 PHOTOGRAPHS_PER_LOG_HEIGHT = 20.0  # more on a rock 2.7 times as high (docs/results/where_planning_pays.md)
 LEVELS = np.arange(6.0, 49.0)  # photographs of a rock 1 m high
 THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which a mission stops
-BOOTSTRAP, LEAST_TARGETS = 1000, 5  # fewer have no interval
+HARDLY = 0.5  # a share of targets, below which scores are compared and not numbers of photographs
+SHOWN_NUMBERS = (16, 20, 24, 32, 40)  # beside the first and the last
 CURVE = "curve"
-Interval = tuple[float | None, float | None, float | None]  # a mean and its bounds
-NO_INTERVAL: Interval = (None, None, None)
+DECIDED = ("gate.kind", "stop.adaptive_budget", "stop.max_photographs", "stop.min_gain_percent")
 # Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
@@ -57,13 +63,14 @@ BASE: dict[str, Any] = {
 class Suite:
     """Everything that decides a comparison but its strategies: publications that name the same suite ran the same missions."""
 
-    targets: tuple[str, ...]
+    targets: tuple[Instance, ...]
     numbers: tuple[int, ...] = tuple(range(12, 49, 2))
     replicates: int = 1
     score: float = 98.0  # F-score at 48 mm that a target shall reach, in percent
     share: float = 0.75  # of the targets that shall reach it
     fidelity: str = CURVE
     values: Mapping[str, Any] = field(default_factory=lambda: dict(BASE))
+    conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)  # those of the targets
 
     def __post_init__(self) -> None:
         if list(self.numbers) != sorted(set(self.numbers)) or not self.numbers:
@@ -76,18 +83,31 @@ class Suite:
             )
         if self.fidelity in (EXTERNAL, PHOTOGRAPHS):
             raise UserError(f"compare cannot run fidelity {self.fidelity}; leave --fidelity out")
+        require_distinct(self.conditions)
         if not 0.0 < self.share <= 1.0 or not 0.0 < self.score <= 100.0:
             raise UserError(f"share {self.share:g} must be in (0, 1] and score {self.score:g} in (0, 100]")
+        for path in self.values:
+            if path in DECIDED:
+                raise UserError(f"{path} is decided by --strategy and --numbers; leave it out")
+            for condition in self.conditions:
+                if any(p == path or p.startswith(f"{path}.") for p in condition.paths):
+                    raise UserError(
+                        f"{path} is set by condition {condition.name!r} and by --set; leave one out"
+                    )
 
     @property
     def base(self) -> MissionConfig:
         """What all strategies have in common."""
         return preset("campaign").with_values(dict(self.values))
 
+    def base_of(self, target: Instance) -> MissionConfig:
+        """The same under the target's condition."""
+        return under(self.base, next(c for c in self.conditions if c.name == target.condition))
+
     @property
     def measures_every_photograph(self) -> bool:
         """Whether one mission of a planned strategy tells of every number."""
-        return self.fidelity == CURVE and not any(map(is_photographed, self.targets))
+        return self.fidelity == CURVE and not any(is_photographed(t.rock) for t in self.targets)
 
     @property
     def name(self) -> str:
@@ -100,72 +120,86 @@ class Suite:
         return {**dataclasses.asdict(self), "interface": INTERFACE}
 
 
-def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tuple[str, ...]:
+def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tuple[Instance, ...]:
     """Return the first ``count`` held-out rocks of the families, in turn; `UserError` where a family does not exist."""
     for family in families:
         generated_recipe(family, HELD_OUT_FROM)
     names = [f"{family}-{HELD_OUT_FROM + k}" for k in range(count) for family in families]
-    return tuple(names[:count])
+    return tuple(map(Instance, names[:count]))
 
 
 SUITES = {"rocks-1": Suite(drawn_targets(60))}
 
 
-def require_room(targets: Sequence[str], config: MissionConfig) -> None:
-    """Raise `UserError` where a target extends to the viewpoints around it."""
-    for target in targets:
-        if is_photographed(target):
-            continue
-        vertices_m = load_coarse_rock(target, Store()).vertices_m
+def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
+    """Raise `UserError` where a target extends to the viewpoints around it, or a photograph set cannot give what is asked for."""
+    config = suite.base
+    for rock in dict.fromkeys(target.rock for target in suite.targets if not is_photographed(target.rock)):
+        vertices_m = load_coarse_rock(rock, Store()).vertices_m
         reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max())
         if reach_m >= min(config.pool.radius_m, config.seed.radius_m):
             raise UserError(
-                f"{target} reaches {reach_m:.1f} m from its middle, and views stand {config.pool.radius_m:g} m from it; "
+                f"{rock} reaches {reach_m:.1f} m from its middle, and views stand {config.pool.radius_m:g} m from it; "
                 "set pool.radius_m and seed.radius_m to more"
             )
+    for plan in plans:
+        for own in plan.strategies.values():
+            for condition in plan.conditions:
+                under(builtin(own), condition).require_seeds_above_ground()
+                for rock in filter(is_photographed, plan.rocks):
+                    require_expressible(under(builtin(own), condition), rock)
 
 
-def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]) -> EvaluationPlan:
-    """Return the missions of a suite.
+Strategies = Mapping[str, MissionConfig | None]  # by name; None: the baseline, scorer or gate of that name
 
-    ``strategies``: by name; None: the baseline, scorer or gate of that name. Of a configuration its plan is taken,
-    and photographs are reconstructed and measured as those of all others are.
+
+def comparison_plans(suite: Suite, strategies: Strategies) -> dict[str, EvaluationPlan]:
+    """Return the missions of a suite by folder: one plan, or one for each condition where these have not the same rocks.
+
+    Of a configuration its plan is taken, and photographs are reconstructed and measured as those of all others are.
 
     Raises `UserError`: there is no such strategy, or nothing can stop it.
     """
-    base, configs = suite.base, dict[str, MissionConfig]()
+    configs: dict[str, MissionConfig] = {}
     for name, given in strategies.items():
-        source, most = _strategy_run(name), ending_at(base, suite.numbers[-1])
-        if given is None:
-            own = baseline(source, (BY_HEIGHT,))
-        planned = own.config(most) if given is None else with_sections_of(given, PLAN, base)
-        measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
-        if name.endswith(STOPPED) and not measured_throughout:
-            raise UserError(
-                f"{name}: only a planned strategy in geometric missions can stop by its prediction"
-            )
-        least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
-        if planned.adaptive_budget and seeds > least:
-            raise UserError(
-                f"{name} begins with {seeds} seeds, which --numbers must allow: {least} are too few"
-            )
-        if measured_throughout:
-            configs[source] = ending_at(planned, suite.numbers[-1])
-            continue
-        for n in suite.numbers:
-            if planned.adaptive_budget:
-                config = ending_at(planned, n)
-            elif given is None:
-                config = own.orbit(base, n)
-            else:
-                config = planned.with_values({"seed.count": n})
-            configs[f"{source}-{n}"] = config
-    return EvaluationPlan(configs, suite.targets, suite.replicates, fidelity=suite.fidelity)
+        configs |= _missions_of(suite, name, given)
+    rocks = [tuple(t.rock for t in suite.targets if t.condition == c.name) for c in suite.conditions]
+    plan = functools.partial(EvaluationPlan, configs, replicates=suite.replicates, fidelity=suite.fidelity)
+    if len({frozenset(own) for own in rocks}) == 1:
+        return {"": plan(rocks[0], conditions=suite.conditions)}
+    return {c.name: plan(own, conditions=(c,)) for c, own in zip(suite.conditions, rocks)}
+
+
+def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[str, MissionConfig]:
+    base, source = suite.base, _strategy_run(name)
+    if given is None:
+        own = baseline(source, (BY_HEIGHT,))
+        planned = own.config(ending_at(base, suite.numbers[-1]))
+    else:
+        planned = with_sections_of(given, PLAN, base)
+    measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
+    if name.endswith(STOPPED) and not measured_throughout:
+        raise UserError(f"{name}: only a planned strategy in geometric missions can stop by its prediction")
+    least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
+    if planned.adaptive_budget and seeds > least:
+        raise UserError(f"{name} begins with {seeds} seeds, which --numbers must allow: {least} are too few")
+    if measured_throughout:
+        return {source: ending_at(planned, suite.numbers[-1])}
+
+    def at(n: int) -> MissionConfig:
+        if planned.adaptive_budget:
+            return ending_at(planned, n)
+        return own.orbit(base, n) if given is None else planned.with_values({"seed.count": n})
+
+    return {f"{source}-{n}": at(n) for n in suite.numbers}
 
 
 def _strategy_run(name: str) -> str:
     """The strategy whose missions are read for the one called ``name``."""
     return TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
+
+
+# -- what the missions have ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -182,34 +216,44 @@ class Series:
         """Whether it is an upper reference, no planner."""
         return sees_ground_truth(self.name.removesuffix(STOPPED))
 
-    def mean_photographs(self, of: Ints) -> Floats:
+    def mean_photographs(self, of: Ints | slice) -> Floats:
         """(K,) means over the targets ``of``."""
         mean: Floats = self.photographs[:, of].mean(axis=1)
         return mean
+
+    def shares(self, score: float, of: Ints | slice = slice(None)) -> Floats:
+        """(K,) shares of the targets ``of`` that reach ``score``."""
+        share: Floats = (self.scores[:, of] >= score).mean(axis=1)
+        return share
 
     def needed(self, share: float, score: float, of: Ints) -> float | None:
         """Mean photographs of the first setting with which ``share`` of the targets reach ``score``; None: no setting does.
 
         Nor is a share of nothing ever reached.
         """
-        reached: Bools = (self.scores[:, of] >= score).mean(axis=1) >= share - 1e-9
+        reached: Bools = self.shares(score, of) >= share - 1e-9
         return float(self.mean_photographs(of)[np.argmax(reached)]) if share and reached.any() else None
 
-    def at(self, number: float, values: Floats) -> Floats:
-        """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion; NaN beyond them."""
-        mean = self.mean_photographs(np.arange(values.shape[1]))
-        return np.array([np.interp(number, mean, own, left=np.nan, right=np.nan) for own in values.T])
+    def at(self, number: float, values: Floats) -> Floats | None:
+        """(R,) of ``values`` (K, R) at a mean ``number`` of photographs, between settings in proportion.
+
+        None more than one photograph beyond them; photograph sets may lack one here and there.
+        """
+        mean = self.mean_photographs(slice(None))
+        if not mean[0] - 1.0 < number < mean[-1] + 1.0:
+            return None
+        return np.array([np.interp(number, mean, own) for own in values.T])
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
     """Return the series of the strategies from finished missions, of which every target must have some."""
-    of: dict[str, dict[str, list[Trial]]] = {}
+    of: dict[str, dict[Instance, list[Trial]]] = {}
     for trial in trials:
-        of.setdefault(trial.strategy, {}).setdefault(trial.rock, []).append(trial)
+        of.setdefault(trial.strategy, {}).setdefault(trial.instance, []).append(trial)
     return [_series(suite, name, of) for name in strategies]
 
 
-def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]) -> Series:
+def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Trial]]]) -> Series:
     source, numbers, targets = _strategy_run(name), np.array(suite.numbers), suite.targets
     missions_at = [of[source] if source in of else of[f"{source}-{n}"] for n in suite.numbers]
     read = [
@@ -220,15 +264,17 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[str, list[Trial]]]
     ended = missions_at[:1] if source in of else missions_at
     failed = tuple(t for missions in ended for own in missions.values() for t in own if t.status == "failed")
     if name == BY_HEIGHT:
-        heights_m = [_believed_height_m(target, suite.base) for target in targets]
-        wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(heights_m)
+        wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
+            [_believed_height_m(target.rock, suite.base_of(target)) for target in targets]
+        )
         at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     elif name.endswith(STOPPED):
         reached = predicted[None] >= THRESHOLDS_PERCENT[:, None, None]  # (K, N, R)
         at = np.where(reached.any(axis=1), reached.argmax(axis=1), len(numbers) - 1)
     else:
         at = np.repeat(np.arange(len(numbers))[:, None], len(targets), axis=1)
-    columns = np.arange(len(targets))
+    _, different = np.unique(at, axis=0, return_index=True)  # levels and thresholds may choose the same
+    at, columns = at[np.sort(different)], np.arange(len(targets))
     return Series(name, taken[at, columns], scores[at, columns], failed)
 
 
@@ -242,70 +288,71 @@ def _read(trial: Trial, number: int) -> tuple[float, float, float]:
     return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
-def what_scores_0(series: Sequence[Series], targets: Sequence[str]) -> list[str]:
-    """Return a sentence for each cause: missions that failed, and targets of which a strategy had no model yet."""
-    said = []
+def _believed_height_m(rock: str, config: MissionConfig) -> float:
+    """The height of the target that a mission is given, with its error."""
+    if is_photographed(rock):
+        return PhotographSet.read(rock).height_m
+    return 2.0 * with_size_error(config, load_coarse_rock(rock, Store()), 0).target_m[2]
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Why targets count with a score of 0: missions failed for one reason, or had no model yet."""
+
+    strategy: str
+    targets: tuple[str, ...]
+    reason: str = ""  # empty: no model yet
+    missions: int = 0  # that failed
+    example: str = ""
+    photographs: tuple[float, float] = (0.0, 0.0)  # fewest and most without a model
+
+
+def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list[Zero]:
+    """Return each cause once: missions that failed, and targets of which a strategy had no model yet."""
+    found = list[Zero]()
     for one in series:
         of_reason: dict[str, list[Trial]] = {}
         for trial in one.failed:
             of_reason.setdefault(trial.reason, []).append(trial)
         for reason, failed in of_reason.items():
-            of = _named([trial.rock for trial in failed], targets)
-            first = f"{failed[0].strategy} on {failed[0].rock}: {failed[0].message}"
-            missions = f"{len(failed)} mission{'s' if len(failed) > 1 else ''}"
-            said.append(f"{_strategy_run(one.name)}: {missions} failed ({reason}) on {of}; {first}.")
-        lacking = (one.scores == 0.0) & ~np.isin(targets, [trial.rock for trial in one.failed])
-        if lacking.any():
-            of = _named([target for target, own in zip(targets, lacking.T) if own.any()], targets)
+            labels, first = tuple(dict.fromkeys(t.instance.label for t in failed)), failed[0]
+            example = f"{first.strategy} on {first.instance.label}: {first.message}"
+            found.append(Zero(_strategy_run(one.name), labels, reason, len(failed), example))
+        ran = np.array([target not in {trial.instance for trial in one.failed} for target in targets])
+        if (lacking := (one.scores == 0.0) & ran).any():
+            labels = tuple(t.label for t, own in zip(targets, lacking.T) if own.any())
             numbers = one.photographs[lacking]
-            span = " to ".join(dict.fromkeys(f"{n:g}" for n in (numbers.min(), numbers.max())))
-            said.append(f"{one.name}: no model yet with {span} photographs on {of}.")
-    return list(dict.fromkeys(said))
+            found.append(Zero(one.name, labels, photographs=(float(numbers.min()), float(numbers.max()))))
+    return list(dict.fromkeys(found))
 
 
-def _named(some: Sequence[str], targets: Sequence[str]) -> str:
-    names = dict.fromkeys(some)
-    return f"all {len(names)} targets" if len(names) == len(targets) > 1 else ", ".join(names)
-
-
-def _believed_height_m(target: str, config: MissionConfig) -> float:
-    """The height of the target that a mission is given, with its error."""
-    if is_photographed(target):
-        return PhotographSet.read(target).height_m
-    return 2.0 * with_size_error(config, load_coarse_rock(target, Store()), 0).target_m[2]
+# -- what follows --------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Finding:
     """What one strategy needs for the share, against the reference."""
 
-    name: str
+    strategy: str
+    kind: Kind  # better: with fewer photographs; not paired: one of the two never reaches the share
     needed: float | None  # mean photographs; None: the share is not reached
-    ratio: Interval  # with its 95 % interval, paired over targets
+    ratio: Interval | None  # paired over targets
     reached: float  # the largest share
     fewest: bool  # whether its first setting does, so that it may need fewer
 
 
-def interval_text(values: Interval, form: str = ".2f") -> str:
-    """``0.93 [0.89, 0.97]``; without an interval the mean alone, and nothing of nothing."""
-    mean, low, high = values
-    if mean is None or low is None or high is None:
-        return "" if mean is None else f"{mean:{form}}"
-    return f"{mean:{form}} [{low:{form}}, {high:{form}}]"
+@dataclass(frozen=True)
+class Standing:
+    """One strategy at a mean number of photographs, against the reference at that number."""
 
-
-def bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> tuple[Any, Any]:
-    """95 % bootstrap interval of a statistic over targets, the last axis of ``values`` (..., R); None, None for too few."""
-    if values.shape[-1] < LEAST_TARGETS:
-        return None, None
-    same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
-    found = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
-    return found.confidence_interval.low, found.confidence_interval.high
-
-
-def mean_interval(values: Floats) -> Interval:
-    """Return the mean of (R,) values and its interval."""
-    return (float(values.mean()), *bounds(np.mean, values))
+    strategy: str
+    photographs: int
+    kind: Kind
+    f_score: Interval
+    gain: Interval | None  # None where the reference never takes so few, or so many
+    share: float  # of the targets that have the score
+    failed: int
+    score_0: int
 
 
 def at_share(series: Sequence[Series], reference: Series, share: float, score: float) -> list[Finding]:
@@ -316,87 +363,108 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
     everyone = np.arange(reference.scores.shape[1])
     base = reference.needed(share, score, everyone)
 
+    def fewest(one: Series) -> bool:
+        return bool(share and one.shares(score)[0] >= share - 1e-9)
+
     def photographs(one: Series, of: Ints) -> float:
         found = one.needed(share, score, of)
         return float(one.mean_photographs(of).max()) if found is None else found
 
     def finding(one: Series) -> Finding:
-        needed, ratio = one.needed(share, score, everyone), NO_INTERVAL
+        needed, ratio, kind = one.needed(share, score, everyone), None, Kind.NOT_PAIRED
         if needed is not None and base is not None:
-            drawn = bounds(
+            low, high = bootstrap_bounds(
                 lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
             )
-            ratio = (needed / base, *drawn)
-        reached = (one.scores >= score).mean(axis=1)
-        return Finding(one.name, needed, ratio, float(reached.max()), bool(reached[0] >= share - 1e-9))
+            ratio = bootstrapped(needed / base, low, high, len(everyone))
+            if low is None:
+                kind = Kind.NO_INTERVAL
+            elif high < 1.0 and not fewest(reference):  # it may need fewer than were tried
+                kind = Kind.BETTER
+            else:
+                kind = Kind.WORSE if low > 1.0 and not fewest(one) else Kind.NO_DIFFERENCE
+        return Finding(one.name, kind, needed, ratio, float(one.shares(score).max()), fewest(one))
 
     return [finding(one) for one in series]
 
 
 def share_compared(reference: Series, share: float, score: float) -> float:
-    """The share that is asked for or, where the reference never reaches it, the largest multiple of 5 % that it reaches."""
-    reached = float((reference.scores >= score).mean(axis=1).max())
-    return share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
+    """The share that is asked for or, where the reference never reaches it, the largest multiple of 5 % that it reaches.
 
-
-def verdict(
-    findings: Sequence[Finding], reference: str, asked: float, share: float, score: float
-) -> list[str]:
-    """Return the outcome in a sentence for each strategy; ``share`` as `share_compared` has it of the one ``asked`` for."""
-    base = next(finding for finding in findings if finding.name == reference)
-    most = (
-        f"{reference} brings at most {100 * base.reached:.0f} % of the targets to an F-score of {score:g} %"
-    )
-    if base.needed is None:
-        nothing = f"{most}: nothing can be compared with it"
-        return [f"{nothing}; ask for a smaller --score, or name another --against."]
-    said = []
-    if share < asked:
-        said.append(f"{most}, not the {100 * asked:g} % asked for; {100 * share:g} % are compared instead.")
-    said.append(
-        f"{reference} needs {'at most ' if base.fewest else ''}{base.needed:.1f} photographs for {100 * share:g} % of the targets to reach an "
-        f"F-score of {score:g} %."
-    )
-    if base.fewest:
-        said.append(
-            "It was not tried with fewer; ask for a higher --score, or begin --numbers with a smaller one."
-        )
-    for f in findings:
-        ratio, low, high = f.ratio
-        if ratio is None:
-            said.append(f"{f.name} never does so: it brings at most {100 * f.reached:.0f} % of them there.")
-        elif f.name != reference:
-            shown = "too few targets for an interval"
-            if low is not None and high is not None:
-                shown = "no difference is shown"
-                if high < 1.0 and not base.fewest:
-                    shown = "fewer"
-                elif low > 1.0 and not f.fewest:
-                    shown = "more"
-            times = f"{'at most ' if f.fewest else ''}{interval_text(f.ratio)}"
-            said.append(f"{f.name} needs {times} times as many photographs as {reference}: {shown}.")
-    return said
-
-
-def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[dict[str, Any]]:
-    """Return each strategy at an equal mean number of photographs: F-score, what it gains on the reference, share at ``score``.
-
-    Without strategies none of whose settings takes so few, or so many; without gains where the reference is one of these.
+    0 where it hardly reaches any.
     """
-    theirs, rows = reference.at(number, reference.scores), []
+    reached = float(reference.shares(score).max())
+    found = share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
+    return found if found >= min(share, HARDLY) else 0.0
+
+
+def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[Standing]:
+    """Return each strategy at an equal mean number of photographs, those left out that never take so few, or so many."""
+    theirs, found = reference.at(number, reference.scores), list[Standing]()
     for one in series:
-        scores = one.at(number, one.scores)
-        if np.isnan(scores).any():
+        scores, reached = (one.at(number, v) for v in (one.scores, (one.scores >= score).astype(float)))
+        if scores is None or reached is None:
             continue
-        rows.append(
-            {
-                "strategy": one.name,
-                "photographs": number,
-                "f_score": mean_interval(scores),
-                "gain": NO_INTERVAL if np.isnan(theirs).any() else mean_interval(scores - theirs),
-                "share": float(one.at(number, (one.scores >= score).astype(float)).mean()),
-                "failed": len(one.failed),
-                "score_0": int((scores == 0.0).sum()),
-            }
-        )
-    return rows
+        gain = None if theirs is None else bootstrap_means(scores - theirs)[0]
+        kind = Kind.NOT_PAIRED if gain is None else kind_of(gain)
+        own = bootstrap_means(scores)[0], gain, float(reached.mean())
+        found.append(Standing(one.name, number, kind, *own, len(one.failed), int((scores == 0.0).sum())))
+    return found
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a comparison found."""
+
+    reference: str
+    share: float  # at which numbers of photographs are compared; 0: hardly any is reached
+    number: int  # the largest that the reference takes
+    findings: list[Finding]
+    standings: list[Standing]  # number by number
+    plain: str  # the best plain plan at ``number``; empty without one
+    ceiling: Interval | None  # the greedy oracle minus that plan; None where one of them was not run
+    score_0: list[Zero]
+    ground_truth: list[str]  # strategies that see it
+
+    @property
+    def by_share(self) -> bool:
+        """Whether numbers of photographs are compared; not where all ratios would be of the first. Else scores at ``number``."""
+        return any(f.needed is not None and not f.fewest for f in self.findings)
+
+    @property
+    def planners_may_gain(self) -> bool | None:
+        """Whether the ceiling leaves room for a planner; None where it was not run."""
+        return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
+
+
+def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
+    """Return what the series say; ``reference``: the strategy of the ratios and gains."""
+    score, base = suite.score, next(one for one in series if one.name == reference)
+    share = share_compared(base, suite.share, score)
+    findings = at_share(series, base, share, score)
+    within = [n for n in suite.numbers if base.at(n, base.scores) is not None]
+    number = within[-1] if within else int(base.mean_photographs(slice(None))[-1])
+    shown = sorted({suite.numbers[0], number, suite.numbers[-1], *set(SHOWN_NUMBERS) & {*suite.numbers}})
+    standings = [row for n in shown for row in at_number(series, base, n, score)]
+    scores = {one.name: own for one in series if (own := one.at(number, one.scores)) is not None}
+    plain = {n: s.mean() for n, s in scores.items() if is_orbit(n) or n in ("random", BY_HEIGHT)}
+    best, ceiling = max(plain, key=lambda name: plain[name], default=""), None
+    if best and CEILING in scores:
+        (ceiling,) = bootstrap_means(scores[CEILING] - scores[best])
+    zeros, oracles = what_scores_0(series, suite.targets), [s.name for s in series if s.sees_ground_truth]
+    return Outcome(reference, share, number, findings, standings, best, ceiling, zeros, oracles)
+
+
+def panels(suite: Suite, series: Sequence[Series]) -> dict[str, list[tuple[Floats, list[Interval]]]]:
+    """Mean photographs and, over them, the share in percent, the F-score of all targets ("") and of each family; by series."""
+    of_family: dict[str, list[int]] = {}
+    for r, target in enumerate(suite.targets):
+        named = generated_name(target.rock)
+        of_family.setdefault(named[0] if named else "others", []).append(r)
+    reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
+    everyone = np.arange(len(suite.targets))
+    found = {"share": [(s.mean_photographs(everyone), bootstrap_means(v)) for s, v in zip(series, reached)]}
+    groups = {name: np.array(of) for name, of in of_family.items() if len(of_family) > 1}
+    for name, of in {"": everyone, **groups}.items():
+        found[name] = [(s.mean_photographs(of), bootstrap_means(s.scores[:, of])) for s in series]
+    return found

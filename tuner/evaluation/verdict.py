@@ -43,10 +43,11 @@ def judge(
     if d is None:
         return Verdict(Kind.NOT_PAIRED, strategy, reference, objective.metric, None, margin)
     gain = d if objective.direction == "maximise" else d.reversed
-    return Verdict(_kind(gain, margin), strategy, reference, objective.metric, gain, margin)
+    return Verdict(kind_of(gain, margin), strategy, reference, objective.metric, gain, margin)
 
 
-def _kind(gain: Interval, margin: float) -> Kind:
+def kind_of(gain: Interval, margin: float = 0.0) -> Kind:
+    """Return the kind of a difference that is oriented so that positive is better."""
     if gain.low is None or gain.high is None:
         return Kind.NO_INTERVAL
     if gain.low > 0:

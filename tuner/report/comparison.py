@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
 from tuner.evaluation.comparison import (
@@ -25,8 +24,8 @@ from tuner.evaluation.comparison import (
     MetricRow,
     comparison_table,
     same_photographs,
+    share_kept,
     strategy_interval,
-    values_of,
 )
 from tuner.evaluation.of_campaign import ComparisonSpec
 from tuner.evaluation.run import EvaluationRun
@@ -219,36 +218,19 @@ class ComparisonFacts:
             for row in table.rows
         ]
         if asked.limit is not None:
-            shares = {name: self._share_kept(records, name) for name in self.strategies}
+            shares = {name: self._share(records, name) for name in self.strategies}
             most = max((share.mean for share in shares.values() if share is not None), default=0.0)
             best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
             limit = MetricRow("", "Constraint met", "limit", f"% of {self.word}s", True, 0)
             found.append(ComparisonRow(limit, shares, best, None, {}))
         return dataclasses.replace(table, rows=found)
 
-    def _share_kept(self, records: Sequence[Trial], strategy: str) -> Interval | None:
-        """Share of the rocks, in percent, whose mean meets the constraint; Wilson's 95 % interval.
-
-        A rock on which a mission failed has not kept it. None where the strategy has no mission.
-        """
-        second, limit = self.asked.second, self.asked.limit
-        assert second is not None and limit is not None
-        own = [r for r in records if r.strategy == strategy]
-        rocks = sorted({r.rock for r in own})
-        if not rocks:
-            return None
-        found = values_of(records, strategy, second.metric)
-        kept = 0
-        for rock in rocks:
-            values = [value for (where, _), value in found.items() if where == rock]
-            if values and len(values) == sum(r.rock == rock for r in own):
-                mean = sum(values) / len(values)
-                kept += second.sign * mean >= second.sign * limit - 1e-9 * abs(limit)
-        share = 100 * kept / len(rocks)
-        if second.metric in self.asked.decided:
-            return Interval(share, None, None, len(rocks), len(own), "none")
-        bounds = stats.binomtest(kept, len(rocks)).proportion_ci(method="wilson")
-        return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
+    def _share(self, records: Sequence[Trial], strategy: str) -> Interval | None:
+        asked = self.asked
+        assert asked.second is not None and asked.limit is not None
+        return share_kept(
+            records, strategy, asked.second, asked.limit, exact=asked.second.metric in asked.decided
+        )
 
     # -- sentences -----------------------------------------------------------------------------------------------
 
@@ -301,7 +283,7 @@ class ComparisonFacts:
         return Sentence(verdict_text(verdict, self.word, whom), TONES.get(verdict.kind, "no"))
 
     def _limit(self) -> list[Sentence]:
-        asked, share = self.asked, self._share_kept(self.records, TUNED)
+        asked, share = self.asked, self._share(self.records, TUNED)
         if share is None or asked.second is None:
             return []
         label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)

@@ -1,11 +1,11 @@
-"""The files that `gatetune compare` writes: a figure, a page, tables as CSV and JSON."""
+"""What `gatetune compare` found, in words, as tables, and in files: a figure, a page, CSV and JSON."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,126 +15,188 @@ from matplotlib.figure import Figure
 
 from nbv.mission.result import json_ready
 from nbv.provenance import provenance
-from nbv.rocks.families import generated_name
 from nbv.safe_files import write_atomic
-from nbv.types import Floats, Ints
-from tuner.evaluation import curves
-from tuner.evaluation.curves import Series, Suite
-from tuner.missions.job import Trial
+from nbv.types import Floats
+from tuner.evaluation.comparison import Interval
+from tuner.evaluation.curves import Finding, Outcome, Series, Suite, Zero, panels
+from tuner.evaluation.verdict import Kind
 from tuner.report import style
-from tuner.report.labels import MISSING
+from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
 from tuner.report.pages import write_page
-from tuner.report.table import Table
+from tuner.report.table import Cell, Row, Table
 
-AT_NUMBERS = (16, 20, 24, 32, 40)
+_Curve = tuple[Floats, list[Interval]]
+SHOWN = {
+    Kind.BETTER: "fewer",
+    Kind.WORSE: "more",
+    Kind.NO_DIFFERENCE: "no difference is shown",
+    Kind.NO_INTERVAL: "too few targets for an interval",
+}
 
 
-def write_comparison(
-    suite: Suite, strategies: Sequence[str], reference: str, records: Sequence[Trial], directory: Path
-) -> dict[str, Any]:
-    """Write ``report.html``, ``curves.svg``, ``curves.csv``, ``targets.csv`` and ``comparison.json``; return the last.
-
-    ``reference``: the strategy of the ratios and gains.
-    """
-    series = curves.all_series(suite, strategies, records)
-    base = next(one for one in series if one.name == reference)
-    share = curves.share_compared(base, suite.share, suite.score)
-    findings = curves.at_share(series, base, share, suite.score)
-    said = curves.verdict(findings, reference, suite.share, share, suite.score)
-    numbers = [n for n in AT_NUMBERS if suite.numbers[0] <= n <= suite.numbers[-1]] or [suite.numbers[-1]]
-    document: dict[str, Any] = json_ready(
-        {
-            "suite": suite.name,
-            "provenance": provenance(),
-            "settings": suite.to_dict(),
-            "strategies": list(strategies),
-            "ground_truth": [one.name for one in series if one.sees_ground_truth],
-            "reference": reference,
-            "share": share,
-            "score_0": curves.what_scores_0(series, suite.targets),
-            "verdict": " ".join(said),
-            "at_share": findings,
-            "at_number": [row for n in numbers for row in curves.at_number(series, base, n, suite.score)],
-        }
-    )
-    write_atomic(directory / "comparison.json", json.dumps(document, indent=1))
+def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directory: Path) -> dict[str, Any]:
+    """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
+    curves, said, made = panels(suite, series), verdict_lines(suite, found), provenance()
+    about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
+    document: dict[str, Any] = json_ready({**about, "by_share": found.by_share, **vars(found)})
+    write_atomic(directory / "curves.json", json.dumps(document, indent=1))
     _write_csv(
         directory / "curves.csv",
         ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share", "score_0"),
         (
-            (
-                *(one.name, k, one.photographs[k].mean(), *curves.mean_interval(row)),
-                *((row >= suite.score).mean(), (row == 0.0).sum()),
-            )
-            for one in series
-            for k, row in enumerate(one.scores)
+            (one.name, k, n, f.mean, f.low, f.high, share.mean / 100, (one.scores[k] == 0.0).sum())
+            for one, (numbers, means), (_, shares) in zip(series, curves[""], curves["share"])
+            for k, (n, f, share) in enumerate(zip(numbers, means, shares))
         ),
     )
     _write_csv(
         directory / "targets.csv",
         ("strategy", "target", "photographs", "f_score_percent"),
         (
-            (one.name, target, *cell)
+            (one.name, target.label, *cell)
             for one in series
             for r, target in enumerate(suite.targets)
             for cell in zip(one.photographs[:, r], one.scores[:, r])
         ),
     )
-    figure = _figure(suite, series)
+    figure = _figure(suite, series, curves)
     style.save_figure(figure, directory, "curves")
+    numbers = dict.fromkeys(row.photographs for row in found.standings)
     write_page(
         directory / "report.html",
         "curves.html.j2",
         title="Planners against orbits",
         sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
-        provenance=document["provenance"],
+        revision=made["revision"],
+        plugins=[plugin_text(*each) for each in made.get("plugins", {}).items()],
         verdict=said,
-        score_0=document["score_0"],
+        score_0=[zero_text(zero, len(suite.targets)) for zero in found.score_0],
+        dagger=bool(found.ground_truth),
         figure=style.embed(figure),
-        tables=[share_table(document), _number_table(document)],
+        tables=[
+            *([share_table(suite, found)] if found.by_share else []),
+            number_table(suite, found, *numbers),
+        ],
     )
     return document
 
 
-def share_table(document: Mapping[str, Any]) -> Table:
+def plugin_text(name: str, facts: Mapping[str, str]) -> str:
+    """``mine of a file``, ``mine of a-package 1.0, source 0a1b2c3d``."""
+    of = f"{name} of {facts['distribution'] or 'a file'} {facts['version']}".rstrip()
+    return f"{of}, source {facts['source'][:8]}" if facts["source"] else of
+
+
+# -- sentences -----------------------------------------------------------------------------------------------
+
+
+def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
+    """The outcome, a sentence for each strategy; then what a planner could gain."""
+    score, reference = suite.score, found.reference
+    base = next(f for f in found.findings if f.strategy == reference)
+    share, to_it = f"{100 * found.share:g} %", f"of the targets to an F-score of {score:g} %"
+    instead, said = share if found.share else "mean F-scores", list[str]()
+    if base.reached < suite.share - 1e-9:
+        said.append(
+            f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
+            f"{instead} are compared instead."
+        )
+    if base.fewest:
+        few = f"already the fewest photographs tried ({base.needed:.1f}) bring {share} {to_it}"
+        said.append(
+            f"With {reference} {few}; ask for a higher --score, or begin --numbers with a smaller one."
+        )
+    if not found.by_share:
+        said.append(_scores(found))
+    else:
+        if not base.fewest:
+            said.append(f"{reference} needs {base.needed:.1f} photographs to bring {share} {to_it}.")
+        said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
+    if found.ceiling is not None:
+        plain = f"{found.plain} with {found.number} photographs"
+        said.append(ceiling_text(found.ceiling, plain, room=bool(found.planners_may_gain)))
+    return said
+
+
+def _needs(f: Finding, reference: str) -> str:
+    if f.ratio is None:
+        return f"{f.strategy} never does so: it brings at most {100 * f.reached:.0f} % of them there."
+    times = f"{'at most ' if f.fewest else ''}{difference_text(f.ratio, 2, signed=False)}"
+    return f"{f.strategy} needs {times} times as many photographs as {reference}: {SHOWN[f.kind]}."
+
+
+def _scores(found: Outcome) -> str:
+    """``Mean F-score with 34 photographs, minus that of orbit: better: mine +1.20 [+0.30, +2.10]; worse: ...``."""
+    groups: dict[str, list[str]] = {}
+    for s in found.standings:
+        if s.photographs == found.number and s.strategy != found.reference:
+            shown = {Kind.BETTER: "better", Kind.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
+            groups.setdefault(shown, []).append(f"{s.strategy} {difference_text(s.gain, 2)}")
+    listed = "; ".join(f"{shown}: {', '.join(own)}" for shown, own in groups.items())
+    return (
+        f"Mean F-score with {found.number} photographs, minus that of {found.reference}: {listed or MISSING}."
+    )
+
+
+def zero_text(zero: Zero, targets: int) -> str:
+    """Why targets count with a score of 0; ``targets``: of the comparison."""
+    of = f"all {targets} targets" if len(zero.targets) == targets > 1 else "; ".join(zero.targets)
+    if zero.reason:
+        return f"{zero.strategy}: {counted(zero.missions, 'mission')} failed ({zero.reason}) on {of}; {zero.example}."
+    span = " to ".join(dict.fromkeys(f"{n:g}" for n in zero.photographs))
+    return f"{zero.strategy}: no model yet with {span} photographs on {of}."
+
+
+# -- tables --------------------------------------------------------------------------------------------------
+
+
+def answer_table(suite: Suite, found: Outcome) -> Table:
+    """What each strategy needs for the share or, where no share is compared, its mean score."""
+    return share_table(suite, found) if found.by_share else number_table(suite, found, found.number)
+
+
+def share_table(suite: Suite, found: Outcome) -> Table:
     """Return what each strategy needs for the share."""
-    share, score = 100 * document["share"], document["settings"]["score"]
-    title = f"Photographs until {share:g} % of the targets have an F-score of {score:g} %, and their ratio to {document['reference']}"
-    if not share:
-        title = f"Largest share of targets that have an F-score of {score:g} %"
+    share, score = 100 * found.share, suite.score
     rows = [
         (
-            _marked(document, f["name"]),
-            "never" if f["needed"] is None else f"{'≤ ' if f['fewest'] else ''}{f['needed']:.1f}",
-            curves.interval_text(f["ratio"]),
-            f"{100 * f['reached']:.0f} %",
+            _marked(found, f.strategy),
+            "never" if f.needed is None else f"{'≤ ' if f.fewest else ''}{f.needed:.1f}",
+            difference_text(f.ratio, 2, signed=False),
+            f"{100 * f.reached:.0f} %",
         )
-        for f in document["at_share"]
+        for f in found.findings
     ]
+    title = f"Photographs until {share:g} % of the targets have an F-score of {score:g} %, and their ratio to {found.reference}"
     return Table.of(title, ("strategy", "photographs", "ratio", "largest share"), rows)
 
 
-def _number_table(document: Mapping[str, Any]) -> Table:
-    rows = [
-        (
-            f"{_marked(document, row['strategy'])}, {row['photographs']}",
-            curves.interval_text(row["f_score"]),
-            curves.interval_text(row["gain"], "+.2f") or MISSING,
-            f"{100 * row['share']:.0f} %",
-            str(row["score_0"]),
-        )
-        for row in document["at_number"]
-    ]
-    at = f"share at {document['settings']['score']:g} %"
-    head = ("strategy, photographs", "F-score, %", f"minus {document['reference']}", at, "score 0")
-    return Table.of("At equal number of photographs", head, rows)
+def number_table(suite: Suite, found: Outcome, *numbers: int) -> Table:
+    """Return each strategy at these mean numbers of photographs."""
+    rows: list[Row] = []
+    for number in numbers:
+        rows.append(Row(f"{number} photographs"))
+        for s in (s for s in found.standings if s.photographs == number):
+            texts = (
+                difference_text(s.f_score, 2, signed=False),
+                MISSING if s.strategy == found.reference else difference_text(s.gain, 2),
+                f"{100 * s.share:.0f} %",
+                str(s.score_0),
+            )
+            rows.append(Row(_marked(found, s.strategy), tuple(map(Cell, texts))))
+    share = f"share at {suite.score:g} %"
+    head = ("strategy", "F-score, %", f"minus {found.reference}", share, "score 0")
+    return Table("Mean F-score at equal number of photographs", head, rows)
 
 
-def _marked(document: Mapping[str, Any], name: str) -> str:
-    return f"{name} †" if name in document["ground_truth"] else name
+def _marked(found: Outcome, name: str) -> str:
+    return f"{name} †" if name in found.ground_truth else name
 
 
-def _write_csv(path: Path, head: Sequence[str], rows: Any) -> None:
+# -- files ---------------------------------------------------------------------------------------------------
+
+
+def _write_csv(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
@@ -142,26 +204,16 @@ def _write_csv(path: Path, head: Sequence[str], rows: Any) -> None:
     write_atomic(path, text.getvalue())
 
 
-def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
-    everyone, of_family = np.arange(len(suite.targets)), dict[str, list[int]]()
-    for r, target in enumerate(suite.targets):
-        named = generated_name(target)
-        of_family.setdefault(named[0] if named else "others", []).append(r)
-    scores = [one.scores for one in series]
-    reached = [np.where(own >= suite.score, 100.0, 0.0) for own in scores]
-    panels = [
-        (f"share of targets at {suite.score:g} %", reached, everyone),
-        ("F-score, all targets", scores, everyone),
-    ]
-    if len(of_family) > 1:
-        panels += [(f"F-score, {family}", scores, np.array(of)) for family, of in of_family.items()]
+def _figure(suite: Suite, series: Sequence[Series], panels: Mapping[str, Sequence[_Curve]]) -> Figure:
+    titles = {"share": f"share of targets at {suite.score:g} %", "": "F-score, all targets"}
     columns = min(4, len(panels))
     rows = -(-len(panels) // columns)
     with style.look():
         figure = style.new_figure(3.1 * columns, 2.6 * rows + 0.6)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axis, (title, values, of) in zip(axes, panels):
-            _panel(axis, title, series, values, of)
+        for axis, (name, curves) in zip(axes, panels.items()):
+            _panel(axis, series, curves)
+            axis.set_title(titles.get(name, f"F-score, {name}"), fontsize=9)
         for axis in axes[len(panels) :]:
             axis.set_visible(False)
         for axis in axes[max(0, len(panels) - columns) : len(panels)]:
@@ -170,13 +222,10 @@ def _figure(suite: Suite, series: Sequence[Series]) -> Figure:
     return figure
 
 
-def _panel(axis: Axes, title: str, series: Sequence[Series], values: Sequence[Floats], of: Ints) -> None:
-    for index, (one, own) in enumerate(zip(series, values)):
-        x, y, colour = one.mean_photographs(of), own[:, of].mean(axis=1), f"C{index}"
-        axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=colour, label=one.name, lw=1.4)
-        low, high = curves.bounds(np.mean, own[:, of])
-        if low is not None:
-            axis.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
-    axis.set_title(title, fontsize=9)
-    lowest = min(float(v[len(v) // 4 :, of].mean(axis=1).min()) for v in values)
+def _panel(axis: Axes, series: Sequence[Series], curves: Sequence[_Curve]) -> None:
+    for index, (one, (x, means)) in enumerate(zip(series, curves)):
+        y, low, high = np.array([(i.mean, i.low, i.high) for i in means], dtype=float).T  # None: NaN
+        axis.plot(x, y, "--" if one.sees_ground_truth else "-", color=f"C{index}", label=one.name, lw=1.4)
+        axis.fill_between(x, low, high, color=f"C{index}", alpha=0.12, lw=0)
+    lowest = min(i.mean for _, means in curves for i in means[len(means) // 4 :])
     axis.set_ylim(max(0.0, lowest - 1.0), 100.0)

@@ -102,11 +102,11 @@ def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bo
     return f"95 % interval {low} to {high}"
 
 
-def difference_text(d: Interval | None, digits: int = 1) -> str:
+def difference_text(d: Interval | None, digits: int = 1, *, signed: bool = True) -> str:
     """``+0.2 [−0.4, +0.8]`` of a mean and its bounds; the mean alone without bounds; a dash for None."""
     if d is None:
         return MISSING
-    mean, low, high = (format_number(value, digits, signed=True) for value in (d.mean, d.low, d.high))
+    mean, low, high = (format_number(value, digits, signed=signed) for value in (d.mean, d.low, d.high))
     return mean if d.low is None or d.low == d.high else f"{mean} [{low}, {high}]"
 
 
@@ -114,6 +114,19 @@ def gain_words(gain: float, unit: str, digits: int = 1) -> str:
     """``3.2 points better``, ``3.2 points worse``; ``equal`` where the difference is rounded to nothing."""
     size = with_unit(abs(gain), unit, digits)
     return "equal" if round(gain, digits) == 0 else f"{size} {'better' if gain > 0 else 'worse'}"
+
+
+def ceiling_text(ceiling: Interval, plain: str, *, room: bool) -> str:
+    """What the greedy oracle has above the best plain plan, and whether that leaves room for a planner."""
+    most = f"{max(0.0, ceiling.mean if ceiling.high is None else ceiling.high):.1f} points"
+    return (
+        f"The greedy oracle, which sees the true surface, has {difference_text(ceiling)} points over {plain}: "
+        + (
+            f"up to {most} can be gained here, so try planners."
+            if room
+            else f"no planner can gain more than {most} here."
+        )
+    )
 
 
 def duration(seconds: float) -> str:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
 from tuner.evaluation.enough import WAYS, Enough
+from tuner.report.labels import difference_text
 from tuner.report.pages import write_page
 from tuner.report.style import (
     BLUE,
@@ -126,6 +127,30 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Figure:
             axes.set_title(title)
         figure.colorbar(dots, ax=panels, label="error, % of height")
     return figure
+
+
+def enough_table(found: Enough) -> Table:
+    """Each way at each number of photographs."""
+    rows = [
+        (WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", difference_text(p.quality, signed=False))
+        for way, points in found.curves.items()
+        for p in points
+    ]
+    title = (
+        f"F-score at 3 % of the height; one half of all photographs against the other: {found.ceiling:.1f} %"
+    )
+    return Table.of(title, ("way", "photographs", "registered", "F-score, % [95 % interval]"), rows)
+
+
+def enough_text(found: Enough, keep_percent: float, listed: Path) -> str:
+    """Which plan would have been enough; ``listed``: the file that names its photographs."""
+    said = f"All {found.all_photographs:.0f} have {found.all_quality:.1f} %; {keep_percent:g} % of that are {found.asked_quality:.1f} %."
+    if (best := found.smallest) is None:
+        return f"{said} No plan's lower bound reached it: try a larger --number or more --replicates."
+    return (
+        f"{said} {best.plan.photographs:.0f} photographs would have been enough: {WAYS[best.way]}, "
+        f"{difference_text(best.plan.quality, signed=False)} %. The files of a typical mission, {best.quality:.1f} %: {listed}."
+    )
 
 
 def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:

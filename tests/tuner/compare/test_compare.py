@@ -21,16 +21,22 @@ from tuner.evaluation.curves import (
     SUITES,
     Series,
     Suite,
+    Zero,
     all_series,
     at_number,
     at_share,
-    comparison_plan,
+    comparison_plans,
+    drawn_targets,
+    outcome,
     share_compared,
-    verdict,
     what_scores_0,
 )
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.verdict import Kind
 from tuner.missions.job import Trial
 from tuner.problem.baselines import baseline, ending_at
+from tuner.problem.instances import Instance, instances_of
+from tuner.report.curves import answer_table, plugin_text, verdict_lines, write_curves
 
 MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
 ROCK = "boulder-20000"
@@ -58,7 +64,7 @@ def test_the_curves_are_those_that_research_measured(strategy, arm, numbers):
         known = next(
             r for r in csv.DictReader(file) if (r["rock"], r["arm"], r["value"]) == (ROCK, arm, "f_score")
         )
-    base = Suite((ROCK,)).base
+    base = Suite((Instance(ROCK),)).base
     if strategy == "predicted":
         config = ending_at(baseline(strategy).config(base), max(numbers))
         found = {n: score for n, score, _ in run_curve_mission(config, ROCK).metrics["curve"]}
@@ -80,21 +86,17 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
         tmp_path / "run",
     ]
     out = compare(*asked)
-    told = json.loads((tmp_path / "run/comparison.json").read_text())
-    assert told["verdict"].split()[0] == "orbit-by-height" and told["suite"].startswith("custom-")
+    told = json.loads((tmp_path / "run/curves.json").read_text())
+    assert told["reference"] == "orbit-by-height" and told["suite"].startswith("custom-")
     lines = out.splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("strategy "))
     named = [line.split()[0] for line in lines[head + 1 :][: len(strategies)]]
     assert named == list(strategies) and max(map(len, lines)) <= 80, "one line for each, unwrapped"
-    assert told["ground_truth"] == ["greedy-oracle"] and [f["name"] for f in told["at_share"]] == list(
-        strategies
-    )
+    assert told["ground_truth"] == ["greedy-oracle"]
+    assert [f["strategy"] for f in told["findings"]] == list(strategies)
     page = (tmp_path / "run/report.html").read_text()
-    assert (
-        "greedy-oracle †" in page
-        and told["provenance"]["revision"] in page
-        and told["verdict"].partition(". ")[0] in page
-    )
+    assert "greedy-oracle †" in page and told["provenance"]["revision"] in page
+    assert all(html.escape(said) in page for said in told["verdict"])
     assert (tmp_path / "run/curves.png").stat().st_size > 10_000
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
     missions = sorted((tmp_path / "run/missions").rglob("mission.json"))
@@ -134,19 +136,18 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
     planner = str(tmp_path / "picky_planner.py")
     run = CliRunner().invoke(app, ["--plugin", planner, "compare", *map(str, asked)])
     assert run.exit_code == 0, run.output
-    said = " ".join(run.output.split())
-    assert (
-        "picky: 1 mission failed (plugin_failed) on slab-20000; picky on slab-20000: scorer 'picky'" in said
-    )
     failed = [
         m
         for m in (tmp_path / "run/missions/picky").iterdir()
         if "plugin_failed" in (m / "mission.json").read_text()
     ]
-    told = json.loads((tmp_path / "run/comparison.json").read_text())
+    told = json.loads((tmp_path / "run/curves.json").read_text())
     assert [mission.name for mission in failed] == ["01_slab-20000_r0"]
-    assert {(r["failed"], r["score_0"]) for r in told["at_number"] if r["strategy"] == "picky"} == {(1, 1)}
-    assert told["score_0"][0] in html.unescape((tmp_path / "run/report.html").read_text())
+    assert {(r["failed"], r["score_0"]) for r in told["standings"] if r["strategy"] == "picky"} == {(1, 1)}
+    (zero,) = (zero for zero in told["score_0"] if zero["strategy"] == "picky")
+    assert (zero["reason"], zero["missions"], zero["targets"]) == ("plugin_failed", 1, ["slab-20000"])
+    for shown in (run.output, html.unescape((tmp_path / "run/report.html").read_text())):
+        assert "picky on slab-20000: scorer 'picky'" in " ".join(shown.split())
     curve = [r for r in csv.DictReader((tmp_path / "run/curves.csv").open()) if r["strategy"] == "picky"]
     assert curve[-1]["score_0"] == "1"
     rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
@@ -176,6 +177,13 @@ def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, 
         (["--strategy", "orbit-by-hight"], "did you mean orbit-by-height"),
         (["--against", "covis"], "is not among the strategies"),
         (["--share", "2"], "share 2 must be in"),
+        (["--set", "gate.kind=random"], "gate.kind is decided by --strategy and --numbers"),
+        (["--set", "seed.lowest_deg=-30", "--rock", "slab"], "lowest ring of seeds meets the ground"),
+        (["--condition", "no-such"], "unknown condition 'no-such'"),
+        (["--rock", "slab@no-such"], "unknown condition 'no-such'"),
+        (["--condition", "indoors", "--condition", "indoors"], "'indoors' is named twice"),
+        (["--condition", "indoors", "--set", "scene.ambient=0.5"], "set by condition 'indoors' and by --set"),
+        (["--suite", "rocks-1", "--condition", "indoors"], r"suite rocks-1 \(targets, conditions\)"),
         (["--rock", "slab", "--set", "pool.radius_m=0.5"], "slab reaches .* m from its middle"),
         (["--targets", "1", "--set", "pool.radius_m=0.5"], "boulder-20000 reaches .* m from its middle"),
     ],
@@ -191,69 +199,134 @@ def series(name, photographs, scores):
     return Series(name, np.repeat(count[:, None], len(scores[0]), 1), np.array(scores, dtype=float))
 
 
+def suite_of(count, numbers=(10, 20, 30)):
+    return Suite(drawn_targets(count), numbers, values={**BASE, "seed.count": 10})
+
+
+RING = series("ring", (10, 20, 30), [[50] * 8, [99, 99, 50, 50] * 2, [99, 99, 99, 50] * 2])
+MINE = series("mine", (10, 20, 30), [[50, 50, 50, 99] * 2, [99] * 8, [99] * 8])
+NEVER = series("never", (10, 20, 30), [[0] * 8] * 3)
+
+
 def test_what_is_needed_at_equal_share_and_what_is_had_at_equal_number():
-    ring = series("ring", (10, 20, 30), [[50, 50, 50, 50] * 2, [99, 99, 50, 50] * 2, [99, 99, 99, 50] * 2])
-    mine = series("mine", (10, 20, 30), [[50, 50, 50, 99] * 2, [99, 99, 99, 99] * 2, [99, 99, 99, 99] * 2])
-    never = series("never", (10, 20, 30), [[0, 0, 0, 0] * 2] * 3)
-    found = {f.name: f for f in at_share([ring, mine, never], ring, 0.75, 98.0)}
-    ratio, low, high = found["mine"].ratio
-    assert (found["ring"].needed, found["mine"].needed, ratio) == (30.0, 20.0, 20 / 30)
-    assert low <= ratio <= high <= 1.0
-    assert found["ring"].ratio == (1.0, 1.0, 1.0), "paired with itself nothing varies"
-    said = " ".join(verdict(list(found.values()), "ring", 0.75, 0.75, 98.0))
-    assert said.startswith(
-        "ring needs 30.0 photographs for 75 % of the targets to reach an F-score of 98 %. "
-    )
-    assert "mine needs 0.67 [" in said and "] times as many photographs as ring: " in said
-    assert said.endswith("never never does so: it brings at most 0 % of them there.")
-    (said,) = verdict(list(found.values()), "never", 0.75, 0.0, 98.0)
-    assert "nothing can be compared with it" in said
-    rows = {row["strategy"]: row for row in at_number([ring, mine], ring, 15, 98.0)}
-    assert rows["mine"]["f_score"][0] == pytest.approx((62.25 + 99) / 2) and rows["mine"]["share"] == 0.625
-    assert rows["ring"]["gain"] == (0.0, 0.0, 0.0)
+    ring, mine, never = at_share([RING, MINE, NEVER], RING, 0.75, 98.0)
+    assert (ring.needed, mine.needed, mine.ratio.mean, never.needed) == (30.0, 20.0, 20 / 30, None)
+    assert mine.ratio.low <= mine.ratio.mean <= mine.ratio.high <= 1.0 and mine.ratio.method == "bootstrap"
+    assert (ring.ratio.low, ring.ratio.high) == (1.0, 1.0), "paired with itself nothing varies"
+    assert (ring.kind, never.kind, never.reached) == (Kind.NO_DIFFERENCE, Kind.NOT_PAIRED, 0.0)
+    of_mine, of_ring = at_share([RING, MINE], MINE, 0.75, 98.0)[0], at_number([RING, MINE], MINE, 15, 98.0)[0]
+    assert of_mine.ratio.low >= 1.0 and of_ring.kind is Kind.WORSE
+    ring, mine = at_number([RING, MINE], RING, 15, 98.0)
+    assert mine.f_score.mean == pytest.approx((62.25 + 99) / 2) and mine.share == 0.625
+    assert (mine.kind, ring.kind, ring.gain.mean) == (Kind.BETTER, Kind.NO_DIFFERENCE, 0.0)
 
 
-def test_a_share_that_the_reference_never_has_is_replaced_by_one_that_it_has():
-    ring = series("ring", (10, 20, 30), [[50, 50, 50], [99, 50, 50], [99, 99, 50]])
-    mine = series("mine", (10, 20, 30), [[50, 50, 50], [99, 99, 50], [99, 99, 99]])
-    share = share_compared(ring, 0.75, 98.0)
-    assert share == 0.65 and share_compared(mine, 0.75, 98.0) == 0.75
-    said = " ".join(verdict(at_share([ring, mine], ring, share, 98.0), "ring", 0.75, share, 98.0))
-    assert said.startswith(
-        "ring brings at most 67 % of the targets to an F-score of 98 %, not the 75 % asked for; 65 % are compared instead. "
-        "ring needs 30.0 photographs for 65 %"
-    )
-    assert "mine needs 0.67 times as many photographs as ring: too few targets for an interval." in said
+def test_fewer_and_more_are_claimed_only_of_what_was_tried_with_fewer():
+    late = series("late", (10, 20, 30), [[50] * 8, [50] * 8, [99] * 8])
+    soon = series("soon", (10, 20, 30), [[50] * 8, [99] * 8, [99] * 8])
+    first = series("first", (15, 20, 30), [[99] * 8] * 3)
+    at_once = series("at once", (18, 20, 30), [[99] * 8] * 3)
+    every, less, more, same = (late, soon, first, at_once), Kind.BETTER, Kind.WORSE, Kind.NO_DIFFERENCE
+    kinds = [[f.kind for f in at_share(every, base, 0.75, 98.0)] for base in every]
+    assert kinds == [
+        [same, less, less, less],
+        [more, same, less, less],
+        [more, more, same, same],
+        [more, more, same, same],
+    ]
+    assert [f.fewest for f in at_share(every, late, 0.75, 98.0)] == [False, False, True, True]
+
+
+# Of three targets: as asked, what there is in steps of 5 %, hardly any.
+@pytest.mark.parametrize(("reached", "share"), [(3, 0.75), (2, 0.65), (1, 0.0)])
+def test_a_share_that_the_reference_never_has_is_replaced(reached, share):
+    ring = series("ring", (10, 20, 30), [[50] * 3, [50] * 3, [99] * reached + [50] * (3 - reached)])
+    assert share_compared(ring, 0.75, 98.0) == share
+    found = outcome(suite_of(3), [ring, series("mine", (10, 20, 30), [[50] * 3, [99] * 3, [99] * 3])], "ring")
+    assert (found.share, found.number) == (share, 30)
+    assert found.findings[1].kind is (Kind.NO_INTERVAL if share else Kind.NOT_PAIRED), "three are too few"
+    table = answer_table(suite_of(3), found)
+    assert table.columns[1] == ("photographs" if share else "F-score, %")
+
+
+def test_where_the_share_is_hardly_reached_or_at_once_the_console_says_mean_scores():
+    """It said `≤ 24.0  1.00 [1.00, 1.00]` where one target in eight had the score."""
+    for scores in ([[99] + [90] * 7] * 2, [[99] * 8] * 2):
+        both = [series("ring", (24, 34), scores), series("mine", (24, 34), np.array(scores) - 1.0)]
+        suite = suite_of(8, (24, 34))
+        found = outcome(suite, both, "ring")
+        shown = [[row.name, *(cell.text for cell in row.cells)] for row in answer_table(suite, found).rows]
+        assert (found.by_share, shown[0]) == (False, ["34 photographs"])
+        assert float(shown[1][1].split()[0]) == pytest.approx(np.mean(scores[1]), abs=0.01)
+        assert shown[2][2] == "−1.00" and "≤" not in str(shown)
+        assert len(verdict_lines(suite, found)) == 2
 
 
 def test_a_strategy_says_nothing_of_numbers_that_it_never_takes():
     ring = series("ring", (18, 20, 30), [[99, 99, 99, 50] * 2, [99, 99, 99, 50] * 2, [99] * 8])
     mine = series("mine", (12, 20, 30), [[50, 99, 50, 50] * 2, [99] * 8, [99] * 8])
-    rows = at_number([ring, mine], ring, 16, 98.0)
-    assert [(row["strategy"], row["gain"]) for row in rows] == [("mine", (None, None, None))]
-    findings = at_share([ring, mine], ring, 0.75, 98.0)
-    said = verdict(findings, "ring", 0.75, 0.75, 98.0)
-    assert said[0].startswith("ring needs at most 18.0 photographs") and "not tried with fewer" in said[1]
-    assert said[2].startswith("mine needs 1.11 [") and not said[2].endswith(": fewer.")
+    (alone,) = at_number([ring, mine], ring, 16, 98.0)
+    assert (alone.strategy, alone.kind, alone.gain) == ("mine", Kind.NOT_PAIRED, None)
+    missed = series("set", (17.5, 20, 29.4), [[99] * 8] * 3)  # a photograph set without some of the seeds
+    assert [s.strategy for s in at_number([ring, missed], ring, 30, 98.0)] == ["ring", "set"]
+
+
+@pytest.mark.parametrize(("above", "gain"), [(0.4, False), (7.0, True)])
+def test_the_oracle_tells_what_planners_could_gain_over_the_best_plain_plan(above, gain):
+    of = {"hyb-h": 99.0, "random": 90.0, "orbit": 91.0, "greedy-oracle": 91.0 + above}
+    found = outcome(suite_of(8), [series(n, (10, 20, 30), [[v] * 8] * 3) for n, v in of.items()], "orbit")
+    assert (found.plain, found.planners_may_gain) == ("orbit", gain)
+    assert found.ceiling.mean == pytest.approx(above)
+    assert f"{above:.1f} points" in verdict_lines(suite_of(8), found)[-1]
+    assert outcome(suite_of(8), [RING, MINE], "ring").ceiling is None
+
+
+@pytest.mark.parametrize("oracle", [True, False])
+def test_the_page_begins_at_the_first_number_and_repeats_nothing(oracle, tmp_path):
+    names = ("orbit", "greedy-oracle") if oracle else ("orbit", "random")
+    both = [
+        series(name, (14, 20, 34), [[90.0 + k] * 6, [95.0] * 6, [99.0] * 6]) for k, name in enumerate(names)
+    ]
+    suite = suite_of(6, (14, 20, 34))
+    document = write_curves(suite, both, outcome(suite, both, "orbit"), tmp_path)
+    rows = [(row["strategy"], row["photographs"]) for row in document["standings"]]
+    assert rows == [(name, n) for n in (14, 20, 34) for name in names]
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("†") == (5 if oracle else 0), "a dagger explains a mark: both tables, or none"
+    assert not (tmp_path / "comparison.json").exists(), "of a campaign"
+    assert json.loads((tmp_path / "curves.json").read_text())["reference"] == "orbit"
+    nothing = {"distribution": "", "version": "", "source": ""}
+    assert plugin_text("mine", nothing) == "mine of a file"
+    known = {"distribution": "a-package", "version": "1.0", "source": "0123456789"}
+    assert plugin_text("mine", known) == "mine of a-package 1.0, source 01234567"
+
+
+def ended(rock, curve):
+    return Trial(
+        rock=rock, replicate=0, strategy="covis", status="ok", measured_then={"metrics": {"curve": curve}}
+    )
+
+
+def test_levels_that_take_the_same_photographs_are_one_setting():
+    suite = Suite(instances_of(["slab", "boulder"]), numbers=(12, 14))
+    trials = [ended("slab", [[12, 90, 90.6]]), ended("boulder", [[12, 90, 99.0]])]
+    (found,) = all_series(suite, ["covis-stopped"], trials)
+    assert found.photographs.tolist() == [[12, 12], [14, 12], [14, 14]]
 
 
 def test_what_has_no_model_yet_scores_0_and_is_said():
-    suite = Suite(("slab", "boulder"), numbers=(12, 16, 20, 24))
+    suite = Suite(instances_of(["slab", "boulder"]), numbers=(12, 16, 20, 24))
 
-    def ended(rock, begins):
-        curve = [[n, 90.0 + n / 10, 95.0] for n in range(begins, 25)]
-        return Trial(
-            rock=rock,
-            replicate=0,
-            strategy="covis",
-            status="ok",
-            measured_then={"metrics": {"curve": curve}},
-        )
-
-    (found,) = all_series(suite, ["covis"], [ended("slab", 12), ended("boulder", 22)])
+    (found,) = all_series(
+        suite,
+        ["covis"],
+        [
+            ended(rock, [[n, 90.0 + n / 10, 95.0] for n in range(k, 25)])
+            for rock, k in (("slab", 12), ("boulder", 22))
+        ],
+    )
     assert found.scores.tolist() == [[91.2, 0.0], [91.6, 0.0], [92.0, 0.0], [92.4, 92.4]]
-    said = what_scores_0([found], suite.targets)
-    assert said == ["covis: no model yet with 12 to 20 photographs on boulder."]
+    assert what_scores_0([found], suite.targets) == [Zero("covis", ("boulder",), photographs=(12.0, 20.0))]
 
 
 def test_a_suite_is_named_by_all_its_settings():
@@ -261,10 +334,22 @@ def test_a_suite_is_named_by_all_its_settings():
     assert suite.name == "rocks-1" and len(suite.targets) == 60
     changed = Suite(suite.targets, values={**BASE, "pool.radius_m": 3.0})
     assert changed.name.startswith("custom-") and changed.name != Suite(suite.targets, score=97.0).name
-    plan = comparison_plan(suite, dict.fromkeys(("covis", "orbit-two", "orbit-by-height")))
-    assert plan.missions == 60 * (1 + 19)
-    rendered = Suite(("slab",), (16, 24), fidelity="photogrammetric")
-    assert list(comparison_plan(rendered, {"covis": None}).strategies) == ["covis-16", "covis-24"]
+    plans = comparison_plans(suite, dict.fromkeys(("covis", "orbit-two", "orbit-by-height")))
+    assert plans[""].missions == 60 * (1 + 19)
+    rendered = Suite(instances_of(["slab"]), (16, 24), fidelity="photogrammetric")
+    assert list(comparison_plans(rendered, {"covis": None})[""].strategies) == ["covis-16", "covis-24"]
+
+
+def test_rocks_run_under_the_conditions_asked_for(tmp_path):
+    asked = shlex.split("--strategy orbit --numbers 16 --workers 1 --score 60 --out")
+    compare(*asked, tmp_path / "all", "--rock", "slab", "--condition", "ideal", "--condition", "indoors")
+    assert EvaluationPlan.load(tmp_path / "all").instances == (Instance("slab"), Instance("slab", "indoors"))
+    compare(*asked, tmp_path / "own", "--rock", "slab@indoors", "--rock", "arch")
+    run = {name: EvaluationPlan.load(tmp_path / "own" / name).instances for name in ("ideal", "indoors")}
+    assert run == {"ideal": (Instance("arch"),), "indoors": (Instance("slab", "indoors"),)}
+    rows = list(csv.DictReader((tmp_path / "own/targets.csv").open()))
+    scores = {row["target"]: float(row["f_score_percent"]) for row in rows}
+    assert scores["slab, indoors"] == 0.0 < 60.0 < scores["arch"], "there 16 on a ring do not register"
 
 
 def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_the_set(tmp_path, monkeypatch):
@@ -282,20 +367,25 @@ def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_th
         )
         f_score = told["metrics"]["observable"]["f_score_48mm"]
         assert float(row["f_score_percent"]) == pytest.approx(f_score, abs=1e-4)
-    assert "too few targets for an interval" in out
+    assert "F-score, %" in out, "one target is too few for an interval"
+    with pytest.raises(
+        UserError, match=r"ball is a set of real photographs.*scene.ambient.*condition indoors"
+    ):
+        compare(*asked, "--condition", "indoors", "--out", tmp_path / "refused")
+    assert not (tmp_path / "refused").exists()
 
 
 def test_a_recommendation_is_measured_as_all_others_are():
     """It was tuned with six agreeing views; beside strategies with three it would lose by its yardstick."""
-    suite = Suite((ROCK,), numbers=(24, 28))
+    suite = Suite((Instance(ROCK),), numbers=(24, 28))
     tuned = preset("campaign").with_values(
         {"dense.agreeing_views": 6, "gate.d95_m": 0.4, "pool.max_altitude_m": 1.5}
     )
     with pytest.raises(
         UserError, match="tuned begins with 24 seeds, which --numbers must allow: 22 are too few"
     ):
-        comparison_plan(Suite((ROCK,), numbers=(12, 22)), {"tuned": tuned})
-    plan = comparison_plan(suite, {"tuned": tuned, "random": None}).strategies
+        comparison_plans(Suite((Instance(ROCK),), numbers=(12, 22)), {"tuned": tuned})
+    plan = comparison_plans(suite, {"tuned": tuned, "random": None})[""].strategies
     assert plan["tuned"].gate == tuned.gate and plan["tuned"].pool == tuned.pool
     for section in ("dense", "sparse", "evaluation", "target", "telemetry"):
         assert getattr(plan["tuned"], section) == getattr(plan["random"], section)
