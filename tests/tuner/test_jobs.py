@@ -123,6 +123,6 @@ def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> No
     campaign = tuner.tune(tmp_path / "c", fidelity="geometric", overrides=SMALL, workers=1, **asked)
     result = gate_result(campaign)
     assert result is not None and [block.rocks for block in result.blocks] == [("arch",), ("slab",)]
-    assert all(block.complete for block in result.blocks)
+    assert all(block.results.complete for block in result.blocks)
     with pytest.raises(UserError, match="slab is tuned on and compared on"):
         tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})

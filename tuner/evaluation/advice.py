@@ -86,6 +86,8 @@ def training_results(campaign: Campaign, best: Recommendation) -> Results:
         records += [
             dataclasses.replace(r, strategy=renamed.get(r.strategy, r.strategy)) for r in plan.records(where)
         ]
+    place = {rock: k for k, rock in enumerate(s.rocks)}
+    records.sort(key=lambda r: place.get(r.rock, 0))
     return Results(False, _each_once(records), configs, True)
 
 

@@ -111,9 +111,7 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     if advice.by_orbit is not None and advice.by_orbit.gain is not None:
         unit = metric_label(advice.by_orbit.metric).difference_unit
         orbit, gain = strategy_label(advice.by_orbit.strategy), advice.by_orbit.gain
-        said.append(
-            f"With {orbit} in its place the result is {gain_words(gain.mean, unit)} ({difference_text(gain)})."
-        )
+        said.append(f"{orbit} in its place would be {gain_words(gain.mean, unit)} ({difference_text(gain)}).")
     if (ceiling := advice.ceiling) is not None:
         most = max(0.0, ceiling.mean)
         text = f"The greedy oracle, which sees the true surface, has {difference_text(ceiling)} points over {strategy_label(advice.plain)}"
@@ -132,7 +130,7 @@ def there(results: Results) -> str:
 
 NEXT = {
     Next.RUN: "Finish it: {left} of {budget} missions are left.",
-    Next.MORE: "Run more missions: nothing that was run is known to be good enough.",
+    Next.MORE: "Run more missions, or relax the constraint if there is one: nothing that was run is known to be good enough.",
     Next.CONFIRM: "Confirm it in new replicates: your mission file has no held-out instance.",
     Next.EVALUATE: "Evaluate it on held-out {word}s: so far it has run where it was tuned.",
     Next.MORE_INSTANCES: "Evaluate it on more {word}s: {count} cannot represent others.",

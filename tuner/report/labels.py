@@ -111,9 +111,9 @@ def difference_text(d: Interval | None, digits: int = 1, *, signed: bool = True)
 
 
 def gain_words(gain: float, unit: str, digits: int = 1) -> str:
-    """``3.2 points better``, ``3.2 points worse``; ``equal`` where the difference is rounded to nothing."""
+    """``a gain of 3.2 points``, ``a loss of 3.2 points``; ``no difference`` where it is rounded to nothing."""
     size = with_unit(abs(gain), unit, digits)
-    return "equal" if round(gain, digits) == 0 else f"{size} {'better' if gain > 0 else 'worse'}"
+    return "no difference" if round(gain, digits) == 0 else f"a {'gain' if gain > 0 else 'loss'} of {size}"
 
 
 def ceiling_text(ceiling: Interval, plain: str, *, room: bool) -> str:

@@ -83,7 +83,7 @@ def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
 def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     (tmp_path / "mine.yaml").write_text(
-        "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
+        "name: mine\nspace: full\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
         "second: costs.flight_time_s\nlimit: 300\n"
     )
     options = "--budget 30 --rock boulder --set stop.adaptive_budget=4"

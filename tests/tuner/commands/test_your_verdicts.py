@@ -75,7 +75,7 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     assert best.values == {"mode": "quick"} and best.improvement > 5
     out, tree, page = said(gatetune, directory, command, "runs/own", "--mission", "own.yaml")
     line = tree["verdicts"][0]
-    assert "improvement +13.0" in line["text"] and line["kind"] != "worse"
+    assert "a gain of 13.0" in line["text"] and line["kind"] != "worse"
     assert line["text"] in out and line["text"] in page
     difference = tree["tables"]["own"]["rows"][0]["differences"]["tuned"]
     assert difference["mean"] == -13.0
@@ -94,10 +94,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
         in out
     ), err
     page = page_of(directory)
-    assert (
-        "Run more, or relax the constraint: no configuration that was evaluated is likely to meet it (Loss at most 1)."
-        in page
-    )
+    assert "relax the constraint" in page
     code, out, err = gatetune(*next_command(directory), "--workers", 1)
     assert code == 0 and "all 2 configurations have run with every replicate" in out, out + err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
@@ -113,4 +110,4 @@ def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):
     directory = evaluated(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}", {"held_out": []})
     words = next_command(directory)
     assert words[0] == "confirm"
-    assert "improvement +13.0" in said(gatetune, directory, *words)[0]
+    assert "a gain of 13.0" in said(gatetune, directory, *words)[0]

@@ -86,7 +86,7 @@ def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
 
 def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
     instances = (IDEAL_CONDITION, load_condition("field"))
-    assert list(orbits_at_number(BASE, instances[:1])) == ["orbit-32", "orbit-two-32"]
+    assert list(orbits_at_number(BASE, instances[:1])) == ["orbit-32", "orbit-high-32", "orbit-two-32"]
     found = orbits_at_number(BASE, instances)
     assert [c.seed.retarget_after for c in found.values()] == [0, 0, 16, 16]
 

@@ -134,7 +134,7 @@ def test_what_is_said_of_a_lead_and_of_rocks_nobody_ran_is_known() -> None:
         "Keep the default (24 photographs on rings" in text
         and "for now: what looks better has run too few trials" in text
     )
-    assert "over the above; it has to run on more rocks or replicates before it can be recommended." in text
+    assert "it has run in too few trials to be recommended, so it was not chosen." in text
     found, text = said(("r0",), missions(GOOD, 60.0, ("r0", 0), ("r0", 1)))
     assert found.values == GOOD and found.next_rock is None
     assert "On the next rock" not in text and "Only one rock was run" in text

@@ -23,7 +23,7 @@ ORBIT = {
 
 def test_an_orbit_is_drawn_and_said() -> None:
     config = preset("campaign").with_values(ORBIT)
-    assert plan_words(config, ceiling=True) == "16 photographs at 10° and 9 at 35°"
+    assert plan_words(config) == "16 photographs at 10° and 9 at 35°"
     above, beside = plan_figure(config).axes
     pool, seeds = above.lines
     east, north = seeds.get_data()
