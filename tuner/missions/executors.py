@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from nbv import plugins
+from nbv.cache import home
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
@@ -94,7 +95,7 @@ _FROM_OUTSIDE = {
 class _Attempt:
     job: MissionJob
     since: float  # of submission, then of the start
-    pid: int | None = None  # once started
+    pid: int | None = None  # of its keeper, once started
     timed_out: bool = False
     stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
 
@@ -160,12 +161,12 @@ class LocalProcessExecutor(Executor):
 
     def _start_server(self) -> subprocess.Popen[bytes]:
         # Where a library may start threads, the server cannot fork.
-        environment = {**os.environ, **ONE_THREAD}
+        environment = {**plugins.environment(), **ONE_THREAD, "GATETUNE_HOME": str(home().absolute())}
         # Without the current directory: a numpy.py that lies there is not the library.
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._buffer, self._server_is_up, self._silent_s = b"", False, 0.0
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload, *plugins.modules()],
+            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -217,7 +218,7 @@ class LocalProcessExecutor(Executor):
             reason, message = self._verdict(attempt, status, error)
             trial = job.failed(reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
-                record_failure(job, reason, message)
+                record_failure(job.to_dict(), reason, message)
         self._ready.append(trial)
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
@@ -284,11 +285,13 @@ def _wake_when_parent_ends() -> None:
     _LIBC.prctl(1, signal.SIGCONT)  # PR_SET_PDEATHSIG, which an exec leaves as it is
 
 
-def _is_stopped(pid: int | None) -> bool:
+def _is_stopped(keeper: int | None) -> bool:
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+        mission = Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()[:1]
+        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *mission)]
     except OSError:
         return False
+    return any(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
 
 
 def _wait_for_end(pid: int | None) -> None:

@@ -107,8 +107,6 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
             "is no scorer: an object without main_term, weights, rank",
         ),
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
-        ([("covis", "mine_package:LOW")], {"gate.kind": "covis"}, "has the name of one that is built in"),
-        ([("random", "mine_package:LOW")], {"gate.kind": "random"}, "has the name of one that is built in"),
         ([], {"gate.kind": "mine"}, "or a plug-in that is installed or named with gatetune --plugin"),
         ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
         (
@@ -253,6 +251,9 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": [-z for z in heights]}', ""),
         ('{"view": state["pool"]["ids"][3]}', ""),
         ('{"view": "nowhere"}', "names no view of the pool"),
+        ('{"view": "x" * 900_000}', "names no view of the pool"),
+        ('{"view": "x" * 50_000_000}', "no usable answer (more than 1000000 bytes"),
+        ('{"view": 1}))\n    print(json.dumps({}', "no usable answer (more than one line"),
         ('{"scores": [1.0]}', "returned the shape (1,), not ("),
         ('{"scores": [float("nan") for z in heights]}', "no usable answer (JSON is malformed"),
         ('{"scores": ["high" for z in heights]}', "no usable answer (Expected `float`, got `str`"),
@@ -269,7 +270,7 @@ def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, sa
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
-    assert said in mission.message
+    assert said in mission.message and len(mission.message) < 600
     assert (mission.status == "failed") == bool(said)
     if not said:
         assert {capture.scorer for capture in mission.trace} == {"outside"}
