@@ -247,7 +247,7 @@ def left_out() -> list[str]:
 def sources(group: str, *names: str) -> list[str]:
     """Source digests of the plug-ins among ``names``, for the cache keys of what they compute."""
     found = plugins(group)
-    return [found[name].source for name in names if name in found]
+    return [found[name].source for name in names if name in found and (group, name) not in _left_out]
 
 
 @functools.cache

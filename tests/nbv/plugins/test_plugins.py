@@ -253,7 +253,7 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"view": "nowhere"}', "names no view of the pool"),
         ('{"view": "x" * 900_000}', "names no view of the pool"),
         ('{"view": "x" * 50_000_000}', "no usable answer (more than 1000000 bytes"),
-        ('{"view": 1}))\n    print(json.dumps({}', "no usable answer (more than one line"),
+        ('{"view": "a"}) + "\\n" + json.dumps({}', "no usable answer (more than one line"),
         ('{"scores": [1.0]}', "returned the shape (1,), not ("),
         ('{"scores": [float("nan") for z in heights]}', "no usable answer (JSON is malformed"),
         ('{"scores": ["high" for z in heights]}', "no usable answer (Expected `float`, got `str`"),
