@@ -79,8 +79,8 @@ class Plugin:
 
     @property
     def file(self) -> str:
-        """Name of the file that it is in; empty where that has not been imported."""
-        module = sys.modules.get(self.reference.partition(":")[0])
+        """Name of the file that it is in; empty for a program, and where that has not been imported."""
+        module = None if "=" in self.asked else sys.modules.get(self.reference.partition(":")[0])
         return Path(getattr(module, "__file__", None) or "").name
 
     @property
@@ -383,7 +383,7 @@ def said(error: BaseException) -> str:
         text = " ".join(str(error)[: 10 * SAID_LETTERS].split())
     except Exception:
         text = "(it cannot be printed)"
-    return shortened(f"{type(error).__name__}: {text}")
+    return shortened(f"{type(error).__name__}: {text}" if text else type(error).__name__)
 
 
 def shortened(text: str) -> str:

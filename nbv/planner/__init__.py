@@ -145,4 +145,6 @@ class Planner:
             self.config, state.vehicle_position_m, state.visited_m, state.n_seeds
         )
         if view not in map(again.viewpoint, range(len(again))):
-            raise MissionFailure("plugin_failed", f"the planner moved {view.id} to {view.position_m}, out of the pool")
+            raise MissionFailure(
+                "plugin_failed", f"the planner moved {view.id} to {view.position_m}, out of the pool"
+            )

@@ -26,7 +26,16 @@ from nbv.cache import home
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
-from tuner.missions.job import LOG_FILE, MissionJob, Trial, load_trial, record_failure, remove_earlier_result
+from tuner.missions.job import (
+    DUMP_SIGNAL,
+    LOG_FILE,
+    MissionJob,
+    Trial,
+    line_in_log,
+    load_trial,
+    record_failure,
+    remove_earlier_result,
+)
 from tuner.missions.registry import DEFAULT_FIDELITY, IMPORTED_IN_FLIGHT, module_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
@@ -80,6 +89,7 @@ MAX_WORKERS = 1024
 _LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
+_DUMP_S = 0.2
 _SCORING_S = 900.0  # of an own mission's cloud
 # A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
 _SILENCE_LIMIT_S = 60.0
@@ -231,7 +241,7 @@ class LocalProcessExecutor(Executor):
         if attempt.timed_out:
             return (
                 "timeout",
-                f"killed after {self._timeout_s:g} s, the limit of a mission (--timeout-s); see {log}",
+                f"killed after {self._timeout_s:g} s, the limit of a mission (--timeout-s){line_in_log(attempt.job)}; see {log}",
             )
         if status == EXIT_NOT_WRITABLE:
             return "output_not_writable", f"could not write to {attempt.job.directory}; is the disk full?"
@@ -250,6 +260,7 @@ class LocalProcessExecutor(Executor):
             limit_s = self._timeout_s + (_START_GRACE_S if attempt.pid is None else 0.0)
             if job_id in self._attempts and not attempt.timed_out and attempt.elapsed_s > limit_s:
                 attempt.timed_out, attempt.stopped = True, _is_stopped(attempt.pid)
+                _dump(attempt.pid)
                 self._order({"op": "kill", "id": job_id})
         overdue = any(attempt.timed_out for attempt in self._attempts.values())
         limit_s = _SILENCE_LIMIT_AFTER_KILL_S if overdue else _SILENCE_LIMIT_S
@@ -285,13 +296,27 @@ def _wake_when_parent_ends() -> None:
     _LIBC.prctl(1, signal.SIGCONT)  # PR_SET_PDEATHSIG, which an exec leaves as it is
 
 
-def _is_stopped(keeper: int | None) -> bool:
+def _mission_of(keeper: int | None) -> list[int]:
+    """The process id of a keeper's mission; empty where there is none any more."""
     try:
-        mission = Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()[:1]
-        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *mission)]
+        return [int(pid) for pid in Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()[:1]]
     except OSError:
-        return False
-    return any(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
+        return []
+
+
+def _is_stopped(keeper: int | None) -> bool:
+    with contextlib.suppress(OSError):
+        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *_mission_of(keeper))]
+        return any(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
+    return False
+
+
+def _dump(keeper: int | None) -> None:
+    """Let a mission that hangs write into its log where it is."""
+    for mission in _mission_of(keeper):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(mission, DUMP_SIGNAL)
+            time.sleep(_DUMP_S)
 
 
 def _wait_for_end(pid: int | None) -> None:

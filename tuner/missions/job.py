@@ -6,6 +6,8 @@ import contextlib
 import datetime
 import functools
 import os
+import re
+import signal
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,6 +47,7 @@ _INFRASTRUCTURE_FAILURES = {
     "worker_killed",
     "worker_stopped",
 }
+DUMP_SIGNAL = signal.SIGUSR1  # asks a mission where it is
 LOST = ("server_lost", "not_started")  # with the server, perhaps not by their own doing
 _POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
 _MEASURED = ("metrics", "costs")  # what of a mission.json is kept in memory
@@ -234,13 +237,28 @@ def blamed(job: MissionJob, attempts: Sequence[Trial]) -> Trial:
     if not job.planners or not (last.infrastructure_failure or last.possibly_machine_fault):
         return last
     plugin = job.planners[0]
+    where = line_in_log(job) or (f" in {plugin.file}" if plugin.file else "")
     message = (
-        f"{plugin.label} ({plugin.file}) came to no end in {len(attempts)} attempts ({last.reason}: {last.message}); "
+        f"{plugin.label} came to no end in {len(attempts)} attempts{where} ({last.reason}: {last.message}); "
         f"remove {job.directory} to try again"
     )
     with contextlib.suppress(OSError):
         record_failure(job.to_dict(), "plugin_failed", message)
     return job.failed("plugin_failed", message, last.wall_s)
+
+
+def line_in_log(job: MissionJob) -> str:
+    """`` at mine.py, line 12``: where a planner's code was in the last dump of its log; empty where it was not running, or is unknown."""
+    try:
+        _, dumped, dump = (
+            (job.directory / LOG_FILE).read_text(errors="replace").rpartition("(most recent call first)")
+        )
+    except OSError:
+        return ""
+    for plugin in job.planners if dumped else ():
+        if plugin.file and (found := re.search(rf'File "[^"\n]*{re.escape(plugin.file)}", line (\d+)', dump)):
+            return f" at {plugin.file}, line {found[1]}"
+    return ""
 
 
 def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:

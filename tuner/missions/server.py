@@ -36,7 +36,7 @@ from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
-from tuner.missions.job import LOG_FILE
+from tuner.missions.job import DUMP_SIGNAL, LOG_FILE
 from tuner.missions.keeper import end_children, keep
 from tuner.missions.registry import IMPORTED_IN_FLIGHT, is_geometric, module_of, runs_on_rocks
 from tuner.missions.run_job import EXIT_FAILED, run_job
@@ -214,6 +214,7 @@ def _kill_group(pid: int) -> None:
 def _run_alone(job: dict[str, Any]) -> int:
     plugins.own_process()
     faulthandler.enable()  # into the log: the line at which compiled code ended the mission
+    faulthandler.register(DUMP_SIGNAL, all_threads=False)
     return run_job(job)
 
 
