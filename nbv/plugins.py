@@ -50,6 +50,7 @@ PLANNERS = ("scorers", "gates")
 IMPORT_S = 60.0  # a module that takes longer to import is refused
 SAID_LETTERS = 300  # of what a part says, in a message
 DETAILS_BYTES = 10_000  # of what a gate says of one decision
+MOST_TERMS = 50  # of a ranking
 
 
 @dataclass(frozen=True)
@@ -531,9 +532,10 @@ def _ranking(plugin: Plugin, ranking: Any, count: int) -> Ranking:
     if not np.array_equal(np.sort(order), np.arange(count)):
         raise MissionFailure("plugin_failed", f"{plugin.label} returned an order that is no permutation")
     terms = {shortened(str(name)): np.array(values, dtype=float) for name, values in ranking.terms.items()}
-    if any(values.shape != (count,) for values in terms.values()):
+    if len(terms) > MOST_TERMS or any(values.shape != (count,) for values in terms.values()):
         raise MissionFailure(
-            "plugin_failed", f"{plugin.label} returned terms of another shape than ({count},)"
+            "plugin_failed",
+            f"{plugin.label} returned more than {MOST_TERMS} terms, or some not of the shape ({count},)",
         )
     return Ranking(shortened(str(ranking.scorer)), order, scores, terms)
 

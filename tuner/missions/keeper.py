@@ -67,7 +67,7 @@ def keep(mission: Callable[[], int], log: int, server: int) -> NoReturn:
             ended, code = os.waitpid(pid, os.WNOHANG)
             status = os.waitstatus_to_exitcode(code) if ended else -signal.SIGTERM
         end_children()
-        while said.take(printed):
+        while said.take(printed):  # nobody is left who could add to it
             pass
         said.close()
     finally:
