@@ -58,9 +58,9 @@ class Session:
         return next(iter(children(self.pid)), None)
 
     def worker(self) -> int | None:
-        """A mission's process."""
-        server = self.server()
-        return None if server is None else next(iter(children(server)), None)
+        """A mission's process, the child of its keeper."""
+        keepers = children(self.server() or 0)
+        return next((mission for keeper in keepers for mission in children(keeper)), None)
 
     def verdict(self) -> str:
         text = self.output.read_text(errors="replace")

@@ -59,7 +59,8 @@ def _met(flight: Flight, session: Session, find: Callable[[], int | None]) -> No
 def _aborted_before(flight: Flight, pid: int | None) -> bool:
     """Or nobody knows which mission it is: it has just been started."""
     with contextlib.suppress(OSError):
-        log = str(Path(f"/proc/{pid}/fd/1").readlink())
+        keeper = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1]
+        log = str(Path(f"/proc/{keeper}/fd/1").readlink())
         if log.endswith("worker.log") and log not in flight.aborted:
             flight.aborted.add(log)
             return False

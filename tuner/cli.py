@@ -149,13 +149,15 @@ def main() -> None:
         _say(f"{said}{where}")
         sys.exit(EXIT_UNEXPECTED)
     finally:
+        for line in plugins.left_out():
+            _say(line, "note", "yellow")
         if ends_at_once:  # the interpreter takes itself down
             signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _say(message: str) -> None:
+def _say(message: str, kind: str = "error", color: str = "bold red") -> None:
     line = " ".join(message.split("\n"))
-    errors.print(Text.assemble(("error:", "bold red"), " ", line), highlight=False, soft_wrap=True)
+    errors.print(Text.assemble((f"{kind}:", color), " ", line), highlight=False, soft_wrap=True)
 
 
 def _keep_traceback() -> Path | None:

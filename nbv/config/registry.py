@@ -21,7 +21,7 @@ class Registry(Mapping[str, str]):
         self.group, self.own = group, own
 
     def brought(self) -> dict[str, plugins.Plugin]:
-        """The plug-ins by name; `UserError` where two have one name, or one has a built-in name."""
+        """The plug-ins by name, as `plugins.beside` the built-in parts."""
         both_are_kinds = self.group in ("scorers", "gates")
         taken = SCORERS.own | GATES.own if both_are_kinds else self.own
         return plugins.beside(taken.keys(), self.group)

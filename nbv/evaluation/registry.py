@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from nbv.errors import UserError
 from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
-from nbv.plugins import plugins
+from nbv.plugins import leave_out, plugins
 from nbv.types import Floats
 
 SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
@@ -93,7 +92,7 @@ def all_metrics() -> dict[str, Metric]:
     """Those built in, then those of plug-ins."""
     found = {plugin.loaded.key: plugin for plugin in plugins("metrics").values()}
     for taken in METRICS.keys() & found.keys():
-        raise UserError(f"{found[taken].label} has the key of a metric that is built in, {taken}; rename it")
+        leave_out(found.pop(taken))
     return {**METRICS, **{key: plugin.loaded for key, plugin in found.items()}}
 
 

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from nbv.cache import keyed
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.ground_truth import GroundTruthOracle
@@ -30,6 +31,9 @@ class Gate(ABC):
     ----------
     config
         The vehicle's; the gate's own settings are in its ``gate``.
+    rock_sha256
+        Which rock it is, for draws and caches. A plug-in's is keyed (`nbv.cache.keyed`): it tells rocks apart without
+        telling which of the catalogue they are, on this machine only.
     oracle
         The ground truth, for a gate that says ``sees_ground_truth``, and for no other.
     """
@@ -100,6 +104,8 @@ def make_gate(
         oracle = None
     elif oracle is None:
         raise UserError(f"gate.kind {kind} needs the ground truth; give it an oracle, or choose another gate")
+    if GATES.plugin(kind) is not None:
+        config, rock_sha256 = copy.deepcopy(config), keyed(rock_sha256)
     return gate(config, rock_sha256, replicate, oracle)
 
 

@@ -9,17 +9,24 @@
 
 (`nbv.types.SparseModel` says what the parts of the model are) and answers ``{"view": "cand_012"}`` or ``{"scores": [...]}``, one
 number for each candidate, larger is better. It ends when its input does. What it writes to standard error is in the
-mission's log. One that gives no answer for `ANSWER_S` ends the mission as failed.
+mission's log, of which the beginning and the end are kept. One that gives no answer for `ANSWER_S`, answers more than
+`ANSWER_BYTES`, or more than one line for a state, ends the mission as failed.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
+import os
+import select
 import shlex
 import shutil
+import signal
 import subprocess
 import threading
+import time
+import weakref
 from pathlib import Path
 from typing import ClassVar
 
@@ -28,10 +35,12 @@ import numpy as np
 
 from nbv.errors import MissionFailure, UserError
 from nbv.gates.base import Gate, ranking_of
-from nbv.plugins import register
+from nbv.plugins import register, shortened
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 ANSWER_S = 120.0  # time for one answer
+ANSWER_BYTES = 1_000_000
+_LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 
 
 class Answer(msgspec.Struct):
@@ -46,47 +55,83 @@ class ExternalGate(Gate):
 
     command: ClassVar[tuple[str, ...]]
     identity: ClassVar[str]  # of the command and of the files that it names
-    _process: subprocess.Popen[bytes] | None = None
+    _program: _Program | None = None
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The program's answer."""
         kind = self.config.gate.kind
         seed = int(self.rng(state).integers(2**31))
-        answer = self._ask(_state_line(state, pool, self.config.target_m, seed))
-        if answer.scores is None and answer.view not in pool.ids:
-            raise MissionFailure(
-                "plugin_failed", f"{kind} answered {answer}, which names no view of the pool"
+        try:
+            self._program = self._program or _Program(self.command)
+            answer = self._program.ask(_state_line(state, pool, self.config.target_m, seed))
+        except (OSError, ValueError) as error:
+            said = (
+                f"gate {kind!r} of {' '.join(self.command)} gave no usable answer ({shortened(str(error))})"
             )
+            raise MissionFailure("plugin_failed", said) from error
+        if answer.scores is None and answer.view not in pool.ids:
+            said = f"{kind} answered {shortened(str(answer))}, which names no view of the pool"
+            raise MissionFailure("plugin_failed", said)
         chosen = [view == answer.view for view in pool.ids]
         scores = np.array(chosen if answer.scores is None else answer.scores, dtype=float)
         return GateDecision(ranking_of(kind, scores, rankings), f"answer of {self.command[0]}")
 
-    def _ask(self, line: bytes) -> Answer:
-        if self._process is None:
-            self._process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+class _Program:
+    """The running program of one mission; it ends, with its process group, when nothing refers to it any more."""
+
+    def __init__(self, command: tuple[str, ...]) -> None:
+        self._process = subprocess.Popen(
+            command,
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,
+        )
+        weakref.finalize(self, _end, self._process)
+
+    def ask(self, line: bytes) -> Answer:
+        """The answer to one line; ``OSError`` or ``ValueError`` says why there is none."""
         process = self._process
         assert process.stdin is not None and process.stdout is not None
-        overdue = threading.Timer(ANSWER_S, process.kill)  # whether it does not read or does not write
-        overdue.start()
+        output = process.stdout.fileno()
+        if select.select([output], [], [], 0.0)[0] and os.read(output, 1):
+            raise ValueError("it wrote a line that was not asked for")
+        began, overdue = time.monotonic(), threading.Timer(ANSWER_S, process.kill)
+        overdue.start()  # whether it does not read or does not write
         try:
-            process.stdin.write(line + b"\n")
-            process.stdin.flush()
-            return msgspec.json.decode(process.stdout.readline(), type=Answer)
+            rest = memoryview(line + b"\n")
+            while rest:
+                rest = rest[process.stdin.write(rest) :]
+            answer, chunk = b"", b"."
+            while chunk and not chunk.endswith(b"\n") and len(answer) <= ANSWER_BYTES:
+                chunk = os.read(output, 65536)
+                answer += chunk
+            if len(answer) > ANSWER_BYTES:
+                raise ValueError(f"more than {ANSWER_BYTES} bytes")
+            if answer.count(b"\n") > 1:
+                raise ValueError("more than one line")
+            return msgspec.json.decode(answer, type=Answer)
         except (OSError, msgspec.DecodeError) as error:
-            late = overdue.finished.is_set()
-            overdue.cancel()
-            why = f"killed after {ANSWER_S:g} s" if late else str(error)
+            if time.monotonic() - began >= ANSWER_S:
+                raise ValueError(f"killed after {ANSWER_S:g} s") from error
             with contextlib.suppress(subprocess.TimeoutExpired):
-                why = why if late else f"exit status {process.wait(1.0)}"
-            said = f"gate {self.config.gate.kind!r} of {' '.join(self.command)} gave no usable answer ({why})"
-            raise MissionFailure("plugin_failed", said) from error
+                raise ValueError(f"exit status {process.wait(1.0)}") from error
+            raise
         finally:
             overdue.cancel()
 
-    def __del__(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+
+def _end_with_parent() -> None:
+    _LIBC.prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
 
 
 def _state_line(state: PlanningState, pool: CandidatePool, target_m: tuple[float, ...], seed: int) -> bytes:

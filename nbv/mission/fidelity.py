@@ -168,12 +168,11 @@ class Fidelity(ABC):
             cloud = mission.run()
             mission.recorder.reconstructed(cloud)
             metrics = self.measure(cloud)
-        except MissionFailure as failure:
-            return Outcome("failed", failure.reason, failure.message)
-        except Exception as error:  # another's planner raises what it likes
-            if (ended := failure_of(error)) is None:
+        except (Exception, SystemExit) as error:  # another's planner raises what it likes
+            failure = failure_of(error) or error
+            if not isinstance(failure, MissionFailure):
                 raise
-            return Outcome("failed", ended.reason, ended.message)
+            return Outcome("failed", failure.reason, failure.message)
         notes = mission.recorder.notes
         if not notes:
             return Outcome("ok", metrics=metrics)

@@ -22,10 +22,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from nbv import plugins
+from nbv.cache import home
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
-from tuner.missions.job import LOG_FILE, MissionJob, Trial, load_trial, record_failure, remove_earlier_result
+from tuner.missions.job import (
+    DUMP_SIGNAL,
+    LOG_FILE,
+    MissionJob,
+    Trial,
+    line_in_log,
+    load_trial,
+    record_failure,
+    remove_earlier_result,
+)
 from tuner.missions.registry import DEFAULT_FIDELITY, IMPORTED_IN_FLIGHT, module_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
@@ -79,6 +89,7 @@ MAX_WORKERS = 1024
 _LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
+_DUMP_S = 0.2
 _SCORING_S = 900.0  # of an own mission's cloud
 # A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
 _SILENCE_LIMIT_S = 60.0
@@ -94,7 +105,7 @@ _FROM_OUTSIDE = {
 class _Attempt:
     job: MissionJob
     since: float  # of submission, then of the start
-    pid: int | None = None  # once started
+    pid: int | None = None  # of its keeper, once started
     timed_out: bool = False
     stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
 
@@ -160,12 +171,12 @@ class LocalProcessExecutor(Executor):
 
     def _start_server(self) -> subprocess.Popen[bytes]:
         # Where a library may start threads, the server cannot fork.
-        environment = {**os.environ, **ONE_THREAD}
+        environment = {**plugins.environment(), **ONE_THREAD, "GATETUNE_HOME": str(home().absolute())}
         # Without the current directory: a numpy.py that lies there is not the library.
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._buffer, self._server_is_up, self._silent_s = b"", False, 0.0
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload, *plugins.modules()],
+            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -217,7 +228,7 @@ class LocalProcessExecutor(Executor):
             reason, message = self._verdict(attempt, status, error)
             trial = job.failed(reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
-                record_failure(job, reason, message)
+                record_failure(job.to_dict(), reason, message)
         self._ready.append(trial)
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
@@ -230,7 +241,7 @@ class LocalProcessExecutor(Executor):
         if attempt.timed_out:
             return (
                 "timeout",
-                f"killed after {self._timeout_s:g} s, the limit of a mission (--timeout-s); see {log}",
+                f"killed after {self._timeout_s:g} s, the limit of a mission (--timeout-s){line_in_log(attempt.job)}; see {log}",
             )
         if status == EXIT_NOT_WRITABLE:
             return "output_not_writable", f"could not write to {attempt.job.directory}; is the disk full?"
@@ -249,6 +260,7 @@ class LocalProcessExecutor(Executor):
             limit_s = self._timeout_s + (_START_GRACE_S if attempt.pid is None else 0.0)
             if job_id in self._attempts and not attempt.timed_out and attempt.elapsed_s > limit_s:
                 attempt.timed_out, attempt.stopped = True, _is_stopped(attempt.pid)
+                _dump(attempt.pid)
                 self._order({"op": "kill", "id": job_id})
         overdue = any(attempt.timed_out for attempt in self._attempts.values())
         limit_s = _SILENCE_LIMIT_AFTER_KILL_S if overdue else _SILENCE_LIMIT_S
@@ -284,11 +296,27 @@ def _wake_when_parent_ends() -> None:
     _LIBC.prctl(1, signal.SIGCONT)  # PR_SET_PDEATHSIG, which an exec leaves as it is
 
 
-def _is_stopped(pid: int | None) -> bool:
+def _mission_of(keeper: int | None) -> list[int]:
+    """The process id of a keeper's mission; empty where there is none any more."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+        return [int(pid) for pid in Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()[:1]]
     except OSError:
-        return False
+        return []
+
+
+def _is_stopped(keeper: int | None) -> bool:
+    with contextlib.suppress(OSError):
+        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *_mission_of(keeper))]
+        return any(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
+    return False
+
+
+def _dump(keeper: int | None) -> None:
+    """Let a mission that hangs write into its log where it is."""
+    for mission in _mission_of(keeper):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(mission, DUMP_SIGNAL)
+            time.sleep(_DUMP_S)
 
 
 def _wait_for_end(pid: int | None) -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import functools
 import os
+import re
+import signal
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv import plugins
+from nbv.cache import machine_key, use_machine_key
 from nbv.checksums import CHECKSUM, require_checksum
 from nbv.errors import UserError
 from nbv.mission.function import Keep
@@ -43,6 +47,8 @@ _INFRASTRUCTURE_FAILURES = {
     "worker_killed",
     "worker_stopped",
 }
+DUMP_SIGNAL = signal.SIGUSR1  # asks a mission where it is
+LOST = ("server_lost", "not_started")  # with the server, perhaps not by their own doing
 _POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
 _MEASURED = ("metrics", "costs")  # what of a mission.json is kept in memory
 
@@ -59,15 +65,28 @@ class MissionJob:
     keep: Keep = "summary"
     fidelity: str = DEFAULT_FIDELITY  # a name of the registry, or module:function
 
+    @property
+    def planners(self) -> list[plugins.Plugin]:
+        """Other people's code that plans, renders or reconstructs in this mission."""
+        return list(getattr(self.config, "plugins_used", ()))
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form for a worker."""
-        values = {"config": self.config.to_dict(), "directory": str(self.directory)}
-        return {**vars(self), **values, "plugins": plugins.asked()}
+        """Return the JSON form for a worker, whose working directory a planner may change."""
+        values = {"config": self.config.to_dict(), "directory": str(self.directory.absolute())}
+        return {
+            **vars(self),
+            **values,
+            "plugins": plugins.asked(self.planners),
+            "machine_key": machine_key().hex(),
+            "identity": {"config_digest": self.config.digest(), "condition": self.config.condition},
+            "planners": [plugin.label for plugin in self.planners],
+        }
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        tree = dict(tree)
+        tree = {name: value for name, value in tree.items() if name not in ("identity", "planners")}
+        use_machine_key(bytes.fromhex(tree.pop("machine_key", "")))
         for text in tree.pop("plugins", ()):
             plugins.use(text)
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
@@ -208,6 +227,40 @@ def should_retry(attempts: Sequence[Trial]) -> bool:
     return last.possibly_machine_fault and not any(trial.possibly_machine_fault for trial in earlier)
 
 
+def blamed(job: MissionJob, attempts: Sequence[Trial]) -> Trial:
+    """Return the last of ``attempts``, none of which will follow; where another's code plans the mission its end is that code's failure.
+
+    What ended it every time may look like the machine's doing, but the missions of others end well. It is left in the
+    mission's directory, too.
+    """
+    last = attempts[-1]
+    if not job.planners or not (last.infrastructure_failure or last.possibly_machine_fault):
+        return last
+    plugin = job.planners[0]
+    where = line_in_log(job) or (f" in {plugin.file}" if plugin.file else "")
+    message = (
+        f"{plugin.label} came to no end in {len(attempts)} attempts{where} ({last.reason}: {last.message}); "
+        f"remove {job.directory} to try again"
+    )
+    with contextlib.suppress(OSError):
+        record_failure(job.to_dict(), "plugin_failed", message)
+    return job.failed("plugin_failed", message, last.wall_s)
+
+
+def line_in_log(job: MissionJob) -> str:
+    """`` at mine.py, line 12``: where a planner's code was in the last dump of its log; empty where it was not running, or is unknown."""
+    try:
+        _, dumped, dump = (
+            (job.directory / LOG_FILE).read_text(errors="replace").rpartition("(most recent call first)")
+        )
+    except OSError:
+        return ""
+    for plugin in job.planners if dumped else ():
+        if plugin.file and (found := re.search(rf'File "[^"\n]*{re.escape(plugin.file)}", line (\d+)', dump)):
+            return f" at {plugin.file}, line {found[1]}"
+    return ""
+
+
 def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     """Return how a job ended, as its directory tells; None when the mission did not finish.
 
@@ -239,22 +292,26 @@ def repeated(trials: Iterable[Trial]) -> set[int]:
     return {t.number for t in taken if first.setdefault(t.photographs_taken, t.number) != t.number}
 
 
-def record_failure(job: MissionJob, reason: str, message: str) -> None:
-    """Leave the ``mission.json`` of a mission that left none itself; ``OSError`` if that cannot be written."""
+def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
+    """Leave the ``mission.json`` of a mission that left none itself; ``OSError`` if that cannot be written.
+
+    ``tree``: its `MissionJob.to_dict`.
+    """
     result = MissionResult(
         status="failed",
         reason=reason,
         message=message,
-        config_digest=job.config.digest(),
-        rock=job.rock,
-        replicate=job.replicate,
+        rock=tree["rock"],
+        replicate=tree["replicate"],
         metrics={},
         trace=[],
         timings_s={},
         costs={},
-        condition=job.config.condition,
+        **tree["identity"],
     )
-    write_atomic(job.directory / RESULT_FILE, result.to_json())
+    directory = Path(tree["directory"])
+    directory.mkdir(parents=True, exist_ok=True)  # a planner may have removed it
+    write_atomic(directory / RESULT_FILE, result.to_json())
 
 
 def remove_earlier_result(job: MissionJob) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import traceback
+from pathlib import Path
 from typing import Any
 
 from nbv.errors import MissionFailure, UserError
-from nbv.plugins import failure_of
+from nbv.plugins import failure_of, said
 from nbv.safe_files import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.registry import fidelity_on, mission_function
@@ -34,22 +35,22 @@ EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
 
 def run_job(tree: dict[str, Any]) -> int:
     """Run one mission and leave ``mission.json`` in its directory, also of one that failed; exit status."""
-    job = MissionJob.from_dict(tree)
-    directory = job.directory
+    directory = Path(tree["directory"])
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        job = _job(tree)
         fidelity = fidelity_on(job.rock, job.fidelity)
         result = mission_function(fidelity)(job.config, job.rock, job.replicate, directory, keep=job.keep)
         if not (directory / RESULT_FILE).exists():
             write_atomic(directory / RESULT_FILE, result.to_json())
         return 0
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and failure_of(error) is None:
+            raise
         failed = error
         reason, message = _reason(error)
     try:
-        record_failure(job, reason, message)
+        record_failure(tree, reason, message)
     except OSError:
         status = EXIT_NOT_WRITABLE
     else:
@@ -59,8 +60,19 @@ def run_job(tree: dict[str, Any]) -> int:
     return status
 
 
+def _job(tree: dict[str, Any]) -> MissionJob:
+    """The job; what its plug-ins raise while they are imported is their failure, also what they do not raise elsewhere."""
+    try:
+        return MissionJob.from_dict(tree)
+    except BaseException as error:
+        if not (tree["planners"]):
+            raise
+        told = str(error) if isinstance(error, UserError) else said(error)
+        raise MissionFailure("plugin_failed", told) from error
+
+
 def _reason(error: BaseException) -> tuple[str, str]:
-    if isinstance(error, Exception) and (ended := failure_of(error)) is not None:
+    if (ended := failure_of(error)) is not None:
         return ended.reason, ended.message
     if isinstance(error, UserError):
         return "user_error", str(error)

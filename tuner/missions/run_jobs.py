@@ -8,7 +8,7 @@ from typing import Protocol
 
 from nbv.errors import UserError
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, should_retry
+from tuner.missions.job import LOST, MissionJob, Trial, blamed, should_retry
 from tuner.missions.long_runs import Stop
 
 _POLL_S = 0.5
@@ -72,34 +72,51 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     """Run what ``source`` hands out until there is no more, it gives up, or somebody asks for a stop.
 
     What the machine ends (somebody kills or stops a process, no process can be started, the disk is full) says nothing
-    about the mission: it is run again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`. The executor is
-    left open; missions still in flight at the end are killed.
+    about the mission: it is run again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`; of one that another's
+    code plans that is the planner's failure. Missions that were lost together are run again one at a time and nothing beside
+    them, and the loss is not counted: one of them may have ended the others. The executor is left open; missions still in
+    flight at the end are killed.
 
     Raises `UserError`: a mission met a user's mistake, which every other one would meet too.
     """
     running: dict[str, tuple[MissionJob, list[Trial]]] = {}  # with the attempts that have ended
+    suspects: list[tuple[MissionJob, list[Trial]]] = []  # to be run again alone; the first may be running
+
+    def submit(job: MissionJob, attempts: list[Trial]) -> None:
+        executor.submit(job)
+        running[job.id] = job, attempts
+
     try:
         while not stop.is_set() and not source.cancelled:
-            while (free := executor.capacity - len(running)) > 0 and (jobs := source.next_jobs(free)):
+            if suspects and not running:
+                submit(*suspects[0])
+            free = 0 if suspects else executor.capacity - len(running)
+            while free > 0 and (jobs := source.next_jobs(free)):
                 for job in jobs:
-                    executor.submit(job)
-                    running[job.id] = job, []
+                    submit(job, [])
                     source.launched(job)
+                free = executor.capacity - len(running)
             if not running:
                 if not source.has_pending:
                     return
                 stop.wait(_SHORT_POLL_S)
                 continue
             ended = []
-            for trial in executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S):
+            trials = executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S)
+            lost = [trial for trial in trials if trial.reason in LOST]
+            for trial in trials:
                 job, attempts = running.pop(trial.job_id)
+                suspects = [suspect for suspect in suspects if suspect[0] is not job]
                 if trial.reason == "user_error":
                     raise UserError(trial.message)
-                if should_retry([*attempts, trial]):
-                    executor.submit(job)
-                    running[job.id] = job, [*attempts, trial]
+                together = trial in lost and len(lost) > 1
+                counted = attempts if together else [*attempts, trial]
+                if not together and not should_retry(counted):
+                    ended.append(blamed(job, counted))
+                elif trial in lost:
+                    suspects.append((job, counted))
                 else:
-                    ended.append(trial)
+                    submit(job, counted)
             source.ended(ended)
     finally:
         executor.cancel_all()

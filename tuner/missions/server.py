@@ -1,8 +1,8 @@
-"""Runs every mission in a process and process group of its own.
+"""Runs every mission in a process and session of its own, under a keeper (`tuner.missions.keeper`).
 
 ``python -P -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
 it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
-the rocks that were run before in memory).
+the rocks that were run before in memory). Other people's planners are imported in their own missions only.
 Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
 fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
 ``{"event": "ready" | "started" | "exited" | "beat", ...}``. When standard input closes, i.e. the campaign ended or was
@@ -15,19 +15,19 @@ what a hung mission has started outlives the time-out, and under both a mission 
 from __future__ import annotations
 
 import contextlib
-import ctypes
+import faulthandler
 import importlib
+import itertools
 import json
 import os
 import selectors
 import signal
 import subprocess
 import sys
-import time
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NoReturn
 
 from nbv import plugins
 from nbv.cache import code_digest
@@ -36,12 +36,13 @@ from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
-from tuner.missions.job import LOG_FILE
-from tuner.missions.registry import is_geometric, module_of, runs_on_rocks
+from tuner.missions.job import DUMP_SIGNAL, LOG_FILE
+from tuner.missions.keeper import end_children, keep
+from tuner.missions.registry import IMPORTED_IN_FLIGHT, is_geometric, module_of, runs_on_rocks
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
-PATIENCE_S = 2.0  # with killed missions that the system has not ended yet
+TRUSTED = {"nbv", "tuner", *itertools.chain(*IMPORTED_IN_FLIGHT.values())}  # packages
 MAX_HELD_BYTES = 256 * 2**20  # of rocks: eight to ten of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
 MAX_FILE_BYTES = 100 * 2**20
@@ -60,7 +61,10 @@ class MissionServer:
         self._held_bytes = 0
         for name in preload:
             try:
-                plugins.use(name)
+                if name.partition(".")[0] in TRUSTED:
+                    importlib.import_module(name)
+                else:
+                    plugins.use(name)  # guarded
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
         _fill_caches_before_forking(preload)
@@ -101,19 +105,7 @@ class MissionServer:
             for pid in self._children:
                 _kill_group(pid)
             self._children.clear()
-            self._end_orphans()
-
-    def _end_orphans(self) -> None:
-        """Kill what has become a child of this process because its mission has ended, and see it end.
-
-        Whoever waits for this server may then read and write where its missions did.
-        """
-        deadline = time.monotonic() + PATIENCE_S
-        while (orphans := _children() - self._children.keys()) and time.monotonic() < deadline:
-            for pid in orphans:
-                os.kill(pid, signal.SIGKILL)
-                os.waitpid(pid, os.WNOHANG)
-            time.sleep(0.005)
+            end_children()
 
     def _obey(self, order: dict[str, Any]) -> None:
         if order["op"] == "kill":
@@ -134,10 +126,10 @@ class MissionServer:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
         with open_to_write(Path(job["directory"]) / LOG_FILE, os.O_APPEND) as log:
             if self._fork:
-                pid = os.fork()
+                server, pid = os.getpid(), os.fork()
                 if pid:
                     return pid
-                self._become_mission(job, log.fileno())  # never returns
+                self._become_keeper(job, log.fileno(), server)
             command = [sys.executable, "-P", "-m", "tuner.missions.server", "--job"]
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
@@ -148,25 +140,14 @@ class MissionServer:
             process.returncode = 0  # this loop reaps it, Popen must not
             return process.pid
 
-    def _become_mission(self, job: dict[str, Any], log: int) -> None:
-        status = EXIT_FAILED
+    def _become_keeper(self, job: dict[str, Any], log: int, server: int) -> NoReturn:
         try:
-            os.setsid()
-            _when_parent_ends(signal.SIGKILL)  # none outlives a server that was killed outright
-            signal.set_wakeup_fd(-1)
-            for number in (signal.SIGINT, signal.SIGCHLD):
-                signal.signal(number, signal.SIG_DFL)
-            null = os.open(os.devnull, os.O_RDONLY)
-            os.dup2(null, 0)
-            os.dup2(log, 1)
-            os.dup2(log, 2)
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
             for descriptor in (self._out.fileno(), self._in.fileno(), self._wake_read, self._wake_write):
                 os.close(descriptor)
-            status = run_job(job)
-            sys.stdout.flush()
-            sys.stderr.flush()
+            keep(lambda: _run_alone(job), log, server)
         finally:
-            os._exit(status)
+            os._exit(EXIT_FAILED)
 
     def _reap(self) -> None:
         for pid in list(self._children):
@@ -176,7 +157,7 @@ class MissionServer:
             _kill_group(pid)  # children the mission left behind
             _, status = os.waitpid(pid, 0)
             job = self._children.pop(pid)
-            self._end_orphans()
+            end_children(but=frozenset(self._children))
             self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
             if status == 0 and self._fork:
                 self._hold_rock(job)
@@ -224,23 +205,17 @@ def _fill_caches_before_forking(modules: Sequence[str]) -> None:
             code_digest(module)
 
 
-def _children() -> set[int]:
-    """Return the process ids of this process's children; none where the kernel keeps no list of them."""
-    try:
-        return {int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
-    except OSError:
-        return set()
-
-
 def _kill_group(pid: int) -> None:
     for kill in (os.killpg, os.kill):  # the child may not have become a group leader yet
         with contextlib.suppress(ProcessLookupError, PermissionError):
             kill(pid, signal.SIGKILL)
 
 
-def _when_parent_ends(number: signal.Signals) -> None:
-    """Ask Linux to send this process a signal when its parent has ended, however that ends."""
-    ctypes.CDLL(None).prctl(1, number)  # PR_SET_PDEATHSIG
+def _run_alone(job: dict[str, Any]) -> int:
+    plugins.own_process()
+    faulthandler.enable()  # into the log: the line at which compiled code ended the mission
+    faulthandler.register(DUMP_SIGNAL, all_threads=False)
+    return run_job(job)
 
 
 def _thread_count() -> int:
@@ -254,8 +229,8 @@ def main(arguments: list[str]) -> int:
     """Run ``python -m tuner.missions.server``."""
     single_thread_environment()
     if arguments == ["--job"]:
-        _when_parent_ends(signal.SIGKILL)
-        return run_job(json.loads(sys.stdin.read()))
+        job = json.loads(sys.stdin.read())
+        keep(lambda: _run_alone(job), os.dup(1), os.getppid())
     MissionServer(arguments).serve()
     os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
 

@@ -1,22 +1,29 @@
 """Parts of other packages: found by name, guarded, recorded, and refused in one line where they are none."""
 
+import ctypes
+import hashlib
+import json
 import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from nbv import plugins
+from nbv.cache import Store, home
 from nbv.config import SCORERS, Weights, config_from_dict, parameter, preset
 from nbv.config.declaration import Section
-from nbv.errors import UserError
-from nbv.gates import Gate, external
+from nbv.errors import MissionFailure, UserError
+from nbv.gates import Gate, external, make_gate
 from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionResult
-from nbv.types import GateDecision
+from nbv.random_streams import keyed_rng
+from nbv.rocks import load_coarse_rock
+from nbv.types import GateDecision, Ranking
 from tuner.missions.job import MissionJob
 from tuner.missions.run_job import run_job
 
@@ -52,6 +59,7 @@ def package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(plugins, "_registered", {})
     monkeypatch.setattr(plugins, "_used", {})
+    monkeypatch.setattr(plugins, "_left_out", {})
     said = {}
 
     def entry_points(group):
@@ -107,8 +115,6 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
             "is no scorer: an object without main_term, weights, rank",
         ),
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
-        ([("covis", "mine_package:LOW")], {"gate.kind": "covis"}, "has the name of one that is built in"),
-        ([("random", "mine_package:LOW")], {"gate.kind": "random"}, "has the name of one that is built in"),
         ([], {"gate.kind": "mine"}, "or a plug-in that is installed or named with gatetune --plugin"),
         ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
         (
@@ -128,6 +134,10 @@ def test_a_bad_plug_in_is_one_line_before_anything_runs(package, parts, values, 
     with pytest.raises(UserError) as error:
         short(**values)
     assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def failing(terms, pool, config):
+    raise MissionFailure("disk_full", "not me")
 
 
 def changing(terms, pool, config):
@@ -176,6 +186,8 @@ def test_a_gate_may_ask_for_the_ranking_of_any_scorer(package):
         (lambda terms, pool, config: pool.positions_m, "one number for each candidate"),
         (lambda terms, pool, config: None, "returned NaN or infinity|one number for each candidate"),
         (lambda terms, pool, config: 1 / 0, "ZeroDivisionError"),
+        (lambda terms, pool, config: sys.exit(3), "SystemExit: 3"),
+        (failing, "MissionFailure: not me"),
         (changing, "must not change what it is given"),
     ],
 )
@@ -253,6 +265,9 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": [-z for z in heights]}', ""),
         ('{"view": state["pool"]["ids"][3]}', ""),
         ('{"view": "nowhere"}', "names no view of the pool"),
+        ('{"view": "x" * 900_000}', "names no view of the pool"),
+        ('{"view": "x" * 50_000_000}', "no usable answer (more than 1000000 bytes"),
+        ('{"view": "a"}) + "\\n" + json.dumps({}', "no usable answer (more than one line"),
         ('{"scores": [1.0]}', "returned the shape (1,), not ("),
         ('{"scores": [float("nan") for z in heights]}', "no usable answer (JSON is malformed"),
         ('{"scores": ["high" for z in heights]}', "no usable answer (Expected `float`, got `str`"),
@@ -269,7 +284,7 @@ def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, sa
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
-    assert said in mission.message
+    assert said in mission.message and len(mission.message) < 600
     assert (mission.status == "failed") == bool(said)
     if not said:
         assert {capture.scorer for capture in mission.trace} == {"outside"}
@@ -316,3 +331,91 @@ def test_what_a_gate_returns_or_raises_where_it_is_made_is_said(package, tmp_pat
     run_job(MissionJob("a", config, "slab", 0, tmp_path / "a", fidelity="geometric").to_dict())
     failed = MissionResult.load(tmp_path / "a")
     assert failed.reason == "plugin_failed" and "raised OSError: no such map (" in failed.message
+
+
+class Reaching(Gate):
+    """Moves every candidate into the rock: in what it is given, behind it, and in what it finds on the way to the planner."""
+
+    seen: ClassVar[list] = []
+
+    def decide(self, state, pool, rankings):
+        arrays = [pool.positions_m, rankings._pool.positions_m, state.visited_m, state.model.points_m]
+        arrays += [rankings["covis"].order, rankings["covis"].scores, rankings._terms.visited_m]
+        for array in arrays:
+            assert not isinstance(array.base, np.ndarray)
+            with pytest.raises(ValueError, match="WRITEABLE"):
+                array.flags.writeable = True
+            ctypes.memset(array.ctypes.data, 0, array.nbytes)
+        object.__setattr__(pool, "positions_m", np.zeros((len(pool), 3)))
+        object.__setattr__(self.config.stop, "adaptive_budget", 10**6)
+        self.seen.append((self.rock_sha256, float(self.rng(state).random())))
+        scores = np.arange(len(pool), dtype=float)
+        return GateDecision(Ranking("reaching", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
+
+
+class Last(Gate):
+    def decide(self, state, pool, rankings):
+        scores = np.arange(len(pool), dtype=float)
+        return GateDecision(Ranking("last", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
+
+
+def test_what_a_planner_does_to_its_copies_reaches_nobody(package, tmp_path):
+    plugins.register("gates", "reaching", Reaching)
+    plugins.register("gates", "last", Last)
+    flown = {}
+    for kind in ("last", "reaching"):
+        mission = run_geometric_mission(
+            short(**{"gate.kind": kind}), "slab", directory=tmp_path / kind, keep="all"
+        )
+        assert mission.status == "ok", mission.message
+        assert len(mission.trace) == 2
+        flown[kind] = json.loads((tmp_path / kind / "flight.json").read_text())["samples"]
+    assert flown["reaching"] == flown["last"]
+
+
+class Moving(Gate):
+    """Reaches the planner's own pool through the stack, as no copy can prevent."""
+
+    def decide(self, state, pool, rankings):
+        frame = sys._getframe()
+        while frame.f_code.co_name != "plan":
+            frame = frame.f_back
+        object.__setattr__(frame.f_locals["pool"], "positions_m", np.full((len(pool), 3), 0.05))
+        return GateDecision(rankings["covis"], "moved")
+
+
+def test_what_is_flown_is_looked_up_again_in_the_pool(package):
+    plugins.register("gates", "moving", Moving)
+    mission = run_geometric_mission(short(**{"gate.kind": "moving"}), "slab")
+    assert (mission.reason, mission.costs["images"]) == ("plugin_failed", 24.0)
+    assert "to (0.05, 0.05, 0.05), out of the pool" in mission.message
+
+
+def test_a_planner_tells_rocks_apart_without_knowing_which_they_are(package):
+    """What it is given of a rock, and what it draws, is a hash by a key of this machine's: no catalogue leads to it."""
+    plugins.register("gates", "reaching", Reaching)
+    config, given = short(**{"gate.kind": "reaching"}), {}
+    for rock in ("slab", "fin"):
+        sha256 = load_coarse_rock(rock, Store()).sha256
+        gates = [make_gate(config, sha256, replicate) for replicate in (0, 1)]
+        (given[rock],) = {gate.rock_sha256 for gate in gates}
+        assert make_gate(short(), sha256).rock_sha256 == sha256, "what is built in draws as before"
+        public = [sha256, hashlib.sha256(sha256.encode()).hexdigest()]
+        public.append(hashlib.blake2b(sha256.encode(), digest_size=32).hexdigest())
+        assert given[rock] not in public
+        state = SimpleNamespace(iteration=0)
+        assert gates[0].rng(state).random() != keyed_rng("reaching", sha256, 0, 0).random()
+    assert given["slab"] != given["fin"]
+    assert (home() / "machine.key").stat().st_mode & 0o777 == 0o600
+
+
+def test_an_installed_part_with_a_built_in_name_is_left_out_and_named(package):
+    for group, name in (("scorers", "covis"), ("gates", "random"), ("renderers", "raycast")):
+        package(group, (name, "mine_package:LOW"))
+    package("families", ("boulder", "mine_package:LOW"))
+    assert short(**{"gate.kind": "covis"}).plugins_used == []
+    assert load_coarse_rock("boulder-3", Store()).name == "boulder-3"
+    assert plugins.sources("renderers", "raycast") == []
+    said = {line.partition(" of ")[0]: line for line in plugins.left_out()}
+    assert {"scorer 'covis'", "gate 'random'", "renderer 'raycast'", "family 'boulder'"} <= said.keys()
+    assert said["scorer 'covis'"].endswith("is left out; rename it or uninstall mine-dist")
