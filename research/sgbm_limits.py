@@ -28,6 +28,7 @@ from nbv.dense.views import PosedViews
 from nbv.evaluation import evaluate_cloud
 from nbv.mission.function import no_log
 from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.stopwatch import Stopwatch
 from tuner.campaign.settings_file import QUICK
 from tuner.problem.baselines import BASELINES
 
@@ -52,7 +53,7 @@ def rows_of(plan: str, rock: str) -> Iterator[dict[str, Any]]:
     """One mission with every pair angle, agreement and limit."""
     base = under(preset("campaign"), load_condition("indoors")).with_values(QUICK["overrides"])
     config = BASELINES[plan].config(base)
-    context = PhotogrammetricFidelity.prepare(config, rock, 0, None, keeps_everything=False)
+    context = PhotogrammetricFidelity.prepare(config, rock, 0, None, False, Stopwatch())
 
     def end(views: PosedViews, _: Any) -> None:
         raise _Posed(views)
