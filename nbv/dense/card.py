@@ -127,9 +127,7 @@ def refusal(name: str, said: str, status: int) -> MissionFailure:
     """What COLMAP's last words mean for the card called ``name``."""
     lines = re.findall(r"\[\w+\.\w+:\d+\] (.+)|CUDA error[^\n]* - (.+)|^(\w*Error: .+)", said, re.MULTILINE)
     words = next((" ".join(filter(None, line)) for line in reversed(lines)), f"it ended with status {status}")
-    for pattern, reason, remedy in _REFUSALS:
-        if re.search(pattern, said, re.IGNORECASE):
-            break
-    else:
-        reason, remedy = "card_failed", f"see what `nvidia-smi` says of it, {_ON_CPU}"
+    unknown = ("card_failed", f"see what `nvidia-smi` says of it, {_ON_CPU}")
+    meant = (row[1:] for row in _REFUSALS if re.search(row[0], said, re.IGNORECASE))
+    reason, remedy = next(meant, unknown)
     return MissionFailure(f"machine_error: {reason}", f"{name} refused PatchMatch: {words.strip()}; {remedy}")
