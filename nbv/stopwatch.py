@@ -9,18 +9,24 @@ from collections.abc import Iterator
 
 
 class Stopwatch:
-    """Adds up the seconds of every stage, and remembers its last ones."""
+    """Adds up the seconds of every stage, and remembers its last ones.
+
+    A stage inside another is taken off the outer one's sum: no second is counted twice. What the last one took includes it.
+    """
 
     def __init__(self) -> None:
         self.total_s: dict[str, float] = defaultdict(float)
         self.last_s: dict[str, float] = {}
+        self._inner_s = [0.0]  # of the stages inside each stage that runs now, the outermost first
 
     @contextlib.contextmanager
     def timed(self, stage: str) -> Iterator[None]:
         """Count the seconds inside the ``with``, also where it ends in an exception."""
         started = time.perf_counter()
+        self._inner_s.append(0.0)
         try:
             yield
         finally:
             self.last_s[stage] = time.perf_counter() - started
-            self.total_s[stage] += self.last_s[stage]
+            self.total_s[stage] += self.last_s[stage] - self._inner_s.pop()
+            self._inner_s[-1] += self.last_s[stage]

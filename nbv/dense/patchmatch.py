@@ -16,6 +16,7 @@ import pycolmap
 import numpy as np
 from PIL import Image as PillowImage
 
+from nbv.dense.card import free_card, patch_match
 from nbv.errors import UserError
 
 _MIN_DEPTH_M = 0.3
@@ -24,10 +25,10 @@ _MIN_DEPTH_M = 0.3
 def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
     """The dense backend ``patchmatch``: COLMAP's own stage of the paper; our consistency check and fusion follow.
 
-    Every view is matched with ``consistency_views`` others. Depths are sought within ``crop_half_width_m`` of the
-    target, as in SGBM without ``surface_m``. Not bit-reproducible: COLMAP seeds its CUDA random numbers itself.
+    Every view is matched with ``patchmatch_sources`` others. Depths are sought within ``crop_half_width_m`` of the target, as in
+    SGBM without ``surface_m``. Not bit-reproducible: COLMAP seeds its CUDA random numbers itself.
 
-    `UserError` where the installed pycolmap has no CUDA.
+    `UserError` where the installed pycolmap has no CUDA; `MissionFailure` where the card fails.
     """
     if not pycolmap.has_cuda:
         raise UserError(
@@ -36,16 +37,20 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
         )
     config = views.config
     # PatchMatch weighs many sources per pixel, so it is given more than the pairwise matcher.
-    wide = replace(views, config=replace(config, neighbours=config.consistency_views))
+    wide = replace(views, config=replace(config, neighbours=config.patchmatch_sources))
     sources = {name: chosen for name in sorted(views.images) if (chosen := wide.neighbours(name))}
     if not sources:
         return {}
     distances = [float(np.linalg.norm(views.center_m(name) - views.target)) for name in sources]
-    options = pycolmap.PatchMatchOptions(
-        depth_min=max(_MIN_DEPTH_M, min(distances) - config.crop_half_width_m),
-        depth_max=max(distances) + config.crop_half_width_m,
-        geom_consistency=True,
-    )
+    options = {
+        "depth_min": max(_MIN_DEPTH_M, min(distances) - config.crop_half_width_m),
+        "depth_max": max(distances) + config.crop_half_width_m,
+        "window_radius": config.patchmatch_window_radius_px,
+        "window_step": config.patchmatch_window_step_px,
+        "num_samples": config.patchmatch_samples,
+        "num_iterations": config.patchmatch_iterations,
+        "geom_consistency": config.patchmatch_geometric,
+    }
     with tempfile.TemporaryDirectory(prefix="gatetune-patchmatch-") as folder:
         workspace = Path(folder)
         write_workspace(workspace, views)
@@ -53,8 +58,9 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
             line for name in sources for line in (file_name(name), ", ".join(map(file_name, sources[name])))
         ]
         (workspace / "stereo" / "patch-match.cfg").write_text("\n".join(lines) + "\n")
-        pycolmap.patch_match_stereo(workspace, options=options)
-        return read_depth_maps(workspace, list(sources))
+        with free_card() as card:
+            patch_match(workspace, options, card)
+        return read_depth_maps(workspace, list(sources), geometric=config.patchmatch_geometric)
 
 
 def write_workspace(workspace: Path, views: PosedViews) -> None:
@@ -89,11 +95,11 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
     model.write(workspace / "sparse")
 
 
-def read_depth_maps(workspace: Path, names: Sequence[str]) -> DepthMaps:
+def read_depth_maps(workspace: Path, names: Sequence[str], *, geometric: bool) -> DepthMaps:
     """COLMAP's depths (H, W) in metres by view; NaN where it has none. Views without a file are left out."""
-    maps = {}
+    maps, kind = {}, "geometric" if geometric else "photometric"
     for name in sorted(names):
-        file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.geometric.bin"
+        file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.{kind}.bin"
         if file.is_file():
             found = pycolmap.DepthMap()
             found.read(file)

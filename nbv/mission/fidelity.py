@@ -104,20 +104,24 @@ class Fidelity(ABC):
         ``overwrite``: a finished mission in ``directory`` may be replaced. ``cache``: what missions share is kept in the user's store, or in
         the one given; the outcome is the same without. ``log`` is given lines of text as the mission goes on.
         """
-        started = time.perf_counter()
+        started, stopwatch = time.perf_counter(), Stopwatch()
         store = cache if isinstance(cache, Store) else Store() if cache else None
-        context = cls.prepare(config, rock, replicate, store, directory is not None and keep == "all")
-        files = None if directory is None else RunDirectory(directory, overwrite=overwrite)
-        if files is not None:
-            files.write_config(context.config.to_dict())
-        fidelity = cls(context)
-        all_files = files if context.keeps_everything else None
-        mission = fidelity.mission(all_files, files, log)
+        with stopwatch.timed("rock"):
+            keeps_everything = directory is not None and keep == "all"
+            context = cls.prepare(config, rock, replicate, store, keeps_everything, stopwatch)
+        with stopwatch.timed("setup"):
+            files = None if directory is None else RunDirectory(directory, overwrite=overwrite)
+            if files is not None:
+                files.write_config(context.config.to_dict())
+            fidelity = cls(context)
+            all_files = files if context.keeps_everything else None
+            mission = fidelity.mission(all_files, files, log)
         outcome = fidelity.outcome(mission)
         if all_files is not None:
-            fidelity.export(all_files, outcome.metrics)
-            all_files.write_json("flight.json", mission.flight.to_dict())
-        context.stopwatch.total_s["total"] = time.perf_counter() - started
+            with stopwatch.timed("files"):
+                fidelity.export(all_files, outcome.metrics)
+                all_files.write_json("flight.json", mission.flight.to_dict())
+        stopwatch.total_s["total"] = time.perf_counter() - started
         result = fidelity.result(mission, outcome, config.digest())
         if all_files is not None:
             all_files.write_json("provenance.json", result.provenance)
@@ -134,6 +138,7 @@ class Fidelity(ABC):
         replicate: int,
         store: Store | None,
         keeps_everything: bool,
+        stopwatch: Stopwatch,
     ) -> MissionContext:
         """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
         config.require_seeds_above_ground()
@@ -147,7 +152,7 @@ class Fidelity(ABC):
             vehicle_config=with_target_error(of_a_size, buried.sha256, replicate),
             store=store,
             keeps_everything=keeps_everything,
-            stopwatch=Stopwatch(),
+            stopwatch=stopwatch,
             rock_sha256=loaded.sha256,
         )
 

@@ -55,7 +55,8 @@ class AdaptiveMission:
 
     def run_seed_phase(self) -> SparseModel:
         """Phase 1: the stratified ring orbit, and the seed model."""
-        self.flight.take_off()
+        with self.recorder.stopwatch.timed("flight"):
+            self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
             if k > 0 and k == self.config.seed.retarget_after and self._target_is_uncertain:
@@ -126,7 +127,8 @@ class AdaptiveMission:
 
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""
-        config = None if self._found else with_target_found(self.config, model)
+        with self.recorder.stopwatch.timed("target"):
+            config = None if self._found else with_target_found(self.config, model)
         if config is not None:
             self._found = True
             self._turn_to_target(config)
@@ -155,7 +157,8 @@ class AdaptiveMission:
                 return
             self.recorder.planned(plan)
             if self.config.flight.planning_s > 0:
-                self.flight.hover(self.config.flight.planning_s)
+                with self.recorder.stopwatch.timed("flight"):
+                    self.flight.hover(self.config.flight.planning_s)
             while view.id in {capture.viewpoint.id for capture in self.captures}:
                 view = dataclasses.replace(
                     view, id=f"{view.id}b"
@@ -169,14 +172,17 @@ class AdaptiveMission:
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""
-        self.flight.return_and_land()
-        self.camera.close()
+        with self.recorder.stopwatch.timed("flight"):
+            self.flight.return_and_land()
+        with self.recorder.stopwatch.timed("scene"):
+            self.camera.close()
         with self.recorder.stopwatch.timed("dense"):
             return self.reconstructor.finish()
 
     def _fly_and_photograph(self, viewpoint: Viewpoint) -> Capture:
         """Photograph the target from where the vehicle really arrives."""
-        position_m = self.flight.fly_to(viewpoint)
+        with self.recorder.stopwatch.timed("flight"):
+            position_m = self.flight.fly_to(viewpoint)
         with self.recorder.stopwatch.timed("photograph"):
             capture = self.camera.take_photograph(viewpoint, position_m, self.flight.flight_time_s)
         self.captures.append(capture)

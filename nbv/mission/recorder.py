@@ -43,11 +43,12 @@ class Recorder:
 
     def photographed(self, capture: Capture) -> None:
         """The vehicle arrived at a viewpoint and took a photograph: keep it."""
-        self.images += 1
-        if self._run is not None and capture.image is not None:
-            self._run.write_image(capture.name, capture.image)
-        if self._progress is not None:
-            self._progress.append(PROGRESS, f"{self.images}/{self._most_images}")
+        with self.stopwatch.timed("files"):
+            self.images += 1
+            if self._run is not None and capture.image is not None:
+                self._run.write_image(capture.name, capture.image)
+            if self._progress is not None:
+                self._progress.append(PROGRESS, f"{self.images}/{self._most_images}")
 
     def retargeted(self, target_m: tuple[float, float, float] | None) -> None:
         """The first seeds have shown the target at this place, or None where they show none."""
@@ -84,27 +85,29 @@ class Recorder:
     def planned(self, plan: Plan) -> None:
         """The next view has been chosen: save the planning state."""
         if self._run is not None:
-            path = self._run.root / "states" / f"iter_{plan.state.iteration:02d}.npz"
-            save_state(path, plan.state, plan.pool)
+            with self.stopwatch.timed("files"):
+                path = self._run.root / "states" / f"iter_{plan.state.iteration:02d}.npz"
+                save_state(path, plan.state, plan.pool)
         self._planned_at_s = time.perf_counter()
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
         """The photograph of the planned view is in the model, or could not be registered."""
-        self.registered_images = len(report.model.camera_names)
-        if not report.registered:
-            self.notes.append("unregistered_image")
-        record = self._record(plan, report)
-        self.trace.append(record)
-        if self._run is not None:
-            self._run.append(TRACE, json.dumps(json_ready(record)))
-        number, budget = record.iteration + 1, self._config.adaptive_budget
-        left_min = (budget - number) * (time.perf_counter() - self._planned_at_s) / 60.0
-        self._log(
-            f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
-            f"d95 {1000 * record.d95_m:.0f} mm  {len(report.model.points_m)} points"
-            f"{'' if record.registered else '  not registered'}"
-            f"{f'  {left_min:.1f} min left, then the dense cloud' if number < budget else ''}"
-        )
+        with self.stopwatch.timed("files"):
+            self.registered_images = len(report.model.camera_names)
+            if not report.registered:
+                self.notes.append("unregistered_image")
+            record = self._record(plan, report)
+            self.trace.append(record)
+            if self._run is not None:
+                self._run.append(TRACE, json.dumps(json_ready(record)))
+            number, budget = record.iteration + 1, self._config.adaptive_budget
+            left_min = (budget - number) * (time.perf_counter() - self._planned_at_s) / 60.0
+            self._log(
+                f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
+                f"d95 {1000 * record.d95_m:.0f} mm  {len(report.model.points_m)} points"
+                f"{'' if record.registered else '  not registered'}"
+                f"{f'  {left_min:.1f} min left, then the dense cloud' if number < budget else ''}"
+            )
 
     def ended(self, plan: Plan) -> None:
         """The adaptive phase ends early: the cloud has converged, or no candidate passed the filters."""
@@ -113,8 +116,9 @@ class Recorder:
 
     def reconstructed(self, cloud: Cloud) -> None:
         """The photographs have become a dense cloud, which will now be measured."""
-        if self._run is not None:
-            write_ply(self._run.root / "dense.ply", cloud)
+        with self.stopwatch.timed("files"):
+            if self._run is not None:
+                write_ply(self._run.root / "dense.ply", cloud)
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

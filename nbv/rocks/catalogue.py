@@ -7,12 +7,12 @@ made anew or removed unless the user says so.
 from __future__ import annotations
 
 import difflib
-import functools
 import io
 import logging
 import os
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -21,7 +21,7 @@ import numpy as np
 from nbv.cache import Recent, Store, home
 from nbv.errors import UserError
 from nbv.rocks.families import ANY, FAMILIES, generated_name
-from nbv.rocks.importer import import_mesh
+from nbv.rocks.kept import kept_import
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock
@@ -67,8 +67,8 @@ def list_rocks() -> list[RockInfo]:
 def load_rock(name: str, store: Store | None = None) -> Rock:
     """The rock called ``name``: procedural (``FAMILY-SEED`` too), imported, or the path of a mesh file (or of a rock as `write_rock` writes it).
 
-    A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported with the
-    defaults of `import_mesh`. `UserError` where there is no such rock, or the mesh cannot be used.
+    A procedural rock takes a few seconds to make, and an own mesh up to a minute to import, with the defaults of `import_mesh`;
+    ``store`` keeps both for the next process. `UserError` where there is no such rock, or the mesh cannot be used.
     """
     if name in RECIPES or generated_name(name) is not None:
         return LOADED.get(name, lambda: generate_rock(name, store))
@@ -76,8 +76,8 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     named = () if os.sep in name else (imported_path(name), surface_path(name))
     for file in (*named, path):
         if is_file(file):
-            load = _read_kept if file.suffix == KEPT else import_mesh
-            return LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), functools.partial(load, file))
+            make = partial(_read_kept, file) if file.suffix == KEPT else partial(kept_import, file, store)
+            return LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), make)
     if os.sep in name or path.suffix:
         raise UserError(f"there is no mesh file {name!r}; check the path")
     known = [rock.name for rock in list_rocks()]

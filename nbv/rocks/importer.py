@@ -48,6 +48,7 @@ def import_mesh(
     height_m: float = DEFAULT_HEIGHT_M,
     split: Split = "train",
     up: Up = "auto",
+    asked: list[str] | None = None,
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
 
@@ -55,7 +56,7 @@ def import_mesh(
     set on the ground and subdivided until no edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does
     not move the surface. The albedo is the mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say
     all that was done. ``up`` is the file's upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything
-    else. ``name`` is the file's by default.
+    else. ``name`` is the file's by default. ``asked`` gets the names of the files that the mesh file names.
 
     `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
@@ -67,7 +68,7 @@ def import_mesh(
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     notes: list[str] = []
-    mesh, _ = _placed(path, height_m, up, notes)
+    mesh, _ = _placed(path, height_m, up, notes, [] if asked is None else asked)
     area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
@@ -111,15 +112,17 @@ def import_mesh(
 
 def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
-    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", [])[1]
+    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", [], [])[1]
 
 
-def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[FileMesh, Similarity]:
+def _placed(
+    path: Path, height_m: float, up: Up, notes: list[str], asked: list[str]
+) -> tuple[FileMesh, Similarity]:
     """The file's largest body upright on the ground, and how it got there."""
     if not path.is_file():
         raise UserError(f"there is no mesh file {str(path)!r}; check the path")
     try:
-        mesh = _clean(read_mesh_file(path, notes), notes)
+        mesh = _clean(read_mesh_file(path, notes, asked), notes)
         return _upright(mesh, path, height_m, up, notes)
     except UnusableMesh as error:
         raise UserError(f"mesh file {str(path)!r} {error}") from error

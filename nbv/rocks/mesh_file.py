@@ -42,8 +42,10 @@ class FileMesh:
     step: float  # the coarsest, between neighbouring values of a coordinate, in the file's unit; 0 where there is none
 
 
-def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
+def read_mesh_file(path: Path, notes: list[str], asked: list[str]) -> FileMesh:
     """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
+
+    ``asked`` gets the names of the files beside it that it names (materials, textures, buffers), also of missing ones.
 
     `UnusableMesh` where the file is unreadable, empty, without faces, not finite or far too large; `UserError` for an archive or a
     texture that is far too large.
@@ -55,7 +57,7 @@ def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
         raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
     if path.suffix.lower() in _PACKED or zipfile.is_zipfile(path):
         raise UnusableMesh("is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL")
-    scene, colors = _load(path, notes)
+    scene, colors = _load(path, notes, asked)
     placed = [
         (scene.geometry[name], transform)
         for transform, name in map(scene.graph.get, scene.graph.nodes_geometry)
@@ -121,10 +123,10 @@ def coarsest_step(points: Floats) -> float:
     return max(steps)
 
 
-def _load(path: Path, notes: list[str]) -> tuple[Any, _Colors]:
+def _load(path: Path, notes: list[str], asked: list[str]) -> tuple[Any, _Colors]:
     """The file's scene as trimesh reads it, and what reads the colours of its parts."""
     kind, content = path.suffix.lower(), path.read_bytes()
-    files = _SideFiles(path.parent, pictures=kind not in GLTF)
+    files = _SideFiles(path.parent, asked, pictures=kind not in GLTF)
     unread, textures, repeats = "", 0, True
     if kind in GLTF:
         unread, textures, repeats = checked_gltf(content, str(path), notes)
@@ -181,15 +183,16 @@ def _unread_in_ply(content: bytes) -> str:
 class _SideFiles:
     """Where trimesh finds what the mesh names: regular files of a size, in the mesh's folder or below."""
 
-    def __init__(self, folder: Path, *, pictures: bool) -> None:
-        self.folder = folder.resolve()
+    def __init__(self, folder: Path, asked: list[str], *, pictures: bool) -> None:
+        self.folder, self._asked = folder.resolve(), asked
         self.missing: list[str] = []  # what could not be read, and why
         self._pictures = pictures  # whether what is no MTL file must be a picture
 
     def get(self, name: str) -> bytes:
         """The content of a file; raises where there is none that may be read, or no picture."""
+        self._asked.append(name)
         try:
-            content = self._read(name)
+            content = read_side_file(self.folder, name)
             if name.lower().endswith(".mtl"):
                 require(content.count(b"newmtl"), MAX_MATERIALS, f"the number of materials in {name}")
             elif self._pictures:
@@ -202,11 +205,13 @@ class _SideFiles:
 
     __getitem__ = get
 
-    def _read(self, name: str) -> bytes:
-        path = self.folder / unquote(name.strip()).replace("\\", "/")
-        if not path.resolve().is_relative_to(self.folder):
-            raise UserError(f"{name} is not in the mesh's folder")
-        return read_bytes(path, MAX_SIDE_FILE_BYTES)
+
+def read_side_file(folder: Path, name: str) -> bytes:
+    """What the mesh file calls ``name``; `UserError` unless it is a regular file of a size in its folder or below."""
+    path = folder / unquote(name.strip()).replace("\\", "/")
+    if not path.resolve().is_relative_to(folder):
+        raise UserError(f"{name} is not in the mesh's folder")
+    return read_bytes(path, MAX_SIDE_FILE_BYTES)
 
 
 class _Colors:

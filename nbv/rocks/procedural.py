@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
+from typing import Any
 
 import numpy as np
 from skimage.measure import marching_cubes
 
-from nbv.cache import Arrays, Store, cached
+from nbv.cache import Store
 from nbv.plugins import sources
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
+from nbv.rocks.kept import kept_rock
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
@@ -37,16 +38,18 @@ def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID
     """
     recipe = recipe_of(name)
     inputs = [name, grid_m, *sources("families", *(generated_name(name) or ())[:1])]
-    found = cached(store, "rocks", partial(_made, recipe, grid_m), code=__name__, inputs=inputs)
-    return make_rock(name, **found, split=recipe.split, difficulty=recipe.difficulty)  # type: ignore[arg-type]
+    about: Any = {"split": recipe.split, "difficulty": recipe.difficulty}
+    return kept_rock(
+        store, lambda: make_rock(name, **_made(recipe, grid_m), **about), code=__name__, inputs=inputs
+    )
 
 
-def _made(recipe: Recipe, grid_m: float) -> Arrays:
+def _made(recipe: Recipe, grid_m: float) -> dict[str, Any]:
     # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
     vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
     vertices, _ = rest_on_ground(vertices, recipe.height_m)
     albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
-    return {"vertices_m": vertices, "faces": faces.astype(np.int32), "albedo": albedo}
+    return {"vertices_m": vertices, "faces": faces, "albedo": albedo}
 
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:

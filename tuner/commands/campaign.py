@@ -128,7 +128,6 @@ def run(
     refuse_code_of_file(fields.get("fidelity", DEFAULT_FIDELITY), given.get("fidelity"), str(settings))
     with working(LOADING_ROCKS):
         asked = resolved_settings(fields, str(settings or "command line"))
-    note_dense_stage(fields.get("overrides") or {}, asked.overrides)
     # Before anything is written: a wrong address leaves no campaign behind.
     with executor_at(where, asked, workers, timeout_s) as ready:
         ready.begin()
@@ -282,6 +281,7 @@ def run_and_report(
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )
+    note_dense_stage(settings.fidelity, settings.base_config())
     about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
     if remaining := campaign.status().remaining:
         then = "; then a comparison" if settings.compare_on else ""

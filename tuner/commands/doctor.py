@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import importlib
+import importlib.metadata
 import os
 import shutil
 import subprocess
@@ -15,6 +17,8 @@ from typing import Literal, NamedTuple
 import typer
 
 from nbv.cache import Store
+from nbv.dense.card import cards
+from nbv.dense.reconstruct import NVIDIA_DRIVER
 from tuner.commands.console import AsJson, answer_json, output, working
 
 GIB = 2**30
@@ -29,6 +33,14 @@ _SYSTEM = {
     "libudev.so.1": "libudev1",
     "libidn2.so.0": "libidn2-0",
     "libgomp.so.1": "libgomp1",
+}
+_CARD = "docs/how-to/card.md sets up a machine with a card"
+_CUDA_BUILD = "pycolmap-cuda12"  # loads these, too
+_SYSTEM_CUDA = {
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+    "libXext.so.6": "libxext6",
+    "libuuid.so.1": "libuuid1",
 }
 
 
@@ -65,15 +77,15 @@ def doctor(as_json: AsJson = False) -> None:
 
 def _libraries() -> Iterator[Finding]:
     """Whether the libraries load, and what Open3D and OpenGL load and pip cannot bring."""
-    missing = []
-    for library, package in _SYSTEM.items() if sys.platform == "linux" else ():
-        try:
-            ctypes.CDLL(library)
-        except OSError:
-            missing.append(package)
+    missing = {}
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        importlib.metadata.version(_CUDA_BUILD)
+        missing = _missing(_SYSTEM_CUDA)
+    missing |= _missing(_SYSTEM)
     if missing:
-        install = f"apt-get update && apt-get install -y {' '.join(missing)}   (as root)"
-        yield Finding("bad", f"system libraries are missing: {', '.join(missing)}", install)
+        named = ", ".join(f"{library} ({package})" for library, package in missing.items())
+        install = f"apt-get update && apt-get install -y {' '.join(missing.values())}   (as root)"
+        yield Finding("bad", f"system libraries are missing: {named}", install)
     broken = False
     for name in _LIBRARIES:
         try:
@@ -85,10 +97,19 @@ def _libraries() -> Iterator[Finding]:
         yield Finding("ok", f"system libraries, {', '.join(_LIBRARIES)}")
 
 
+def _missing(needed: dict[str, str]) -> dict[str, str]:
+    """Return the libraries that do not load, with their Debian packages."""
+    missing = {}
+    for library, package in needed.items() if sys.platform == "linux" else ():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            missing[library] = package
+    return missing
+
+
 def _graphics() -> Iterator[Finding]:
     """Whether the renderer ``gl`` (``raycast`` always can) and COLMAP's PatchMatch can run."""
-    import pycolmap
-
     code = "import pyrender; pyrender.OffscreenRenderer(16, 16).delete()"
     environment = {"PYOPENGL_PLATFORM": "egl", **os.environ}
     try:  # in a process of its own: a driver may abort it
@@ -106,11 +127,20 @@ def _graphics() -> Iterator[Finding]:
             f"no OpenGL: scene.backend=gl cannot run, raycast (the default) can ({said[:120]})",
             "apt-get install -y libegl1 libgl1 libgl1-mesa-dri   (as root), or PYOPENGL_PLATFORM=osmesa",
         )
-    if pycolmap.has_cuda:
-        yield Finding("ok", "COLMAP with CUDA: dense.backend=patchmatch can run")
+    try:
+        import pycolmap
+    except Exception:  # `_libraries` has said so
+        return
+    found, driver = cards(), NVIDIA_DRIVER.exists()
+    if pycolmap.has_cuda and driver and found:
+        names = ", ".join(card.name for card in found)
+        yield Finding("ok", f"COLMAP with CUDA on {names}: dense.backend=patchmatch is the default")
+    elif pycolmap.has_cuda:
+        lacking = "no NVIDIA card" if driver else f"no NVIDIA driver ({NVIDIA_DRIVER})"
+        yield Finding("note", f"COLMAP with CUDA, but {lacking}: the dense stage is sgbm, on the CPU", _CARD)
     else:
         without = "COLMAP without CUDA: the dense stage is sgbm, on the CPU"
-        yield Finding("note", without, 'with an NVIDIA GPU: pip install "gatetune[cuda]"')
+        yield Finding("note", without, f'with an NVIDIA GPU: pip install "gatetune[cuda]"; {_CARD}')
 
 
 def _machine() -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from tuner.commands.console import (
     ComparisonProgress,
     answer_json,
     mission_config,
+    note_dense_stage,
     output,
     require_complete,
     under_conditions,
@@ -185,6 +186,7 @@ def run_and_report(
         f"{named} on {counted(len(plan.rocks), spec.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
+    note_dense_stage(plan.fidelity, next(iter(plan.strategies.values())))
     with executor, ComparisonProgress(spec.shown.metric) as show:
         run, directory = planned.run(executor, show, out)
     facts = comparison.ComparisonFacts(run, planned.reference, spec, notes=notes)

@@ -26,6 +26,7 @@ from tuner.commands.console import (
     load,
     local_executor,
     mission_config,
+    note_dense_stage,
     output,
     show_table,
     working,
@@ -66,6 +67,7 @@ def run(
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
     fidelity = fidelity_on(rock, DEFAULT_FIDELITY)
+    note_dense_stage(fidelity, config)
     load(module_of(fidelity))
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
