@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
+from nbv.errors import MissionFailure, UserError
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, gate_class, make_gate
 from nbv.mission.function import Keep, Log, no_log
@@ -136,9 +136,12 @@ class Fidelity(ABC):
         keeps_everything: bool,
     ) -> MissionContext:
         """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
-        config.require_seeds_above_ground()
+        config.require_flyable()
         loaded = cls.load(rock, store)
         buried = buried_rock(loaded, config)
+        low, high, home = buried.vertices_m.min(axis=0), buried.vertices_m.max(axis=0), config.flight.home_m
+        if all(a <= x <= b for a, x, b in zip(low[:2], home, high[:2])) and home[2] < high[2]:
+            raise UserError(f"flight.home_m {home} lies inside {rock}; take off beside it")
         of_a_size = with_size_error(cls.simulated(config), buried, replicate)
         return MissionContext(
             config=with_true_target(config, buried),

@@ -48,8 +48,8 @@ GEOMETRIC = "These values are predictions of geometric missions, in which no pho
 def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
     if best.limit is not None and not best.limit.kept:
-        likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
-        return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); the likeliest is {likeliest}."
+        nearest = "the default" if best.keep_default else configuration_words(best.values, best, s)
+        return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); nearest to it comes {nearest}, which misses it by {best.limit.missed_by:.3g}."
     if best.keep_default:
         plan = plan_words(s.config(best.values), ceiling=False)
         default = f"the default{f' ({plan})' if plan else ''}"

@@ -103,7 +103,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
     note = tree["notes"][-1]
     assert note.startswith(
-        "Nothing that the campaign ran is known to meet its constraint: Tuned is the likeliest"
+        "Nothing that the campaign ran is known to meet its constraint: Tuned comes nearest to it"
     )
     assert note in out and note in page
     assert "met on 0 of 1 instance" in out and "met on 0 of 1 instance" in page

@@ -88,9 +88,9 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise UserError(f"{self.path}: unknown parameter {name!r}; there are {', '.join(parameters)}")
             if not parameters[name].contains(value):
                 raise UserError(f"{self.path}: {name} = {value!r} is not among its values")
+        given = {name: values.get(name, p.default) for name, p in parameters.items()}
         # 1 and 1.0 are the same number and would be two configurations.
-        kinds: dict[str, Any] = {"float": float, "int": int, "categorical": lambda value: value}
-        return {name: kinds[p.kind](values.get(name, p.default)) for name, p in parameters.items()}
+        return {name: parameters[name].as_declared(value) for name, value in given.items()}
 
     def instance(self, name: str) -> dict[str, Any]:
         """Return an instance with its name; ``UserError`` if there is none."""
@@ -147,6 +147,10 @@ def _by_name(entries: list[Any], path: Path) -> dict[str, dict[str, Any]]:
 
 def _check(mission: MissionFile) -> None:
     path = mission.path
+    try:
+        _ = mission.objective
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
     if bool(mission.command) == bool(mission.function):
         raise UserError(f"{path}: give either command or function")
     if both := mission.instances.keys() & mission.held_out.keys():
