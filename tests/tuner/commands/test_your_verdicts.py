@@ -90,7 +90,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     code, out, err = gatetune("campaign", "status", "runs/own")
     assert (
         code == 0
-        and "No configuration that was evaluated is likely to meet the constraint (Loss at most 1); the"
+        and "No configuration that was evaluated is likely to meet the constraint (Loss at most 1); nearest"
         in out
     ), err
     page = page_of(directory)
