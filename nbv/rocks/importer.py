@@ -51,7 +51,7 @@ def import_mesh(
     up: Up = "auto",
     keep: str = "auto",
 ) -> Rock:
-    """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
+    """Make a rock of a mesh file (OBJ with MTL and texture, GLB, glTF, PLY, STL or OFF).
 
     Duplicate vertices are merged, the mesh is turned upright, scaled to ``height_m``, set on the ground and subdivided until no
     edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does not move the surface. The albedo is the

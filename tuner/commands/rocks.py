@@ -64,9 +64,7 @@ def show(
 
 @app.command("import")
 def import_(
-    mesh: Annotated[
-        Path, typer.Argument(help="Any mesh that trimesh reads: OBJ+MTL+texture, GLB, PLY, STL, ...")
-    ],
+    mesh: Annotated[Path, typer.Argument(help="A mesh: OBJ+MTL+texture, GLB, glTF, PLY, STL or OFF.")],
     name: Annotated[str | None, typer.Option(help="Catalogue name (default: the file's).")] = None,
     split: Annotated[str, typer.Option(help="train, held-out or extra.")] = "train",
     height_m: Annotated[float, typer.Option(help="Scale the rock to this height.")] = 1.6,

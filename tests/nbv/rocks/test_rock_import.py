@@ -166,7 +166,7 @@ def test_inside_out_and_mixed_winding_are_mended(tmp_path):
 BAD_FILES = {
     "missing.obj": (None, "no mesh file"),
     "empty.obj": ("", "is empty"),
-    "rock.xyzzy": ("hello", "cannot be read"),
+    "rock.xyzzy": ("hello", "is not of a format that is read"),
     "comment.obj": ("# nothing here\n", "holds no faces|cannot be read"),
     "points.ply": (trimesh.PointCloud(np.eye(3)), "holds no faces"),
     "nan.obj": ("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n", "not finite"),
@@ -211,7 +211,7 @@ def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None
             import_mesh(path)
 
 
-@pytest.mark.parametrize("name", ["bomb.3mf", "rock.zip", "rock.ply.gz"])
+@pytest.mark.parametrize("name", ["rock.zip", "rock.ply.gz"])
 def test_what_is_packed_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
