@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -112,8 +113,15 @@ class MissionConfig:
                 f"{int(-(-360 // WIDEST_STEP_DEG))} or more"
             )
 
-    def require_seeds_above_ground(self) -> None:
-        """`UserError` where a ring of seeds meets the ground; asked of what is ordered, not of a vehicle's estimate."""
+    def require_flyable(self) -> None:
+        """`UserError` where a ring of seeds meets the ground, or home is in the keep-out; asked of what is ordered, not of an estimate."""
+        home, flight = self.flight.home_m, self.flight
+        away_m = math.hypot(home[0] - self.target_m[0], home[1] - self.target_m[1])
+        if away_m < flight.keep_out_radius_m and home[2] < flight.keep_out_height_m:
+            raise UserError(
+                f"flight.home_m is {away_m:.2f} m from the target's axis, inside the keep-out of "
+                f"{flight.keep_out_radius_m:g} m (flight.keep_out_radius_m); take off farther away"
+            )
         lowest_m, least_m = self.target_m[2] + self.seed.lowest_view_m, self.flight.min_camera_altitude_m
         if lowest_m < least_m:
             raise UserError(
@@ -196,7 +204,7 @@ class MissionConfig:
         if not values:
             return self
         config = config_from_dict(values, self)
-        config.require_seeds_above_ground()
+        config.require_flyable()
         return config
 
 

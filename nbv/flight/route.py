@@ -62,8 +62,7 @@ class Airspace:
         """The legs from ``start`` to ``end``: one if the straight line is clear, else two.
 
         The detour passes left of, right of or over the keep-out cylinder (or its rim), whichever takes least time, with a
-        short hover at the corner. If an end itself lies inside the cylinder there is nothing to go around:
-        the leg is flown straight.
+        short hover at the corner. Where an end itself lies inside the cylinder, it is one that this end is just outside of.
 
         With ``obstacles`` the detour is the fastest such one around any of them that is clear of all; where there is none
         the vehicle climbs above them, crosses and descends.
@@ -75,6 +74,9 @@ class Airspace:
 @lru_cache(maxsize=2048)  # the seed orbit is the same in every mission on a (rock, replicate)
 def _around_target(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
     a, b, keep_out = np.array(start.position_m), np.array(end.position_m), space.keep_out
+    for inside in (p for p in (a, b) if not clear(p, p, keep_out)):
+        away_m = float(np.linalg.norm(inside[:2] - keep_out.center_m))
+        keep_out = replace(keep_out, radius_m=max(0.0, away_m - 1e-9))
     direct = space.straight(start, end)
     if clear(a, b, keep_out):
         return direct

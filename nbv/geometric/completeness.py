@@ -17,11 +17,12 @@ from nbv.evaluation.metric import (
     share_by_sector,
 )
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
-from nbv.geometric.world import GeometricWorld
+from nbv.geometric.world import GeometricWorld, resolution, resolved
 from nbv.geometry.stereo_chance import reconstruction_probability
 from nbv.types import Bools, Floats
 
 CHANCES_IN_REACH = 2.0
+RESOLVED = 2.0  # a pixel's area decides (`nbv.geometric.landmarks.RESOLVED`)
 
 
 def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
@@ -65,9 +66,8 @@ def sample_probability(
     cosine /= np.sqrt(squared)
     np.clip(cosine, -1.0, 1.0, out=cosine)
     incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
-    return reconstruction_probability(
-        seen, incidence, world.sample_contrast, directions, config.dense
-    ).astype(np.float64)
+    found = reconstruction_probability(seen, incidence, world.sample_contrast, directions, config.dense)
+    return resolved(found.astype(np.float64), world.camera, RESOLVED)
 
 
 def predicted_metrics(world: GeometricWorld, probability: Floats, config: MissionConfig) -> dict[str, Any]:
@@ -79,7 +79,8 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     """
     thresholds = sorted({*config.evaluation.thresholds_mm, SECTOR_THRESHOLD_MM})
     best = best_so_far(probability, world.neighbours_by_rank)
-    reached = {t: within_reach(best, world.reach_counts(t / 1000.0)) for t in thresholds}
+    finest = min(1.0, resolution(world.camera))  # coarser pixels place points less well
+    reached = {t: within_reach(best, world.reach_counts(finest * t / 1000.0)) for t in thresholds}
     sectors = azimuth_sectors(world.samples_m, config.target_m, config.evaluation.azimuth_sectors)
     everything = np.ones(len(probability), dtype=bool)
     metrics: dict[str, Any] = {

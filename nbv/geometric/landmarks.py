@@ -9,13 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.geometric.world import GeometricWorld, Point
+from nbv.geometric.world import GeometricWorld, Point, resolved
 from nbv.random_streams import keyed_rng
 from nbv.types import Floats, Floats32, Ints, Viewpoint
 
 ROCK_RATE = 0.7  # share of views in which a strong, well-lit landmark is detected
 GROUND_RATE = 0.9
 HALF_CONTRAST = 0.012  # at this local contrast it is half of that
+# With 60 px of focal length neither these nor photogrammetric missions of slab have a seed model; with 120, 200 and 300 px these
+# score 88, 91 and 95, those 74, 84 and 92 (F-score at 48 mm, 24 + 8 photographs).
+RESOLVED = 0.4
 MAX_INCIDENCE_DEG = 75.0
 FAR_MAX_INCIDENCE_DEG = 86.0  # flat ground far away is only ever seen at a grazing angle
 ROCK_MATCH_DEG = (12.0, 45.0)  # lines of sight that match: drawn per landmark
@@ -67,6 +70,7 @@ class Landmarks:
         cosine = np.einsum("ij,ij->i", directions, world.landmark_normals[seen])
         grazing = self._grazing[seen]
         chance = self._quality[seen] * np.clip((cosine - grazing) / (1.0 - grazing), 0.0, 1.0)
+        chance = resolved(chance, world.camera, RESOLVED)
         rng = keyed_rng("geometric-detection", *self._key, view.id)
         detected = rng.random(self.count)[seen] < chance
         return seen[detected], directions[detected].astype(np.float32)

@@ -39,6 +39,17 @@ class GeometricFidelity(Fidelity):
     """The mission's completeness is predicted. Telemetry is exact and the target's place known, whatever is configured."""
 
     name = "geometric"
+    unnoticed = (
+        *("scene.backend", "scene.sky_grey", "scene.read_noise_dn", "scene.shot_noise_dn", "sensor."),
+        *("telemetry.", "target.horizontal_sd_m", "target.vertical_sd_m", "ground.relief_length_m"),
+        *("sparse.max_features", "sparse.first_octave", "sparse.peak_threshold", "sparse.match_ratio"),
+        *("sparse.max_pairs", "sparse.min_ransac_trials", "sparse.global_ba", "sparse.local_ba"),
+        *("sparse.update_pairs", "sparse.max_alignment_rms_m"),
+        *("dense.backend", "dense.min_baseline_angle_deg", "dense.crop_half_width_m", "dense.search"),
+        *("dense.max_size_px", "dense.consistency_relative_depth", "dense.consistency_px"),
+        *("dense.fusion_voxel_m", "evaluation.crop", "evaluation.ground", "evaluation.sor"),
+        *("evaluation.floater_radius_m", "evaluation.gt_"),
+    )
     load = staticmethod(load_coarse_rock)
     reconstructor: GeometricReconstructor
 

@@ -50,8 +50,19 @@ SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
 
 
+DEFAULT_FOCAL_PX = CameraConfig().focal_px  # with which the model was calibrated
 MAX_VIEWS = 1_000  # views of one world that are kept in memory, 7 kB each
 Point = tuple[float, float, float]
+
+
+def resolution(camera: CameraConfig) -> float:
+    """How fine the image is: the length of a pixel on the surface with the camera of the calibration over that with ``camera``."""
+    return camera.focal_px / DEFAULT_FOCAL_PX
+
+
+def resolved(chance: Floats, camera: CameraConfig, power: float) -> Floats:
+    """Chances of the calibration's camera with another, whose pixels are n times as long: of n to that power such events at once."""
+    return chance if resolution(camera) == 1.0 else chance ** (resolution(camera) ** -power)
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
 from nbv.cache import Store
-from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
+from nbv.config import IDEAL, MissionConfig, preset
+from nbv.config.conditions import ENVIRONMENT_SECTIONS
+from nbv.config.mission_config import parameters
+from nbv.errors import MissionFailure, UserError
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, gate_class, make_gate
 from nbv.mission.function import Keep, Log, no_log
@@ -54,6 +57,25 @@ class Outcome:
     metrics: dict[str, Any] = field(default_factory=dict)
 
 
+def require_noticed(config: MissionConfig, unnoticed: Sequence[str], fidelity: str) -> None:
+    """`UserError` where ``config`` sets what missions of a fidelity take no notice of: paths, or sections with a dot behind.
+
+    A preset's own values may stand, and a condition's: it is one environment for all fidelities.
+    """
+    usual, paths = preset(config.preset), list[str]()
+    for path in parameters():
+        of_condition = config.condition != IDEAL and path.startswith(
+            tuple(f"{s}." for s in ENVIRONMENT_SECTIONS)
+        )
+        if path.startswith(tuple(unnoticed)) and not of_condition:
+            read = attrgetter(path)
+            paths += [path] if read(config) != read(usual) else []
+    if paths:
+        raise UserError(
+            f"{fidelity} missions take no notice of {', '.join(paths)}; leave them out, or choose another --fidelity"
+        )
+
+
 class Fidelity(ABC):
     """How one mission sees the world, and how its outcome is measured."""
 
@@ -62,6 +84,9 @@ class Fidelity(ABC):
     viewpoints: ViewpointSource = RINGS  # where photographs may be taken
     camera: Camera  # what takes them
     reconstructor: Reconstructor  # what they become
+    unnoticed: ClassVar[
+        Sequence[str]
+    ] = ()  # parameters that it takes no notice of: refused (`require_noticed`)
     facts: Mapping[str, Any]  # for the provenance: backends, versions
     load: Callable[[str, Store | None], Rock] = staticmethod(load_rock)  # the rock of a name
 
@@ -141,9 +166,13 @@ class Fidelity(ABC):
         stopwatch: Stopwatch,
     ) -> MissionContext:
         """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
-        config.require_seeds_above_ground()
+        config.require_flyable()
+        require_noticed(config, cls.unnoticed, cls.name)
         loaded = cls.load(rock, store)
         buried = buried_rock(loaded, config)
+        low, high, home = buried.vertices_m.min(axis=0), buried.vertices_m.max(axis=0), config.flight.home_m
+        if all(a <= x <= b for a, x, b in zip(low[:2], home, high[:2])) and home[2] < high[2]:
+            raise UserError(f"flight.home_m {home} lies inside {rock}; take off beside it")
         of_a_size = with_size_error(cls.simulated(config), buried, replicate)
         return MissionContext(
             config=with_true_target(config, buried),

@@ -51,6 +51,10 @@ class PhotographFidelity(CloudFidelity):
     """Photographs of a set, each from where it was taken."""
 
     name = "photographs"
+    unnoticed = (
+        *("pool.lateral_", "pool.upper_", "scene.match_angle_deg"),
+        *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m"),
+    )
     viewpoints: PhotographViewpoints
     camera: PhotographCamera
     evaluation_code = "nbv.photographs"

@@ -25,6 +25,7 @@ from PIL import Image
 from nbv.cache import home
 from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
+from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.geometry.frames import camera_center_m
 from nbv.rocks.catalogue import check_name
@@ -253,9 +254,9 @@ def read_set(folder: Path) -> PhotographSet:
             raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")
         for name in ("width_px", "height_px", "focal_px"):  # a camera of the program has defaults
             tree["camera"][name]
-        found = msgspec.convert({**tree, "folder": str(folder)}, PhotographSet, dec_hook=_decoded)
+        found = converted({**tree, "folder": str(folder)}, PhotographSet, "a record", dec_hook=_decoded)
         check_name(found.name)
-    except (msgspec.ValidationError, KeyError, TypeError, ValueError) as error:
+    except (UserError, KeyError, TypeError, ValueError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(f"{path} is damaged ({reason}); import the photographs again with --force") from error
     return found

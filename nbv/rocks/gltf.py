@@ -5,9 +5,10 @@ trimesh reads the scene, the buffers and the pictures.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from nbv.rocks.gltf_numbers import MOVED, plain_gltf
 from nbv.rocks.mesh import UnusableMesh
 from nbv.safe_files import MIB, parse_json, require
 
@@ -15,14 +16,16 @@ MAX_HEADER_BYTES = 64 * MIB
 MAX_VALUES = 5_000_000
 MAX_NODES = 20_000  # a few seconds
 MAX_ELEMENTS = 200_000_000  # of all accessors, before memory is taken
-_FAN, _REPEAT, _FLOAT, _BYTE = 6, 10497, 5126, 5121
-_MOVED, _GLOSS = "KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"
-_READ = {_MOVED, "KHR_mesh_quantization", "EXT_texture_webp"}
-_WITHOUT = "not read; export it plainly, as from Blender, or run gltfpack -noq -i IN.glb -o OUT.glb"
+_FAN, _REPEAT = 6, 10497
+_GLOSS = "KHR_materials_pbrSpecularGlossiness"
+_READ = {MOVED, "KHR_mesh_quantization", "EXT_texture_webp"}
 
 
-def checked_gltf(content: bytes, source: str, notes: list[str]) -> tuple[str, int, bool]:
-    """Why the colours of a ``.glb`` or ``.gltf`` file are not read ("": they are), its number of textures, and whether they repeat.
+def checked_gltf(
+    content: bytes, source: str, notes: list[str], read: Callable[[str], bytes]
+) -> tuple[bytes, str, int, bool]:
+    """A ``.glb`` or ``.gltf`` file as trimesh reads it rightly, why its colours are not read ("": they are), its number of textures,
+    and whether they repeat. ``read`` gives the content of a file that it names.
 
     ``notes`` gets what else is not read. Textures that do not repeat beyond 0 to 1 are clamped or mirrored there. `UnusableMesh`
     where it is no glTF, or its shape would be misread; `UserError` where it is too large.
@@ -39,7 +42,8 @@ def checked_gltf(content: bytes, source: str, notes: list[str]) -> tuple[str, in
         bases = [material.get("pbrMetallicRoughness", {}).get("baseColorTexture") for material in materials]
         textures = [texture for texture in bases if texture is not None]
         wraps = {s.get(key, _REPEAT) for s in header.get("samplers", ()) for key in ("wrapS", "wrapT")}
-        return next(_unread_colors(header, primitives, textures), ""), len(textures), wraps <= {_REPEAT}
+        plain = plain_gltf(content, header, read)
+        return plain, _unread_colors(header), len(textures), wraps <= {_REPEAT}
     except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
         raise UnusableMesh(
             f"is no valid glTF 2.0 ({type(error).__name__}: {error}); export it again"
@@ -56,13 +60,13 @@ def _check_shape(
     others = sorted(name for name in used - _READ if "materials" not in name)
     for name in others:
         if name in needed or "meshopt" in name or "draco" in name:
-            raise UnusableMesh(f"needs the glTF extension {name}, which is {_WITHOUT}")
+            raise UnusableMesh(f"needs the glTF extension {name}, which is not read; {_plainly(name)}")
     if others:
         notes.append(f"glTF extensions that are not read: {', '.join(others)}")
-    if any("sparse" in accessor for accessor in accessors):
-        raise UnusableMesh(f"has sparse accessors, which are {_WITHOUT}")
-    if any(accessors[p["attributes"]["POSITION"]].get("normalized") for p in primitives):
-        raise UnusableMesh(f"has normalized positions, which are {_WITHOUT}")
+    if any("sparse" in accessors[p["indices"]] for p in primitives if "indices" in p):
+        raise UnusableMesh(
+            "has sparse indices of faces, which are not read; export it plainly, as from Blender"
+        )
     if any(p.get("mode") == _FAN for p in primitives):
         raise UnusableMesh("has fans of triangles, which are not read; export single triangles")
     if any(p.get("targets") for p in primitives) or header.get("skins"):
@@ -81,19 +85,17 @@ def _check_shape(
         )
 
 
-def _unread_colors(
-    header: Mapping[str, Any], primitives: list[dict[str, Any]], textures: list[dict[str, Any]]
-) -> Iterator[str]:
-    """Reasons why colours are not as the file means them, with remedies."""
+def _unread_colors(header: Mapping[str, Any]) -> str:
+    """Why colours are not as the file means them, with the remedy; "" where they are."""
     if any(_GLOSS in material.get("extensions", ()) for material in header.get("materials", ())):
-        yield f"{_GLOSS}: gltf-transform metalrough IN.glb OUT.glb"
-    if any(_MOVED in texture.get("extensions", ()) for texture in textures):
-        yield f"{_MOVED}: apply it to the texture coordinates before you export"
-    if any(texture.get("texCoord") for texture in textures):
-        yield "a second set of texture coordinates: export with one"
-    for p in primitives:
-        kinds = {name: header["accessors"][i]["componentType"] for name, i in p["attributes"].items()}
-        if textures and kinds.get("TEXCOORD_0", _FLOAT) != _FLOAT:
-            yield "texture coordinates in whole numbers: gltf-transform dequantize IN.glb OUT.glb"
-        if "material" not in p and kinds.get("COLOR_0", _FLOAT) not in (_FLOAT, _BYTE):
-            yield "COLOR_0 in whole numbers: gltf-transform dequantize IN.glb OUT.glb"
+        return f"{_GLOSS}: npx @gltf-transform/cli metalrough IN.glb OUT.glb"
+    return ""
+
+
+def _plainly(extension: str) -> str:
+    """How to do without an extension: commands that were run on files that need it."""
+    if "draco" in extension or "meshopt" in extension:
+        return "unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"
+    if "basisu" in extension:
+        return "unpack its textures: npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb"
+    return "export it plainly, as from Blender"

@@ -1,4 +1,4 @@
-"""Any mesh that trimesh reads, made into a rock: one body, upright, 1.6 m tall, resting on the ground."""
+"""Any mesh that trimesh reads, made into a rock: one object, upright, 1.6 m tall, resting on the ground."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
+from nbv.rocks.bodies import check_keep, kept_bodies
 from nbv.rocks.mesh import UnusableMesh
 from nbv.rocks.mesh_file import GLTF, FileMesh, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
@@ -49,14 +50,17 @@ def import_mesh(
     split: Split = "train",
     up: Up = "auto",
     asked: list[str] | None = None,
+    keep: str = "auto",
 ) -> Rock:
-    """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
+    """Make a rock of a mesh file (OBJ with MTL and texture, GLB, glTF, PLY, STL or OFF).
 
-    Duplicate vertices are merged, the body with the largest surface is kept, the mesh is turned upright, scaled to ``height_m``,
-    set on the ground and subdivided until no edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does
-    not move the surface. The albedo is the mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say
-    all that was done. ``up`` is the file's upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything
-    else. ``name`` is the file's by default. ``asked`` gets the names of the files that the mesh file names.
+    Duplicate vertices are merged, the mesh is turned upright, scaled to ``height_m``, set on the ground and subdivided until no
+    edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does not move the surface. The albedo is the
+    mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say all that was done. ``up`` is the file's
+    upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything else. Of several bodies ``keep`` takes
+    ``all``, the ``largest``, a number of them, or with ``auto`` those that are the object: not specks, what lies far away or
+    inside it, nor the ground, a plinth or a wall. ``name`` is the file's by default. ``asked`` gets the names of the files that
+    the mesh file names.
 
     `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
@@ -67,8 +71,9 @@ def import_mesh(
         raise UserError(f"split is {split!r}; allowed: {', '.join(SPLITS)}")
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
+    check_keep(keep)
     notes: list[str] = []
-    mesh, _ = _placed(path, height_m, up, notes, [] if asked is None else asked)
+    mesh, _ = _placed(path, height_m, up, keep, notes, [] if asked is None else asked)
     area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
@@ -112,31 +117,31 @@ def import_mesh(
 
 def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
-    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", [], [])[1]
+    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", "auto", [], [])[1]
 
 
 def _placed(
-    path: Path, height_m: float, up: Up, notes: list[str], asked: list[str]
+    path: Path, height_m: float, up: Up, keep: str, notes: list[str], asked: list[str]
 ) -> tuple[FileMesh, Similarity]:
-    """The file's largest body upright on the ground, and how it got there."""
+    """The file's object upright on the ground, and how it got there."""
     if not path.is_file():
         raise UserError(f"there is no mesh file {str(path)!r}; check the path")
+    axis: str = up
+    if up == "auto":
+        axis = "y" if path.suffix.lower() in GLTF else "z"
     try:
-        mesh = _clean(read_mesh_file(path, notes, asked), notes)
-        return _upright(mesh, path, height_m, up, notes)
+        mesh = _clean(read_mesh_file(path, notes, asked), _UP[axis], keep, notes)
+        if axis != "z":
+            notes.append(
+                f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else "")
+            )
+        return _upright(mesh, _UP[axis], height_m, notes)
     except UnusableMesh as error:
         raise UserError(f"mesh file {str(path)!r} {error}") from error
 
 
-def _upright(
-    mesh: FileMesh, path: Path, height_m: float, up: Up, notes: list[str]
-) -> tuple[FileMesh, Similarity]:
-    axis: str = up
-    if up == "auto":
-        axis = "y" if path.suffix.lower() in GLTF else "z"
-    if axis != "z":
-        notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
-    turned = mesh.values[:, :3] @ _UP[axis].T
+def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) -> tuple[FileMesh, Similarity]:
+    turned = mesh.values[:, :3] @ turn.T
     extents = np.ptp(turned, axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(turned.T)), 0))
     if spread[0] < 1e-4 * spread[2] or extents[2] < 1e-4 * extents.max():
@@ -147,17 +152,17 @@ def _upright(
     if reach_m > MAX_REACH_M:
         raise UnusableMesh(
             f"reaches {reach_m:.1f} m from its centre when {height_m:g} m tall, into the viewpoints 3.5 m away; choose "
-            "another up axis or a smaller height"
+            "another up axis or a smaller height, or cut off what is no part of the object"
         )
     sideways_m = float(np.abs(placed[:, :2]).max())
     if sideways_m > 1.5:
         notes.append(f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
-    frame = Similarity(scale, _UP[axis], placed[0] - scale * turned[0])
+    frame = Similarity(scale, turn, placed[0] - scale * turned[0])
     return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]])), frame
 
 
-def _clean(mesh: FileMesh, notes: list[str]) -> FileMesh:
-    """Put duplicate vertices in one place, drop collapsed and repeated faces and all but the largest body, turn it outward."""
+def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMesh:
+    """Put duplicate vertices in one place, drop collapsed and repeated faces and what is not kept, turn bodies outward."""
     values, faces = mesh.values, mesh.faces
     low, size = values[:, :3].min(axis=0), float(np.ptp(values[:, :3], axis=0).max())
     if size <= 0:
@@ -175,11 +180,9 @@ def _clean(mesh: FileMesh, notes: list[str]) -> FileMesh:
     if body.area_faces[good].sum() <= 1e-12 * size * size:
         raise UnusableMesh("has no surface: all its faces have zero area")
     labels = meshes.body_labels(body.faces[good])
-    areas = np.bincount(labels, weights=body.area_faces[good])
-    if len(areas) > 1:
-        share = areas.max() / areas.sum()
-        notes.append(f"kept the largest of {len(areas)} bodies, {100 * share:.1f} % of the surface")
-        good[np.flatnonzero(good)[labels != np.argmax(areas)]] = False
+    kept = kept_bodies(body.vertices @ turn.T, body.faces[good], labels, keep, notes)[labels]
+    good[np.flatnonzero(good)[~kept]] = False
+    labels = np.unique(labels[kept], return_inverse=True)[1]
     body.update_faces(good)
     body.remove_unreferenced_vertices()
     _check_step(mesh.step, body.vertices, notes)
@@ -188,10 +191,13 @@ def _clean(mesh: FileMesh, notes: list[str]) -> FileMesh:
     wound = body.faces.copy()
     if not body.is_winding_consistent:
         trimesh.repair.fix_winding(body)
-    if (
-        trimesh.Trimesh(body.vertices - body.centroid, body.faces, process=False).volume < 0
-    ):  # it may have holes
-        body.invert()
+    areas = np.maximum(np.bincount(labels, weights=body.area_faces), 1e-300)
+    centers = [np.bincount(labels, weights=body.area_faces * x) / areas for x in body.triangles_center.T]
+    a, b, c = (body.triangles - np.stack(centers, axis=1)[labels][:, None]).transpose(1, 0, 2)
+    volumes = np.bincount(labels, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+    inward = volumes[labels] < 0  # of bodies, which may have holes
+    if inward.any():
+        body.faces = np.where(inward[:, None], body.faces[:, ::-1], body.faces)
     faces = faces[good]
     turned = (body.faces != wound).any(axis=1)
     if turned.any():

@@ -15,10 +15,10 @@ class UnusableMesh(Exception):
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """(F,) areas."""
-    return 0.5 * np.asarray(np.linalg.norm(_weighted_normals(vertices, faces), axis=1))
+    return 0.5 * np.asarray(np.linalg.norm(weighted_normals(vertices, faces), axis=1))
 
 
-def _weighted_normals(vertices: Floats, faces: Ints) -> Floats:
+def weighted_normals(vertices: Floats, faces: Ints) -> Floats:
     """(F, 3) normals twice as long as the faces' areas."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return np.cross(b - a, c - a)
@@ -26,7 +26,7 @@ def _weighted_normals(vertices: Floats, faces: Ints) -> Floats:
 
 def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     """(V, 3) unit normals, weighted by face area; zero where they cancel."""
-    weighted = _weighted_normals(vertices, faces)
+    weighted = weighted_normals(vertices, faces)
     out = np.zeros((len(vertices), 3))
     for axis in range(3):
         for corner in range(3):

@@ -29,6 +29,7 @@ MAX_MATERIALS = 1_000
 MAX_TOLD = 3  # files that are not read, by name
 GLTF = (".glb", ".gltf")
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
+_READ = (*GLTF, ".obj", ".ply", ".stl", ".off")
 _PACKED = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
 
 
@@ -55,6 +56,8 @@ def read_mesh_file(path: Path, notes: list[str], asked: list[str]) -> FileMesh:
         raise UnusableMesh("is empty")
     if size > MAX_FILE_BYTES:
         raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
+    if path.suffix.lower() not in (*_READ, *_PACKED, ".zip"):
+        raise UnusableMesh("is not of a format that is read; export the mesh as GLB, OBJ, PLY, STL or OFF")
     if path.suffix.lower() in _PACKED or zipfile.is_zipfile(path):
         raise UnusableMesh("is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL")
     scene, colors = _load(path, notes, asked)
@@ -129,7 +132,7 @@ def _load(path: Path, notes: list[str], asked: list[str]) -> tuple[Any, _Colors]
     files = _SideFiles(path.parent, asked, pictures=kind not in GLTF)
     unread, textures, repeats = "", 0, True
     if kind in GLTF:
-        unread, textures, repeats = checked_gltf(content, str(path), notes)
+        content, unread, textures, repeats = checked_gltf(content, str(path), notes, files.get)
     elif kind == ".obj":
         content = _readable_obj(content, notes)
     elif kind == ".ply":
@@ -194,6 +197,9 @@ class _SideFiles:
         try:
             content = read_side_file(self.folder, name)
             if name.lower().endswith(".mtl"):
+                others = sorted({word.decode() for word in re.findall(rb"^\s*(map_K[aes])\s", content, re.M)})
+                if others and b"map_Kd" not in content:
+                    self.missing.append(f"{name!r} (its textures are {', '.join(others)}; call them map_Kd)")
                 require(content.count(b"newmtl"), MAX_MATERIALS, f"the number of materials in {name}")
             elif self._pictures:
                 Image.open(io.BytesIO(content))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability
 from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64
+HOPELESS = 0.05  # probability of meeting the constraint
 Allowed = Callable[[Floats], Bools]
 Outcome = InstanceMeanGP | DeterministicOutcome
 
@@ -64,6 +66,12 @@ class Constraint:
     model: Outcome  # of what has the limit
     at_least: float  # oriented so that larger is better
     is_share: bool = False  # of rocks, in percent
+
+    def within_reach(self) -> Constraint:
+        """Return this constraint, or where a deterministic metric cannot meet it anywhere, the least violation that there is."""
+        if not isinstance(self.model, DeterministicOutcome):
+            return self
+        return dataclasses.replace(self, at_least=min(self.at_least, self.model.best()))
 
     def means_and_sds(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
         """Return (m,) means and standard deviations of the second objective, larger is better."""
@@ -118,8 +126,15 @@ class Constraint:
             level, _ = moments(model.model.posterior(model.inputs(unit)))
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
+    def is_hopeless(self) -> bool:
+        """Whether nothing that was run has a chance to meet the constraint, which only missions show."""
+        if isinstance(self.model, DeterministicOutcome):
+            return False
+        evaluated = [self.model.space.from_unit(u) for u in np.unique(self.model.unit, axis=0)]
+        return bool((self.probability(evaluated) < HOPELESS).all())
+
     def promising(self, first: Outcome) -> Floats:
-        """Return (few, d) unit positions run: the best that may meet the constraint, else the likeliest to meet it."""
+        """Return (few, d) unit positions run: the best that may meet the constraint, else those nearest to it."""
         unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
         configurations = [first.space.from_unit(u) for u in unit]
         chance = self.probability(configurations)
@@ -128,7 +143,8 @@ class Constraint:
         else:
             with torch.no_grad():
                 own, _ = moments(first.model.posterior(first.inputs(unit)))
-        order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(-chance)
+        nearest = -self.means_and_sds(configurations)[0]
+        order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(nearest)
         found: Floats = unit[order[:LOCAL_BEST]]
         return found
 
@@ -151,22 +167,27 @@ def propose_constrained(
     """Return the configuration with the largest noisy expected improvement within the limit, and that improvement.
 
     The improvement counts by the probability of meeting the constraint (Gardner et al., ICML 2014, in BoTorch's logarithmic
-    form); before anything meets it, the search is for what does. Deterministic metrics are computed: as the objective at
+    form); before anything meets it, the search is for what does, and where nothing comes near, for the least violation. Deterministic metrics are computed: as the objective at
     every point, as the constraint so that nothing that violates it is proposed.
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
     running = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
     with numerics():
         near = constraint.promising(first)
-        if known is not None:
+        if constraint.is_hopeless():
+            model = surrogate_of((constraint.model,))
+            baseline = pruned(model.model, model.inputs(near), seed)
+            baseline = baseline if running is None else torch.unique(torch.cat([baseline, running]), dim=0)
+            acquisition: AcquisitionFunction = LogNoisyImprovement(
+                model.model, baseline, MONTE_CARLO_SAMPLES, seed
+            )
+        elif known is not None:
             unit = np.unique(model.unit, axis=0)
             kept = unit[known(unit)]
             baseline = pruned(model.model, model.inputs(kept if len(kept) else near[:1]), seed)
             running = None if running is None else running[known(running[:, : model.space.dimension].numpy())]
             baseline = baseline if running is None else torch.unique(torch.cat([baseline, running]), dim=0)
-            acquisition: AcquisitionFunction = LogNoisyImprovement(
-                model.model, baseline, MONTE_CARLO_SAMPLES, seed
-            )
+            acquisition = LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed)
         elif isinstance(first, DeterministicOutcome):
             evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
             keeping = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]

@@ -17,6 +17,7 @@ from pyproj import Geod
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import Airspace, Pose
+from nbv.flight.leg import Leg
 from nbv.geometry.frames import heading_to
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -87,13 +88,12 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
 def _items(config: MissionConfig, views: Sequence[Viewpoint], home: Home) -> Iterator[dict[str, Any]]:
     x, y, z = config.flight.home_m
     target, space = np.array(config.target_m), Airspace(config.flight, config.target_m)
-    pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
+    above_home = pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
     yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
     for view in views:
         end = _pose(view.position_m, target)
         legs = space.route(pose, end)
-        for leg in legs[:-1]:  # the corners of a detour around the target
-            yield _at(WAYPOINT, (0.0, config.flight.arrival_tolerance_m, 0.0), leg.end, config, home)
+        yield from _passed(legs[:-1], config, home)  # the corners of a detour around the target
         yield _at(
             WAYPOINT, (config.flight.settle_s, config.flight.arrival_tolerance_m, 0.0), end, config, home
         )
@@ -104,7 +104,14 @@ def _items(config: MissionConfig, views: Sequence[Viewpoint], home: Home) -> Ite
         }
         yield {"command": TAKE_PHOTOGRAPH, "frame": NO_POSITION, "params": [0, 0, 1, 0, 0, 0, 0]}
         pose = end
+    # The command alone goes straight home, through the target where that lies between.
+    yield from _passed(space.route(pose, above_home), config, home)
     yield {"command": RETURN_TO_LAUNCH, "frame": NO_POSITION, "params": [0] * 7}
+
+
+def _passed(legs: Sequence[Leg], config: MissionConfig, home: Home) -> Iterator[dict[str, Any]]:
+    for leg in legs:
+        yield _at(WAYPOINT, (0.0, config.flight.arrival_tolerance_m, 0.0), leg.end, config, home)
 
 
 def _pose(position_m: tuple[float, float, float], target_m: Any) -> Pose:

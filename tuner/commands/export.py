@@ -19,6 +19,7 @@ from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report.mission_files import mission_config, read_flight
 from tuner.report.records import write_csv
 from tuner.report.vehicle_files import OURS, change_text, vehicle_files
@@ -53,6 +54,9 @@ def export(
     home: Annotated[
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
     ] = None,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Write a recommendation that misses the objective's limit, too.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the recommendation as a file whose header says which changes it carries, or the missions as a table.
@@ -66,6 +70,8 @@ def export(
     if to is Format.csv:
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan:
+        if (run / SETTINGS_FILE).is_file():
+            _require_limit_kept(Campaign.open(run, read_only=True).recommended(), anyway)
         return _write_plan(run, str(home), out or run / "route.plan")
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommended()
@@ -81,6 +87,7 @@ def export(
         values = {"values": best.values, "default_values": best.default_values}
         return answer_json({**values, "files": listed, "write": first})
     file = next((file for file in files if file.name == to.value), None)
+    _require_limit_kept(best, anyway)
     if file is None:
         raise UserError(f"the missions of {run} are of a mission file; run: {first}")
     if not file.useful:
@@ -90,6 +97,15 @@ def export(
         )
     said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
     _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
+
+
+def _require_limit_kept(best: Recommendation, anyway: bool) -> None:
+    if best.limit is not None and not best.limit.kept and not anyway:
+        sign = "<=" if best.limit.direction == "minimise" else ">="
+        raise UserError(
+            f"no configuration that was run is likely to meet {best.limit.metric} {sign} {best.limit.limit:g}; the nearest "
+            f"misses it by {best.limit.missed_by:.3g} (mean {best.limit.mean:.4g}): allow more, or export it with --anyway"
+        )
 
 
 def _say(line: str) -> None:

@@ -64,13 +64,17 @@ def show(
 
 @app.command("import")
 def import_(
-    mesh: Annotated[
-        Path, typer.Argument(help="Any mesh that trimesh reads: OBJ+MTL+texture, GLB, PLY, STL, ...")
-    ],
+    mesh: Annotated[Path, typer.Argument(help="A mesh: OBJ+MTL+texture, GLB, glTF, PLY, STL or OFF.")],
     name: Annotated[str | None, typer.Option(help="Catalogue name (default: the file's).")] = None,
     split: Annotated[str, typer.Option(help="train, held-out or extra.")] = "train",
     height_m: Annotated[float, typer.Option(help="Scale the rock to this height.")] = 1.6,
     up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
+    keep: Annotated[
+        str,
+        typer.Option(
+            help="Which bodies: all, largest, a number N of the largest, or auto, those that are the object."
+        ),
+    ] = "auto",
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
     """Import a mesh into the catalogue and print what was changed.
@@ -80,7 +84,7 @@ def import_(
     output.print(f"importing {mesh}")
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
     with working(f"preparing {mesh.name}"):
-        subject = import_mesh(mesh, name=name, height_m=height_m, **checked)
+        subject = import_mesh(mesh, name=name, height_m=height_m, keep=keep, **checked)
         save_imported(subject, force=force)
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:

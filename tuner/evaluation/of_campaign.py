@@ -245,7 +245,7 @@ def _notes(found: Recommendation) -> tuple[str, ...]:
         notes.append("The campaign recommends to keep the default: Tuned is the default.")
     if found.limit is not None and not found.limit.kept:
         notes.append(
-            "Nothing that the campaign ran is known to meet its constraint: Tuned is the likeliest, with probability "
+            "Nothing that the campaign ran is known to meet its constraint: Tuned comes nearest to it, with probability "
             f"{found.limit.probability:.0%}."
         )
     return tuple(notes)

@@ -86,6 +86,12 @@ class Objective:
     def __post_init__(self) -> None:
         if self.direction not in ("maximise", "minimise"):
             raise UserError(f"unknown direction {self.direction!r}; allowed: maximise, minimise")
+        if "@" in self.metric:
+            first = self.metric.partition("@")[0].strip()
+            raise UserError(
+                f"metric {self.metric!r} has a limit, which a metric cannot have; write metric: {first}, and give the "
+                f"campaign --objective {self.metric!r}"
+            )
         if not self.metric:
             raise UserError(f"the objective needs a metric path such as {DEFAULT_METRIC}")
 

@@ -95,6 +95,12 @@ class Parameter:
             return False
         return self.low <= value <= self.high and (self.kind == "float" or float(value).is_integer())
 
+    def as_declared(self, value: Any) -> Any:
+        """Return an admissible ``value`` as the type in which it is declared: 1 for the choice 1 where it is 1.0."""
+        if self.kind == "categorical":
+            return self.choices[self.choices.index(value)]
+        return float(value) if self.kind == "float" else int(value)
+
     def to_unit(self, value: Any) -> float:
         """Return the position of ``value`` in [0, 1]."""
         if self.kind == "categorical":

@@ -17,6 +17,7 @@ A search space file reads::
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,10 @@ def _choices(raw: Any, where: str) -> tuple[Value, ...]:
     require(len(raw), MAX_CHOICES, f"{where}: the number of choices")
     if any(not isinstance(choice, (str, int, float, bool)) for choice in raw):
         raise UserError(f"{where}: each choice must be a string, a number or a boolean")
-    if len({repr(choice) for choice in raw}) != len(raw):
-        raise UserError(f"{where}: a choice is given twice; list each once")
+    for one, other in itertools.combinations(raw, 2):
+        if one == other or str(one) == str(
+            other
+        ):  # a model would learn each by itself, and no program tells them apart
+            same = "is given twice" if repr(one) == repr(other) else f"and {other!r} are one value"
+            raise UserError(f"{where}: among the choices {one!r} {same}; list each value once")
     return tuple(raw)

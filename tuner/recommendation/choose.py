@@ -14,6 +14,7 @@ not selected by their outcomes.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -97,7 +98,9 @@ class Candidates:
     missions: list[list[Observation]]  # that ran each, failed ones included
     keeps: list[bool]  # whether each can be taken to meet the constraint
     eligible: list[int]  # indices of those that may be recommended; not empty
-    limit_kept: bool  # whether these can be taken to meet the constraint; else it is the likeliest to
+    limit_kept: (
+        bool  # whether these can be taken to meet the constraint; else it is that, or those, nearest to it
+    )
 
     def __len__(self) -> int:
         return len(self.values)
@@ -108,7 +111,7 @@ class Candidates:
 
 
 def candidates_of(
-    data: CampaignData, constraint: Constraint | None, outliers: Collection[Observation]
+    data: CampaignData, goal: Goal, constraint: Constraint | None, outliers: Collection[Observation]
 ) -> Candidates:
     """Return the configurations that have run with success, ``outliers`` left out, and which may be recommended."""
     groups: dict[Key, list[Observation]] = {}
@@ -122,8 +125,29 @@ def candidates_of(
     kept = [i for i, keep in enumerate(keeps) if keep]
     eligible = [i for i in kept if allowed[i]] or kept
     if constraint is not None and not kept:
-        eligible = [int(constraint.probability(values).argmax())]
+        chance = constraint.probability(values)
+        eligible = [int(chance.argmax())]
+        if chance.max() < MAY_KEEP:
+            least = _violations(missions, constraint, second=goal.exact.first is None)
+            eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
     return Candidates(values, missions, keeps, eligible, bool(kept))
+
+
+def _violations(
+    missions: Sequence[Sequence[Observation]], constraint: Constraint, *, second: bool
+) -> list[float]:
+    """Return by how much each configuration's measured means miss the limit, beside what its instances miss it by on average."""
+    if isinstance(constraint.model, DeterministicOutcome):
+        return [-float(constraint.model.cost.outcome(own[0].values)) for own in missions]
+    seen = [
+        [(o.instance, y) for o in own if (y := o.second if second else o.outcome) is not None]
+        for own in missions
+    ]
+    of_instance: dict[Any, list[float]] = {}
+    for instance, y in itertools.chain(*seen):
+        of_instance.setdefault(instance, []).append(y)
+    means = {instance: float(np.mean(ys)) for instance, ys in of_instance.items()}
+    return [-float(np.mean([y - means[i] for i, y in own])) if own else np.inf for own in seen]
 
 
 class Choice:
@@ -139,7 +163,7 @@ class Choice:
     ) -> None:
         self.data, self.goal, self.model = data, goal, model
         self.constraint, self.outliers = constraint, outliers
-        self.candidates = candidates_of(data, constraint, outliers)
+        self.candidates = candidates_of(data, goal, constraint, outliers)
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
         # In the candidates' order, and the default behind them.

@@ -56,6 +56,12 @@ class Limit:
     # Of a share: rocks that reached it with this configuration, and all that it ran.
     evaluated: tuple[int, int] | None = None
 
+    @property
+    def missed_by(self) -> float:
+        """How far the mean is on the wrong side of the limit, in the metric's unit; 0 where it is on the right one."""
+        beyond = self.mean - self.limit
+        return max(0.0, beyond if self.direction == "minimise" else -beyond)
+
 
 @dataclass(frozen=True)
 class RunnerUp:

@@ -63,8 +63,8 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     word = s.problem.instance_word
     verb = "Use" if s.mission is not None else "Fly"
     if best.limit is not None and not best.limit.kept:
-        likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
-        return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); the likeliest is {likeliest}."
+        nearest = "the default" if best.keep_default else configuration_words(best.values, best, s)
+        return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); nearest to it comes {nearest}, which misses it by {best.limit.missed_by:.3g}."
     plan = plan_words(s.config(best.values))
     if best.plain and not best.keep_default:
         what = "the orbit" if is_orbit(best.plain) else strategy_label(best.plain).lower()

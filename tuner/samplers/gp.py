@@ -93,7 +93,7 @@ class GPSampler:
                 seed = derived_seed(s.seed, number)
                 if not models and both and goal.at_least is not None and goal.second is not None:
                     models = two_models(s.space, history, s.instances, self.model, goal.exact)
-                    constraint = Constraint(models[1], goal.at_least, goal.second.is_share)
+                    constraint = Constraint(models[1], goal.at_least, goal.second.is_share).within_reach()
                 elif not models:
                     models = (InstanceMeanGP(s.space, history, s.instances, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)

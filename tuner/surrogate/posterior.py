@@ -24,6 +24,7 @@ FREEDOM = 5.0  # degrees of freedom of intervals and probabilities
 ROUNDING = 1e-9
 CANCELLED = 1e-13  # of variances: what is left of their difference is rounding
 MOST_ENDS = 256
+MOST_BETWEEN = 200
 
 
 def interval_95(mean: float, sd: float) -> tuple[float, float]:
@@ -76,10 +77,18 @@ class DeterministicOutcome:
 
     def worst(self) -> float:
         """Return the least outcome at the ends of the parameters that decide it."""
+        return min(self._at_ends())
+
+    def best(self) -> float:
+        """Return the largest outcome at these ends, and at points between them."""
+        points = np.random.default_rng(0).random((MOST_BETWEEN, self.space.dimension))
+        return max([*self._at_ends(), *self.at(torch.from_numpy(points)).tolist()])
+
+    def _at_ends(self) -> list[float]:
         own = [self.space.parameters[i] for i in self._columns]
         some = self.space.from_unit([0.5] * self.space.dimension)
         ends = itertools.islice(itertools.product(*(p.ends for p in own)), MOST_ENDS)
-        return min(self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends)
+        return [self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends]
 
     def keeps(self, outcomes: Floats, at_least: float) -> Bools:
         """Return whether each outcome is at least that, whatever a position rounds to."""

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from nbv.config import FlightConfig, MissionConfig
+from nbv.config import FlightConfig, MissionConfig, preset
+from nbv.errors import UserError
 from nbv.flight import Airspace, Flight, Pose
 from nbv.flight.energy import power_w
 from nbv.flight.flight import arrival_position
 from nbv.flight.leg import fly_straight
+from nbv.geometric import run_geometric_mission
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -89,6 +91,45 @@ def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
         nearest = np.hypot(low[:, 0], low[:, 1]).min() if len(low) else np.inf
         assert nearest >= radius - 1e-9
     assert all(leg.end.position_m[2] >= min(start.position_m[2], end.position_m[2]) for leg in legs)
+
+
+@settings(max_examples=100)
+@given(far=st.floats(0.05, 1.29), bearing=st.floats(0, 6), z=st.floats(0.3, 2.1), end=poses)
+def test_from_inside_the_keep_out_no_leg_goes_nearer_to_the_axis_than_its_ends(
+    far: float, bearing: float, z: float, end: Pose
+) -> None:
+    start = Pose((far * np.cos(bearing), far * np.sin(bearing), z), 0.0)
+    ends = [np.hypot(*p.position_m[:2]) for p in (start, end) if p.position_m[2] < LIMITS.keep_out_height_m]
+    assume(min(ends) > 0.05)
+    legs = Airspace(LIMITS, TARGET).route(start, end)
+    for leg in legs:
+        a, b = np.array(leg.start.position_m), np.array(leg.end.position_m)
+        assert segment_distance(np.insert(np.linspace(a, b, 400), 0, 0, axis=1), 2.2) >= min(ends) - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"flight.home_m": [0.6, 0.3, 0.0]}, "inside the keep-out of 1.3 m"),
+        ({"flight.home_m": [5.6, 0.3, 0.0], "target_m": [5, 0, 0.8]}, "inside the keep-out"),
+        ({"flight.home_m": [0.6, 0.3, 0.0], "flight.keep_out_radius_m": 0.0}, "lies inside slab"),
+        ({"flight.home_m": [0.6, 0.3, 1.0], "flight.keep_out_height_m": 0.5}, "lies inside slab"),
+    ],
+)
+def test_a_home_in_the_rock_or_its_keep_out_is_refused(values, says) -> None:
+    with pytest.raises(UserError, match=says):
+        run_geometric_mission(preset("campaign").with_values(values), "slab")
+
+
+@pytest.mark.parametrize("home", [(0, 8, 0), (0, -8, 0), (1.31, 0, 0), (-2, 1.5, 0.5), (0.2, 0.1, 2.5)])
+def test_take_off_and_return_go_around_the_rock(home) -> None:
+    config = preset("campaign").with_values({"flight.home_m": [float(x) for x in home]})
+    for view in (*seed_viewpoints(config), *raw_candidates(config)[::7]):
+        flight = Flight(config.changed(flight={"arrival_tolerance_m": 0.0}), "rock", 0)
+        flight.take_off()
+        flight.fly_to(view)
+        flight.return_and_land()
+        assert segment_distance(flight.samples(), 2.19) >= 1.3 - 1e-6
 
 
 def test_arrival_error_is_within_tolerance_and_spread() -> None:

@@ -137,7 +137,7 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     assert describe(rock).volume_m3 == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
-def test_largest_body_by_surface_is_kept(tmp_path):
+def test_the_body_of_most_surface_is_kept(tmp_path):
     crumbs = [trimesh.creation.icosphere(subdivisions=3, radius=0.05) for _ in range(3)]  # many small faces
     for k, crumb in enumerate(crumbs):
         crumb.apply_translation([2 + k, 0, 0])
@@ -145,7 +145,7 @@ def test_largest_body_by_surface_is_kept(tmp_path):
     trimesh.util.concatenate([*crumbs, rock_like]).export(tmp_path / "loose.ply")
     rock = small(tmp_path / "loose.ply")
     assert describe(rock).extents_m == pytest.approx((SMALL_M,) * 3, abs=1e-5)
-    assert any("largest of 4 bodies" in note for note in rock.notes)
+    assert any("dropped 3 bodies" in note for note in rock.notes)
 
 
 def test_inside_out_and_mixed_winding_are_mended(tmp_path):
@@ -166,7 +166,7 @@ def test_inside_out_and_mixed_winding_are_mended(tmp_path):
 BAD_FILES = {
     "missing.obj": (None, "no mesh file"),
     "empty.obj": ("", "is empty"),
-    "rock.xyzzy": ("hello", "cannot be read"),
+    "rock.xyzzy": ("hello", "is not of a format that is read"),
     "comment.obj": ("# nothing here\n", "holds no faces|cannot be read"),
     "points.ply": (trimesh.PointCloud(np.eye(3)), "holds no faces"),
     "nan.obj": ("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n", "not finite"),
@@ -211,7 +211,7 @@ def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None
             import_mesh(path)
 
 
-@pytest.mark.parametrize("name", ["bomb.3mf", "rock.zip", "rock.ply.gz"])
+@pytest.mark.parametrize("name", ["rock.zip", "rock.ply.gz"])
 def test_what_is_packed_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -1,5 +1,6 @@
 """The authors' files, every key there and back, and what cannot be said; a route as QGroundControl reads it."""
 
+import itertools
 import math
 
 import numpy as np
@@ -235,6 +236,19 @@ def test_every_view_is_flown_in_order_and_photographed_once():
     for name, params in zip(views, settled, strict=True):
         where = np.array(known[name].position_m) - np.array(CONFIG.flight.home_m)
         assert np.allclose(metres(params[4:]), where, atol=0.02), name
+
+
+@pytest.mark.parametrize("home_m", [(0.0, 8.0, 0.0), (0.0, -8.0, 0.0), (5.0, -2.0, 0.0)])
+@pytest.mark.parametrize("last", ["seed_00", "seed_06", "cand_140"])
+def test_the_way_there_and_back_keeps_out_of_the_target(home_m, last):
+    config = CONFIG.with_values({"flight.home_m": list(home_m)})
+    items = qgc_plan(config, ["seed_12", last], HOME)["mission"]["items"]
+    points = np.array([metres(i["params"][4:]) for i in items if i["command"] in (16, 22)]) + home_m
+    way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(points)])
+    low = way[way[:, 2] < config.flight.keep_out_height_m - 0.03]
+    assert np.hypot(low[:, 0], low[:, 1]).min(initial=9.0) >= config.flight.keep_out_radius_m - 0.03
+    above_home = np.add(home_m, (0, 0, config.flight.takeoff_altitude_m))
+    assert np.allclose(points[[0, -1]], above_home, atol=0.02)  # the last command has nowhere to go but down
 
 
 @pytest.mark.parametrize("longitude_deg, east_m", [(179.99999, 5.0), (-179.99999, -5.0), (180.0, 0.0)])

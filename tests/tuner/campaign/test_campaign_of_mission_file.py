@@ -14,6 +14,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.jobs import evaluate, tune
+from tuner.missions.external.mission_file import load_mission_file
 
 FLY = """
 import math
@@ -77,6 +78,86 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
     code, _, err = gatetune(
         "evaluate", "runs/two", "--mission", "toy.yaml", "--replicates", 1, "--workers", 1
     )
+    assert code == 0, err
+
+
+SHOTS = """
+def fly(request):
+    x, far = request["configuration"]["x"], len(request["instance"]["name"])
+    return {"metrics": {"quality": 1 - x}, "costs": {"shots": 100 + 10 * far + 60 * abs(x - 0.6)}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("instances", "objective", "budget"),
+    [
+        (["one"], "quality@costs.shots<=20", 12),
+        (["one", "fourth"], "quality@costs.shots<=20", 12),
+        (["one"], "costs.shots@quality>=3", 12),
+    ],
+)
+def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective, budget):
+    """The search goes for the least violation, the least seen is recommended, and its export needs an option."""
+    (tmp_path / "shots.py").write_text(SHOTS)
+    x = {"kind": "float", "low": 0, "high": 1, "default": 0.9}
+    file = {"name": "shots", "function": "shots:fly", "parameters": {"x": x}, "instances": instances}
+    file |= {"metric": "quality", "direction": "maximise", "replicates": 2}
+    (tmp_path / "shots.yaml").write_text(yaml.safe_dump(file))
+    asked = {"mission": str(tmp_path / "shots.yaml"), "budget": budget, "initial": 4, "objective": objective}
+    campaign = begin_campaign(tmp_path / "runs/shots", settings_from_dict({"name": "shots", **asked}, "test"))
+    run_campaign(campaign, InProcessExecutor())
+    found, trials = campaign.recommendation(), [t for t in campaign.trials() if t.state == "complete"]
+    wanted = 0.6 if "shots<=" in objective else 0.0
+    assert abs(found.values["x"] - wanted) < 0.05, found
+    violation = {t.values["x"]: abs(t.values["x"] - wanted) for t in trials}
+    if len(instances) == 1:
+        assert found.values["x"] == min(violation, key=violation.get)
+    assert not found.limit.kept and found.limit.missed_by == pytest.approx(
+        abs(found.limit.mean - found.limit.limit)
+    )
+    run = campaign.directory
+    code, _, err = gatetune("export", run, "--to", "gatetune.yaml")
+    assert code == 2 and err.count("\n") == 1 and "--anyway" in err and f"{found.limit.missed_by:.3g}" in err
+    assert not (run / "gatetune.yaml").exists()
+    code, _, err = gatetune("export", run, "--to", "gatetune.yaml", "--anyway")
+    assert code == 0 and (run / "gatetune.yaml").is_file(), err
+
+
+@pytest.mark.parametrize(
+    ("parameter", "says"),
+    [
+        ([1, 1.0, 2], "1 and 1.0 are one value"),
+        ([True, 1], "True and 1 are one value"),
+        ([100, 1e2], "100 and 100.0 are one value"),
+        ([0.1, 0.1], "0.1 is given twice"),
+        (["a", "b", "a"], "'a' is given twice"),
+        ([0, False], "0 and False are one value"),
+        ([0.0, -0.0], "one value"),
+        (["1", 1], "'1' and 1 are one value"),
+    ],
+)
+def test_choices_that_are_one_value_are_refused(gatetune, toy, parameter, says):
+    mode = {"kind": "categorical", "choices": parameter, "default": parameter[0]}
+    changed = FILE | {"parameters": {**FILE["parameters"], "mode": mode}}
+    (toy / "toy.yaml").write_text(yaml.safe_dump(changed))
+    code, _, err = gatetune(*RUN, "--budget", 1)
+    assert code == 2 and "mode" in err and says in err and err.count("\n") == 1
+
+
+def test_a_choice_is_stored_as_it_was_declared(toy):
+    mode = {"kind": "categorical", "choices": [1, 2], "default": 1.0}
+    (toy / "toy.yaml").write_text(yaml.safe_dump(FILE | {"parameters": {"mode": mode}, "baselines": {}}))
+    mission = load_mission_file(toy / "toy.yaml")
+    assert {repr(mission.complete(v)["mode"]) for v in ({}, {"mode": 1}, {"mode": True})} == {"1"}
+
+
+def test_a_metric_with_a_limit_in_the_mission_file_is_refused(gatetune, toy):
+    (toy / "toy.yaml").write_text(yaml.safe_dump(FILE | {"metric": "loss@costs.fuel_kg<=2"}))
+    code, _, err = gatetune(*RUN, "--budget", 1)
+    assert code == 2 and "metric: loss" in err and "--objective 'loss@costs.fuel_kg<=2'" in err
+    (toy / "toy.yaml").write_text(yaml.safe_dump(FILE))  # and the advice works
+    asked = ["--sampler", "gp", "--objective", "loss@costs.fuel_kg<=2"]
+    code, _, err = gatetune(*RUN, "--budget", 1, *asked)
     assert code == 0, err
 
 

@@ -90,7 +90,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     code, out, err = gatetune("campaign", "status", "runs/own")
     assert (
         code == 0
-        and "No configuration that was evaluated is likely to meet the constraint (Loss at most 1); the"
+        and "No configuration that was evaluated is likely to meet the constraint (Loss at most 1); nearest"
         in out
     ), err
     page = page_of(directory)
@@ -100,7 +100,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
     note = tree["notes"][-1]
     assert note.startswith(
-        "Nothing that the campaign ran is known to meet its constraint: Tuned is the likeliest"
+        "Nothing that the campaign ran is known to meet its constraint: Tuned comes nearest to it"
     )
     assert note in out and note in page
     assert "met on 0 of 1 instance" in out and "met on 0 of 1 instance" in page

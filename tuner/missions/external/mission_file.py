@@ -13,14 +13,23 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 
 from nbv.config import IDEAL, config_from_dict
+from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.safe_files import is_file, read_bytes, read_yaml
 from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.space_files import parameter_from_dict
 
+_VARIABLE = r"^[A-Za-z]\w*$"
+_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+_FUNCTION = r"^([A-Za-z_][\w.]*:[A-Za-z_]\w*)?$"
+_RULES = {
+    _VARIABLE: "a letter, then letters, digits and _, as a program's variable",
+    _NAME: "at most 64 letters, digits, '_', '.' and '-', a letter or a digit first",
+    _FUNCTION: "MODULE:FUNCTION, such as shots:fly",
+}
 _Count = Annotated[int, msgspec.Meta(ge=1)]
-_Variable = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z]\w*$")]
+_Variable = Annotated[str, msgspec.Meta(pattern=_VARIABLE)]
 _Some = msgspec.Meta(min_length=1)
 
 
@@ -34,7 +43,7 @@ class Score(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The content of a mission file; `load_mission_file` reads and checks one."""
 
-    name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    name: Annotated[str, msgspec.Meta(pattern=_NAME)]
     parameters: Annotated[dict[_Variable, Any], _Some]
     instances: Annotated[
         dict[str, dict[str, Any]], _Some
@@ -42,7 +51,7 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     metric: str
     direction: Direction
     command: tuple[str, ...] = ()
-    function: Annotated[str, msgspec.Meta(pattern=r"^([A-Za-z_][\w.]*:[A-Za-z_]\w*)?$")] = ""
+    function: Annotated[str, msgspec.Meta(pattern=_FUNCTION)] = ""
     held_out: dict[str, dict[str, Any]] = {}
     directions: dict[str, Direction] = {}  # of the metric, of further metrics and of costs
     baselines: dict[str, dict[str, Any]] = {}
@@ -88,9 +97,9 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise UserError(f"{self.path}: unknown parameter {name!r}; there are {', '.join(parameters)}")
             if not parameters[name].contains(value):
                 raise UserError(f"{self.path}: {name} = {value!r} is not among its values")
+        given = {name: values.get(name, p.default) for name, p in parameters.items()}
         # 1 and 1.0 are the same number and would be two configurations.
-        kinds: dict[str, Any] = {"float": float, "int": int, "categorical": lambda value: value}
-        return {name: kinds[p.kind](values.get(name, p.default)) for name, p in parameters.items()}
+        return {name: parameters[name].as_declared(value) for name, value in given.items()}
 
     def instance(self, name: str) -> dict[str, Any]:
         """Return an instance with its name; ``UserError`` if there is none."""
@@ -117,10 +126,7 @@ def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
     for key in ("instances", "held_out"):
         if isinstance(tree, dict) and isinstance(tree.get(key), list):
             tree[key] = _by_name(tree[key], path)
-    try:
-        mission = msgspec.convert(tree, MissionFile)
-    except msgspec.ValidationError as error:
-        raise UserError(f"{path}: {error}") from error
+    mission = converted(tree, MissionFile, str(path), _RULES)
     mission = msgspec.structs.replace(
         mission,
         path=path,
@@ -147,6 +153,10 @@ def _by_name(entries: list[Any], path: Path) -> dict[str, dict[str, Any]]:
 
 def _check(mission: MissionFile) -> None:
     path = mission.path
+    try:
+        _ = mission.objective
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
     if bool(mission.command) == bool(mission.function):
         raise UserError(f"{path}: give either command or function")
     if both := mission.instances.keys() & mission.held_out.keys():

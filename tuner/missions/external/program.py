@@ -16,6 +16,7 @@ from typing import Annotated, Any, BinaryIO
 import msgspec
 import psutil
 
+from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_NODES, open_to_write, parse_json, read_text
 from tuner.missions.external.mission_file import MissionFile
@@ -154,11 +155,8 @@ def read_result(path: Path) -> Result:
     """
     if not path.exists():
         raise UserError(f"no {path.name}")
-    try:
-        text = read_text(path, _LARGEST_RESULT_BYTES)
-        result = msgspec.convert(parse_json(text, path.name, RESULT_NODES), Result)
-    except msgspec.ValidationError as error:
-        raise UserError(f"{path.name}: {error}") from error
+    text = read_text(path, _LARGEST_RESULT_BYTES)
+    result = converted(parse_json(text, path.name, RESULT_NODES), Result, path.name)
     if not (result.metrics or result.cloud or result.failure):
         raise UserError(f"{path.name} needs metrics, cloud or failure")
     return result

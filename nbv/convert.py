@@ -1,0 +1,101 @@
+"""A tree of a file as a typed record, and what is wrong with it in words with the name of the place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from nbv.errors import UserError
+
+T = TypeVar("T")
+_KINDS = {
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a mapping",
+    "null": "left out",
+}
+
+
+def converted(
+    tree: Any,
+    kind: type[T],
+    source: str,
+    rules: Mapping[str, str] | None = None,
+    dec_hook: Callable[[type, Any], Any] | None = None,
+) -> T:
+    """``tree`` as a ``kind``; `UserError`, which begins with ``source``, where it is none.
+
+    ``rules`` puts patterns of text into words.
+    """
+    try:
+        return msgspec.convert(tree, kind, dec_hook=dec_hook)
+    except msgspec.ValidationError as error:
+        raise UserError(f"{source}: {_words(str(error), tree, kind, rules or {})}") from error
+
+
+def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str:
+    told, _, place = message.partition(" - at ")
+    of_key, place = place.startswith("`key`"), place.rpartition("`$")[2].strip("`.")
+    name = re.sub(r"\[\.\.\.\]", " (an entry)", place) or "the file"
+    if missing := re.search(r"missing required field `(.*)`", told):
+        return f"{_inside(place)}{missing[1]!r} is missing"
+    if unknown := re.search(r"unknown field `(.*)`", told):
+        allowed = f"; allowed: {', '.join(_fields(kind))}" if not place else ""
+        return f"{_inside(place)}unknown key {unknown[1]!r}{allowed}"
+    value = _value(tree, place)
+    pattern = re.search(r"matching regex '(.*)'", told)
+    regex = pattern[1].replace("\\\\", "\\") if pattern else ""  # as its repr
+    rule = rules.get(regex, f"text like {regex}") if pattern else _rule(told, kind, place)
+    if of_key:
+        keys = value if isinstance(value, dict) else {}
+        bad = [k for k in keys if not isinstance(k, str) or (pattern and not re.search(regex, k))]
+        return f"{name}: the name {bad[0]!r} must be {rule}" if bad else f"{name}: a name must be {rule}"
+    shown = "" if value is _NOTHING else f" is {_short(value)}; it"
+    return f"{name}{shown} must be {rule}"
+
+
+_NOTHING = object()
+
+
+def _rule(told: str, kind: type, place: str) -> str:
+    if told.startswith("Invalid enum value"):
+        field = next((f for f in msgspec.structs.fields(kind) if f.name == place), None)
+        values = getattr(field.type if field else None, "__args__", ())
+        return f"one of {', '.join(map(str, values))}" if values else "another word"
+    kinds, _, bound = re.sub(r", got .*", "", told.removeprefix("Expected ")).partition("` ")
+    words = " or ".join(_KINDS.get(k, k) for k in kinds.strip("`").split(" | "))
+    if length := re.match(r"of length >= (\d+)", bound):
+        return f"{words} with at least {length[1]} {'character' if kinds == '`str' else 'entry'}"
+    bound = re.sub(r"\.0$", "", bound)
+    for sign, said in ((">=", "at least"), ("<=", "at most"), (">", "above"), ("<", "below")):
+        bound = re.sub(rf"^{sign} ", f"{said} ", bound)
+    return f"{words} {bound}".strip()
+
+
+def _fields(kind: type) -> list[str]:
+    return [f.encode_name for f in msgspec.structs.fields(kind)]
+
+
+def _inside(place: str) -> str:
+    return f"{place}: " if place else ""
+
+
+def _value(tree: Any, place: str) -> Any:
+    """What stands at ``a.b[0]``; `_NOTHING` where the place has no such name."""
+    for part in re.findall(r"[^.\[\]]+", place):
+        try:
+            tree = tree[int(part)] if isinstance(tree, list) else tree[part]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return _NOTHING
+    return tree
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

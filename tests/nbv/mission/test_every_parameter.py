@@ -1,0 +1,224 @@
+"""Every parameter of a mission, changed: something is another, or it is refused by name; nothing is taken and ignored."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import nbv
+from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import parameters
+from nbv.errors import UserError
+from nbv.geometric.mission import GeometricFidelity
+from nbv.mission.fidelity import require_noticed
+from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.photographs.mission import _FIXED, PhotographFidelity, require_expressible
+
+NAMES = ("preset", "condition")  # what a configuration is called
+CALLED = "gate.kind"
+FEW = {"stop.adaptive_budget": 3}
+RING = {**FEW, "seed.count": 18, "seed.layout": "rings", "seed.rings": 2, "sparse.ground_features": 2000}
+TURN = {**FEW, "seed.count": 15, "sparse.ground_features": 2000}
+FALLS_APART = {**FEW, "sparse.ground_features": 2000, "scene.match_angle_deg": 45.0, "seed.count": 7}
+FALLS_APART |= {"sparse.min_registered_seeds": 3, "seed.lowest_deg": 25.0}
+NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
+# Among what a parameter matters, and a value that does, where neither is plain.
+BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
+    "camera.width_px": ({}, 320),
+    "camera.height_px": ({}, 200),
+    "camera.focal_px": ({}, 400.0),
+    "scene.sun_elevation_deg": ({}, 20.0),
+    "scene.sun_azimuth_deg": ({}, 20.0),
+    "scene.match_angle_deg": ({}, 20.0),
+    "ground.relief_m": ({"ground.burial_m": 0.1}, 0.1),
+    "ground.neighbours": ({}, 6),
+    "ground.neighbour_height_m": ({"ground.neighbours": 8}, [1.0, 1.4]),
+    "ground.neighbour_gap_m": ({"ground.neighbours": 8}, [0.05, 0.1]),
+    "ground.burial_m": ({}, 0.3),
+    "scene.ground_seed": ({"ground.neighbours": 8}, 3),
+    "wind.gust_m_s": ({"wind.mean_speed_m_s": 1.0}, 0.5),
+    "wind.sway_s": ({"wind.gust_m_s": 0.5}, 0.5),
+    "wind.mean_speed_m_s": ({}, 2.0),
+    "flight.home_m": ({}, [0.0, 9.0, 0.0]),
+    "flight.keep_out_radius_m": ({}, 2.5),
+    "flight.keep_out_height_m": ({}, 1.0),
+    "flight.min_camera_altitude_m": ({"seed.ring_elevations_deg": [-6.0, 22.0, 29.0, 36.0]}, 0.35),
+    "flight.planning_s": ({}, 2.0),
+    "flight.max_yaw_rate_rad_s": ({}, 0.1),
+    "flight.max_yaw_acceleration_rad_s2": ({}, 0.05),
+    "flight.max_yaw_jerk_rad_s3": ({}, 0.05),
+    "seed.ring_radii_m": ({}, [4.0, 4.1, 4.2, 4.3]),
+    "seed.ring_bearings_deg": ({}, [5.0, 10.0, 15.0, 20.0]),
+    "seed.ring_azimuth_counts": ({}, [7, 6, 6, 5]),
+    "seed.ring_elevations_deg": ({}, [16.0, 22.0, 29.0, 40.0]),
+    "seed.count": ({"sparse.ground_features": 2000}, 16),
+    "seed.layout": (TURN, "rings"),
+    "seed.rings": (RING, 3),
+    "seed.lowest_deg": (TURN, 20.0),
+    "seed.span_deg": (TURN, 12.0),
+    "seed.start_bearing_deg": (TURN, 20.0),
+    "seed.upper_share": (TURN, 0.3),
+    "seed.second_turn": (FALLS_APART, True),
+    "pool.min_altitude_m": ({}, 1.5),
+    "pool.max_altitude_m": ({}, 1.4),
+    "pool.max_elevation_deg": ({"pool.max_altitude_m": 6.0}, 20.0),
+    "pool.max_travel_m": ({}, 2.0),
+    "pool.min_spacing_m": ({}, 2.0),
+    "pool.revisit_exclusion_m": ({}, 3.0),
+    "pool.azimuth_sectors": ({"pool.max_candidates": 12}, 3),
+    "pool.max_candidates": ({}, 5),
+    "pool.min_register_chance": ({"stop.adaptive_budget": 12}, 0.99),
+    "stop.max_photographs": ({}, 25),
+    "stop.criterion": ({"stop.knn_threshold_m": 0.5}, "knn"),
+    "stop.knn_threshold_m": ({"stop.criterion": "both"}, 0.5),
+    "stop.knn_neighbours": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.14}, 1),
+    "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.4}, "all"),
+    "stop.predicted_percent": ({"stop.criterion": "predicted"}, 99.99),
+    "stop.min_gain_percent": ({}, 50.0),
+    "gate.kind": ({}, "b-aware"),
+    "gate.geometry_scorer": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0, "gate.d95_m": 9.0}, "covis"),
+    "gate.budget_fraction": ({CALLED: "hyb-h", "gate.d95_m": 0.0}, 0.0),
+    "gate.d95_m": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0}, 5.0),
+    "gate.bridge_below": ({CALLED: "hyb-h"}, 1.0),
+    "gate.oracle_coverage": ({CALLED: "hyb-o"}, "seen"),
+    "gate.oracle_samples": ({CALLED: "hyb-o"}, 150),
+    "gate.oracle_threshold_m": ({CALLED: "hyb-o"}, 0.3),
+    "gate.oracle_matchable_views": ({CALLED: "hyb-o", "gate.oracle_coverage": "matchable"}, 8),
+    "gate.oracle_quality_weight": ({CALLED: "hyb-o"}, 5.0),
+    "gate.learned_policy": ({CALLED: "learned"}, "nowhere.json"),
+    "target.size_error_percent": ({"rock": "boulder-7"}, 50.0),
+    **{f"telemetry.{name}": (NOISY, value) for name, value in {
+        "horizontal_noise_m": 0.2, "vertical_noise_m": 0.2, "drift_m": 0.1, "drift_time_s": 50.0,
+        "lever_arm_m": [0.1, 0.0, 0.0], "attitude_noise_deg": 1.0,
+    }.items()},
+    "sparse.first_octave": ({}, 1),
+    "dense.max_size_px": ({}, 100),
+    "sparse.min_inliers": ({}, 80),
+    "sparse.min_registered_seeds": ({}, 25),
+    "sparse.max_pair_angle_deg": ({}, 20.0),
+    "shared.theta_min_deg": ({CALLED: "covis", "covis.weights.ang": 5.0}, 60.0),
+    "covis.weights.ang": ({CALLED: "covis", "shared.theta_min_deg": 60.0}, 9.0),
+    "b_aware.weights.ang": ({CALLED: "b-aware", "shared.theta_min_deg": 60.0}, 9.0),
+    "matchable.weights.ang": ({CALLED: "matchable", "shared.theta_min_deg": 60.0}, 9.0),
+    "evaluation.thresholds_mm": ({}, [30.0, 48.0]),
+}  # fmt: skip
+OF_SCORER = {"covis": "covis", "b_aware": "b-aware", "matchable": "matchable"}
+
+
+def other(path: str, value: Any) -> Any:
+    """A value that is not the configured one."""
+    declaration = parameters()[path]
+    if declaration.choices:
+        return next(choice for choice in declaration.choices if choice != value)
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, tuple):
+        return [x * 1.1 + 0.05 for x in value]
+    if isinstance(value, int):
+        return value * 2 + 3
+    return value * 0.3 if value else 0.7
+
+
+@cache
+def mission(values: str) -> str:
+    """What a mission with these values has as its outcome, without times of the clock and what its files are called."""
+    given = json.loads(values)
+    rock = given.pop("rock", "slab")
+    tree = json.loads(GeometricFidelity.run(preset("campaign").with_values(given), rock).to_json())
+    for name in ("timings_s", "provenance", "config_digest", "checksum"):
+        del tree[name]
+    del tree["costs"]["wall_s"]
+    return json.dumps(tree, sort_keys=True)
+
+
+def scenario(path: str) -> tuple[dict[str, Any], Any]:
+    beside, value = BESIDE.get(path, ({}, None))
+    section = path.partition(".")[0]
+    if section in OF_SCORER:
+        beside = {CALLED: OF_SCORER[section], **beside}
+    base = FEW | beside
+    config = preset("campaign").with_values({k: v for k, v in base.items() if k != "rock"})
+    return base, other(path, attrgetter(path)(config)) if value is None else value
+
+
+def refused(fidelity: type, path: str) -> bool:
+    return path.startswith(tuple(fidelity.unnoticed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [p for p in parameters() if p not in NAMES])
+def test_a_geometric_mission_notices_it_or_refuses_it(path):
+    base, value = scenario(path)
+    if refused(GeometricFidelity, path):
+        with pytest.raises(UserError, match=rf"geometric missions take no notice of .*{path}"):
+            mission(json.dumps(base | {path: value}))
+        return
+    try:
+        before = mission(json.dumps(base))
+        assert mission(json.dumps(base | {path: value})) != before
+    except UserError as error:
+        assert path in str(error) or str(value) in str(error)
+
+
+@pytest.mark.parametrize("fidelity", [PhotogrammetricFidelity, PhotographFidelity, GeometricFidelity])
+def test_what_a_fidelity_does_not_refuse_its_code_reads(fidelity):
+    """Of missions with photographs, which take too long to run one for each."""
+    root = Path(nbv.__file__).parent
+    skipped = {root / "config", root / "geometric" if fidelity is not GeometricFidelity else root / "dense"}
+    code = "\n".join(p.read_text() for p in root.rglob("*.py") if not skipped & set(p.parents))
+    fixed = _FIXED if fidelity is PhotographFidelity else ()
+    for path in (p for p in parameters() if p not in NAMES):
+        name = path.rpartition(".")[2]
+        if refused(fidelity, path) or path.split(".")[0] in fixed or name.endswith("sun_azimuth_deg"):
+            continue
+        words = (
+            f".{name}",
+            f'"{name}"',
+            f"weights.{name}",
+            {"scene.sun_direction": ".sun_travel", "scene.sun_elevation_deg": ".sun_travel"}.get(path, "\0"),
+        )
+        in_config = "".join(p.read_text() for p in (root / "config").glob("*.py"))
+        assert any(w in code for w in words) or f"self.{name}" in in_config or f"stop.{name}" in in_config, (
+            path
+        )
+
+
+@pytest.mark.parametrize("fidelity", [GeometricFidelity, PhotogrammetricFidelity, PhotographFidelity])
+def test_what_is_refused_is_named_and_a_condition_may_stand(fidelity):
+    for path in (p for p in parameters() if refused(fidelity, p)):
+        config = preset("campaign").with_values({"telemetry": "rtk"} if path.startswith("telemetry.") else {})
+        try:
+            config = config.with_values({path: other(path, attrgetter(path)(config))})
+        except UserError:
+            continue  # not every number is one of its range
+        with pytest.raises(UserError, match=path):
+            require_noticed(config, fidelity.unnoticed, fidelity.name)
+        if path.split(".")[0] in ("scene", "sensor", "telemetry", "target", "ground"):
+            require_noticed(config.changed(condition="harsh"), fidelity.unnoticed, fidelity.name)
+    require_noticed(preset("paper"), fidelity.unnoticed, fidelity.name)
+    require_noticed(preset("campaign"), fidelity.unnoticed, fidelity.name)
+
+
+def test_what_holds_of_a_set_of_photographs_cannot_be_set():
+    for path in (p for p in parameters() if p.split(".")[0] in ("camera", "sensor")):
+        config = preset("campaign")
+        value = other(path, attrgetter(path)(config))
+        with pytest.raises(UserError, match=path):
+            require_expressible(config.with_values({path: value}), "mine")
+
+
+def test_fewer_pixels_see_less():
+    """The calibrated camera is as before; what is seen falls with the focal length and the angle of view."""
+    f = MissionConfig().camera.focal_px
+    scores = []
+    for camera in ((640, 480, f), (1280, 960, 2 * f), (640, 480, 200.0), (64, 48, 46.57)):
+        values = dict(zip(("camera.width_px", "camera.height_px", "camera.focal_px"), camera))
+        tree = json.loads(mission(json.dumps(FEW | values)))
+        scores.append(tree["metrics"]["observable"]["f_score_48mm"] if tree["metrics"] else 0.0)
+    same, finer, coarser, tiny = scores
+    assert finer > same > coarser > tiny == 0.0
