@@ -43,7 +43,8 @@ def compare(
         Path | None, typer.Option(help="Run directory whose recommendation is added.")
     ] = None,
     suite: Annotated[
-        str | None, typer.Option(help="Published settings, which no other option may change: rocks-1.")
+        str | None,
+        typer.Option(help="Published settings, which no other option may change: rocks-1, shapes-1."),
     ] = None,
     targets: Annotated[int, typer.Option(help="Number of held-out rocks to draw.", min=1)] = 60,
     families: Annotated[

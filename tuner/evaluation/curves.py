@@ -23,7 +23,7 @@ from nbv.photographs import PhotographSet
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
-from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_recipe
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
@@ -108,7 +108,7 @@ def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tupl
     return tuple(names[:count])
 
 
-SUITES = {"rocks-1": Suite(drawn_targets(60))}
+SUITES = {"rocks-1": Suite(drawn_targets(60)), "shapes-1": Suite(drawn_targets(50, tuple(SHAPES)))}
 
 
 def require_room(targets: Sequence[str], config: MissionConfig) -> None:
