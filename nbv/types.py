@@ -59,6 +59,9 @@ class SparseModel:
     camera_names: tuple[str, ...]  # (M,) capture names
     alignment_rms_m: float  # residual of the similarity alignment over the registered cameras
     alignment_max_m: float
+    # Coarse depth, where the vehicle has computed some: places (K, 3), and the cameras (K,) whose depth they are.
+    depth_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    depth_cameras: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def track_lengths(self) -> Ints:

@@ -18,8 +18,12 @@ from nbv.evaluation.metric import (
 )
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld, resolution, resolved
-from nbv.geometry.stereo_chance import reconstruction_probability
-from nbv.types import Bools, Floats
+from nbv.geometry.stereo_chance import (
+    depth_probability,
+    pairwise_angles_deg,
+    reconstruction_probability,
+)
+from nbv.types import Bools, Floats, Floats32, Ints
 
 CHANCES_IN_REACH = 2.0
 RESOLVED = 2.0  # a pixel's area decides (`nbv.geometric.landmarks.RESOLVED`)
@@ -56,6 +60,29 @@ def sample_probability(
     config: MissionConfig,
 ) -> Floats:
     """(S,) `reconstruction_probability` of a world's samples, which the views (V, S) ``seen`` from (V, 3) see."""
+    directions, incidence = _angles(world, camera_centers_m, config)
+    found = reconstruction_probability(seen, incidence, world.sample_contrast, directions, config.dense)
+    return resolved(found.astype(np.float64), world.camera, RESOLVED)
+
+
+def coarse_depth(
+    world: GeometricWorld, seen: Bools, camera_centers_m: Floats, config: MissionConfig, draws: Floats
+) -> tuple[Floats, Ints]:
+    """Places (K, 3) of the depth that stereo at low resolution would give, holes left out, and whose depth they are (K,).
+
+    ``draws`` (S,) in [0, 1) decide: a place with less than a view's chance of a depth has one.
+    """
+    directions, incidence = _angles(world, camera_centers_m, config)
+    angle_deg = pairwise_angles_deg(directions)
+    chance = depth_probability(seen, incidence, world.sample_contrast, angle_deg, config.dense)
+    view, sample = np.nonzero(chance > draws)
+    return world.samples_m[sample], view
+
+
+def _angles(
+    world: GeometricWorld, camera_centers_m: Floats, config: MissionConfig
+) -> tuple[Floats, Floats32]:
+    """(V, 3) unit vectors from the target to the cameras, and (V, S) incidences in degrees."""
     points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
     directions = camera_centers_m - np.array(config.target_m)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -66,8 +93,7 @@ def sample_probability(
     cosine /= np.sqrt(squared)
     np.clip(cosine, -1.0, 1.0, out=cosine)
     incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
-    found = reconstruction_probability(seen, incidence, world.sample_contrast, directions, config.dense)
-    return resolved(found.astype(np.float64), world.camera, RESOLVED)
+    return directions, incidence
 
 
 def predicted_metrics(world: GeometricWorld, probability: Floats, config: MissionConfig) -> dict[str, Any]:

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
-from nbv.geometric.completeness import sample_probability
+from nbv.geometric.completeness import coarse_depth, sample_probability
 from nbv.geometric.landmarks import Landmarks
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld, Point
-from nbv.types import Capture, Floats, Floats32, Ints, PointCloud, Reconstructor, SparseModel, UpdateReport
+from nbv.random_streams import keyed_rng
+from nbv.types import (
+    Bools,
+    Capture,
+    Floats,
+    Floats32,
+    Ints,
+    PointCloud,
+    Reconstructor,
+    SparseModel,
+    UpdateReport,
+)
 
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 # Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Rings of 12 and 14 seeds at 20
@@ -23,6 +34,7 @@ HELD_LANDMARKS = 258
 
 MIN_TRACK_LENGTH = 3
 NOISE_PX = 0.5
+DEPTH_NOISE_M = 0.01  # of depth at a quarter of the pixels
 
 
 @dataclass(frozen=True)
@@ -68,6 +80,8 @@ class GeometricReconstructor(Reconstructor):
             config.scene,
             config.ground,
             config.sparse,
+            config.gate.kind == "predicted",
+            config.dense,
         )
         # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
         # nothing limits the angle, since rendered photographs of such plans register.
@@ -198,15 +212,26 @@ class GeometricReconstructor(Reconstructor):
             alignment_rms_m=0.0,
             alignment_max_m=0.0,
         )
-        return model.select(np.flatnonzero(half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)))
+        model = model.select(np.flatnonzero(half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)))
+        if self._config.gate.kind != "predicted":  # nothing else asks for it
+            return model
+        rng = keyed_rng("geometric-depth", *self._identity[:2])
+        n_samples = len(self._world.samples_m)
+        depth_m, cameras = coarse_depth(
+            self._world, self._seen(), centers, self._config, rng.random(n_samples)
+        )
+        depth_m = depth_m + DEPTH_NOISE_M * rng.standard_normal(depth_m.shape)
+        return replace(model, depth_m=depth_m, depth_cameras=cameras)
 
     # -- the dense outcome ---------------------------------------------------------------------------
 
     def predicted(self) -> Floats:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
+        return sample_probability(self._world, self._seen(), self._centers_m(), self._config)
+
+    def _seen(self) -> Bools:
         views = (capture.viewpoint.position_m for capture in self._captures)
-        seen = np.array([self._world.samples_seen(position_m, self._aim_m) for position_m in views])
-        return sample_probability(self._world, seen, self._centers_m(), self._config)
+        return np.array([self._world.samples_seen(position_m, self._aim_m) for position_m in views])
 
     def finish(self) -> PointCloud:
         """The surface samples that are more likely reconstructed than not."""

@@ -77,6 +77,27 @@ def reconstruction_probability(
         return np.zeros(seen.shape[1], dtype=np.float32)
     incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
     angle_deg = pairwise_angles_deg(directions)
+    depth = depth_probability(seen, incidence, contrast, angle_deg, dense)
+
+    width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)
+    confirms = logistic((np.float32(CONFIRMING_INCIDENCE_DEG) - incidence) / width)
+    confirms *= depth
+    sources = source_view_mask(angle_deg, dense.consistency_views).astype(np.float32)
+    sources *= np.float32(AGREEMENT)
+    agreeing: Floats32 = sources @ confirms
+    agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
+    # The logistic curve nearest to the normal distribution's.
+    agreeing *= np.float32(1.702 / AGREEMENT_SD)
+    kept = logistic(agreeing)
+    kept *= depth
+    lost = np.prod(np.subtract(np.float32(1.0), kept, out=kept), axis=0)
+    return np.subtract(np.float32(1.0), lost)
+
+
+def depth_probability(
+    seen: Bools, incidence: Floats32, contrast: Floats, angle_deg: Floats, dense: DenseConfig
+) -> Floats32:
+    """(V, S) chance that each view has a depth at each sample, confirmed or not; ``angle_deg`` (V, V) between the views."""
     texture = (contrast / (contrast + HALF_CONTRAST)).astype(np.float32)
     good = good_view(seen, incidence)
 
@@ -94,21 +115,7 @@ def reconstruction_probability(
         match *= texture
         match *= pair[:, k, None]
         no_depth *= np.subtract(np.float32(1.0), match, out=match)
-    depth = np.subtract(np.float32(1.0), no_depth, out=no_depth)
-
-    width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)
-    confirms = logistic((np.float32(CONFIRMING_INCIDENCE_DEG) - incidence) / width)
-    confirms *= depth
-    sources = source_view_mask(angle_deg, dense.consistency_views).astype(np.float32)
-    sources *= np.float32(AGREEMENT)
-    agreeing: Floats32 = sources @ confirms
-    agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
-    # The logistic curve nearest to the normal distribution's.
-    agreeing *= np.float32(1.702 / AGREEMENT_SD)
-    kept = logistic(agreeing)
-    kept *= depth
-    lost = np.prod(np.subtract(np.float32(1.0), kept, out=kept), axis=0)
-    return np.subtract(np.float32(1.0), lost)
+    return np.subtract(np.float32(1.0), no_depth, out=no_depth)
 
 
 def good_view(seen: Bools, incidence_deg: Floats32) -> Floats32:

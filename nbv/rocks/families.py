@@ -1,4 +1,4 @@
-"""Rocks by the hundred: families, from each of which a seed draws one rock; four more of shapes that are no boulders.
+"""Rocks by the hundred: families, from each of which a seed draws one rock; five more of shapes that are no boulders.
 
 A rock is named ``FAMILY-SEED``, such as ``overhang-17``, and made from that name alone. Of every rock are drawn
 
@@ -30,7 +30,8 @@ from nbv.types import Floats
 HEIGHT_M, HIGHEST_SHAPE_M = (0.8, 3.0), 2.0
 MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
 VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
-ANY = "any"  # any-FAMILY is a fresh rock of it in every replicate, any one of each family
+# any-FAMILY is a fresh rock of it in every replicate; any means one of each family, any-shapes one of each of the shapes.
+ANY, ANY_SHAPES = "any", "any-shapes"
 _NAME = re.compile(r"([a-z]+(?:-[a-z]+)*)-(\d{1,9})")
 
 
@@ -150,6 +151,39 @@ def _plates(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     return sdf.union_of(parts)
 
 
+def _machine(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A block or a drum with deep pockets from its sides and its top, some through it, with ribs or a boss."""
+    wide, deep = rng.uniform(0.45, 0.75, 2)
+    turn_deg = rng.uniform(0, 180)
+    turn = sdf.rotation(turn_deg)
+    if rng.uniform() < 0.6:
+        body = sdf.box(p, (0, 0, 0.7), (wide, deep, 0.9), 0.03, turn)
+    else:
+        drum = np.hypot(p[:, 0], p[:, 1]) - wide
+        body = sdf.intersection(drum, np.abs(p[:, 2] - 0.7) - 0.9, 0.03)
+    q = p @ turn
+    for _ in range(int(rng.integers(2, 5))):  # from a side
+        axis, side = int(rng.integers(2)), rng.choice((-1.0, 1.0))
+        depth_m = rng.uniform(0.3, 0.7) if rng.uniform() < 0.8 else 2.0  # else right through
+        center, half = np.zeros(3), np.full(3, depth_m)
+        center[axis] = side * (wide, deep)[axis]
+        center[1 - axis], center[2] = rng.uniform(-0.2, 0.2), rng.uniform(0.3, 1.2)
+        half[1 - axis], half[2] = rng.uniform(0.12, 0.3), rng.uniform(0.15, 0.4)
+        body = sdf.subtract(body, sdf.box(q, center, half, 0.03), 0.01)
+    if rng.uniform() < 0.6:  # from above
+        half = np.array([*rng.uniform(0.15, 0.35, 2), rng.uniform(0.4, 1.1)])
+        body = sdf.subtract(body, sdf.box(q, (*rng.uniform(-0.12, 0.12, 2), 1.6), half, 0.03), 0.01)
+    if rng.uniform() < 0.5:
+        rib = sdf.box(q, (0, 0, 0.5), (wide + rng.uniform(0.1, 0.25), rng.uniform(0.04, 0.09), 0.6), 0.01)
+        body = np.minimum(body, rib)
+    else:
+        boss = sdf.capsule(
+            q, (0.0, 0.0, 0.9), (0.0, deep + rng.uniform(0.1, 0.3), 0.9), rng.uniform(0.1, 0.18)
+        )
+        body = np.minimum(body, boss)
+    return body
+
+
 # A body at points (N, 3) as a generator draws it, and what makes the family hard.
 FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], str]] = {
     "boulder": (_boulder, "blocky, nearly convex"),
@@ -166,6 +200,7 @@ SHAPES = {
     "limbs": (_limbs, "legs and arms that hide one another"),
     "handle": (_handle, "handles, and a hollow from above"),
     "plates": (_plates, "thin plates with spaces between them"),
+    "machine": (_machine, "deep pockets and holes in sides and top"),
 }
 EVERY = {**FAMILIES, **SHAPES}
 

@@ -52,7 +52,8 @@ def kept_rock(store: Store | None, make: Callable[[], Rock], *, code: str, input
         found["faces"] = found["faces"].astype(np.int64)
         for array in found.values():
             array.setflags(write=False)
-        return Rock(**found, **facts)
+        both: dict[str, Any] = {**found, **facts}
+        return Rock(**both)
 
     facts = cached_json(
         store,

@@ -35,8 +35,8 @@ def ellipsoid(
 
 def box(
     points: Floats,
-    center: Sequence[float],
-    half_sizes: Sequence[float],
+    center: Sequence[float] | Floats,
+    half_sizes: Sequence[float] | Floats,
     round_m: float = 0.0,
     turn: Floats | None = None,
 ) -> Floats:

@@ -19,17 +19,20 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.carving import carved_top
+from nbv.geometry.carving import Solid, carved, carved_top
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.stereo_chance import good_view, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
-from nbv.scorers.matchable import FEWEST_POINTS, ball, points_on_rock, sample_hull
+from nbv.random_streams import keyed_rng
+from nbv.scorers.matchable import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock, sample_hull
 from nbv.scorers.scorer import Scorer, SharedTerms
 from nbv.types import Bools, CandidatePool, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell
 
 SAMPLES = 600
+FINE_CELLS = 28  # of the height of a surface that can hide itself
+MOST_KNOWN, MOST_LINES = 20_000, 20_000  # places with depth, and lines of sight, that it is made from
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
 CONTRAST = 0.02  # of the rock's texture, which nothing says: the median of the training rocks
 FEWEST_OBSERVING = 2
@@ -65,6 +68,7 @@ class Prediction:
     model: SparseModel
     hull: ConvexHull
     config: MissionConfig
+    solid: Solid | None = None  # hides samples; None: the surface is convex
 
     @property
     def weakest(self) -> float:
@@ -110,7 +114,7 @@ class Prediction:
         total = float(missing.sum())
         if total <= 0.0 or len(candidates_m) == 0:
             return np.zeros(len(candidates_m))
-        seen, incidence = _visibility(self.samples_m, self.normals, candidates_m, self.config)
+        seen, incidence = _visibility(self.samples_m, self.normals, candidates_m, self.config, self.solid)
         new = good_view(seen, incidence)
         # (V, S) of each view, were it a partner
         unmatched = np.log1p(-np.minimum(self.good, np.float32(0.999)))
@@ -126,7 +130,6 @@ class Prediction:
 
 def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     """What the registered cameras of a sparse model will reconstruct of the surface around its points."""
-    cameras_m = model.camera_centers_m
     points, hull = _estimated_hull(model.points_m, config)
     samples, normals = sample_hull(points, hull, SAMPLES)
     above = samples[:, 2] > 0.0
@@ -134,23 +137,49 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     seen, _ = _visibility(samples, normals, camera_shell(config), config)
     observable = seen.sum(axis=0) >= FEWEST_OBSERVING
     samples, normals = samples[observable], normals[observable]
-    seen, incidence = _visibility(samples, normals, cameras_m, config)
-    chance = reconstruction_probability(
-        seen,
-        incidence,
-        np.full(len(samples), CONTRAST),
-        _directions(cameras_m, config),
-        config.dense,
+    return _prediction(samples, normals, points, hull, model, config)
+
+
+def predict_carved(model: SparseModel, config: MissionConfig) -> Prediction:
+    """`predict` on a surface that can hide itself: what coarse depth shows, and what no line of sight has looked through."""
+    near = np.abs(model.depth_m - config.target_m).max(axis=1) <= config.dense.crop_half_width_m
+    near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
+    known, cameras_m = model.depth_m[near], model.camera_centers_m
+    points, hull = _estimated_hull(
+        np.concatenate([model.points_m, known[:: max(len(known) // 3000, 1)]]), config
     )
+    ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
+    by = np.concatenate([model.track_cameras, model.depth_cameras])
+    rng = keyed_rng("carved-surface", len(known))
+    known = known[rng.permutation(len(known))[:MOST_KNOWN]]
+    lines = rng.permutation(len(by))[:MOST_LINES]
+    solid = carved(hull, known, cameras_m[by[lines]], ends[lines], FINE_CELLS)
+    samples, normals = solid.surface(known, SAMPLES, rng)
+    return _prediction(samples, normals, points, hull, model, config, solid)
+
+
+def _prediction(
+    samples: Floats,
+    normals: Floats,
+    points: Floats,
+    hull: ConvexHull,
+    model: SparseModel,
+    config: MissionConfig,
+    solid: Solid | None = None,
+) -> Prediction:
+    cameras_m = model.camera_centers_m
+    seen, incidence = _visibility(samples, normals, cameras_m, config, solid)
+    contrast, directions = np.full(len(samples), CONTRAST), _directions(cameras_m, config)
     return Prediction(
         samples_m=samples,
         normals=normals,
-        chance=chance,
+        chance=reconstruction_probability(seen, incidence, contrast, directions, config.dense),
         height_m=max(float(points[:, 2].max()), 0.1),
         good=good_view(seen, incidence),
         model=model,
         hull=hull,
         config=config,
+        solid=solid,
     )
 
 
@@ -164,7 +193,7 @@ def _estimated_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, Co
 
 
 def _visibility(
-    samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig
+    samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig, solid: Solid | None = None
 ) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
     # (c - p) . n / |c - p| by products of matrices: several times as fast as difference by difference.
@@ -173,7 +202,10 @@ def _visibility(
     cosine = (cosine / np.sqrt(squared)).astype(np.float32)
     incidence: Floats32 = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
     inside = in_frustum(samples_m, cameras_m, np.array(config.target_m), config.camera).T
-    return inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG), incidence
+    seen = inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG)
+    if solid is not None:
+        seen &= ~solid.hides(samples_m, normals, cameras_m, seen)
+    return seen, incidence
 
 
 def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
@@ -188,6 +220,8 @@ def _log_odds(share: float) -> float:
 
 def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
     """(C,) share of what will be missing that each candidate helps to reconstruct."""
+    if len(terms.model.depth_m):
+        return predict_carved(terms.model, config).expected_gain(pool.positions_m)
     made = terms.prediction or predict(terms.model, config)
     return made.expected_gain(pool.positions_m)
 

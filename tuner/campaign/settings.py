@@ -110,7 +110,7 @@ class CampaignSettings(Section):
     )
     rocks: tuple[str, ...] = setting(
         lambda: tuple(procedural_rocks("train")),
-        "training rocks, names or mesh files; any-FAMILY (or any, for six families) draws another rock for every mission, on "
+        "training rocks, names or mesh files; any-FAMILY (or any, for six families, any-shapes for five of no rocks) draws another rock for every mission, on "
         "which the default runs, too",
         shown="the procedural ones",
         option="--rock",

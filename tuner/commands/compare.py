@@ -33,6 +33,7 @@ from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
+TARGETS = 60
 DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")
 
 
@@ -49,9 +50,10 @@ def compare(
         Path | None, typer.Option(help="Run directory whose recommendation is added.")
     ] = None,
     suite: Annotated[
-        str | None, typer.Option(help="Published settings, which no other option may change: rocks-1.")
+        str | None,
+        typer.Option(help="Published settings, which no other option may change: rocks-1, shapes-1."),
     ] = None,
-    targets: Annotated[int, typer.Option(help="Number of held-out rocks to draw.", min=1)] = 60,
+    targets: Annotated[int, typer.Option(help="Number of held-out rocks to draw.", min=1)] = TARGETS,
     families: Annotated[
         list[str] | None,
         typer.Option("--family", help="Family to draw rocks from, repeatable (default: all six)."),
@@ -113,6 +115,8 @@ def compare(
             places, under = _places(rocks, everywhere)
     else:
         drawn = curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
+        if suite is not None and not families and targets == TARGETS:
+            drawn = curves.SUITES[suite].targets
         places, under = tuple(Instance(t.rock, c.name) for c in everywhere for t in drawn), everywhere
     asked = curves.Suite(
         places,

@@ -24,7 +24,7 @@ from nbv.photographs.mission import require_expressible
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
-from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_name, generated_recipe
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.evaluation.advice import CEILING, LITTLE
 from tuner.evaluation.comparison import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
@@ -128,7 +128,7 @@ def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tupl
     return tuple(map(Instance, names[:count]))
 
 
-SUITES = {"rocks-1": Suite(drawn_targets(60))}
+SUITES = {"rocks-1": Suite(drawn_targets(60)), "shapes-1": Suite(drawn_targets(50, tuple(SHAPES)))}
 
 
 def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:

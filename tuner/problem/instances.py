@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.rocks.families import ANY, FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
+from nbv.rocks.families import ANY, ANY_SHAPES, EVERY, FAMILIES, HELD_OUT_FROM, SHAPES, VALIDATION_FROM
 
 
 class Instance(NamedTuple):
@@ -64,19 +64,20 @@ def rocks_of(instances: Iterable[Instance]) -> tuple[str, ...]:
 def family_of(rock: str) -> str | None:
     """Return the family that a name such as ``any-cleft`` stands for; None for a rock."""
     prefix, _, family = rock.partition("-")
-    return family if prefix == ANY and family in FAMILIES else None
+    return family if prefix == ANY and family in EVERY else None
 
 
 def with_families(rocks: Iterable[str]) -> list[str]:
-    """Return ``rocks`` with ``any`` as one name for every family.
+    """Return ``rocks`` with ``any`` as one name for every family of rocks, and ``any-shapes`` of shapes.
 
     Raises `UserError`: there is no such family, or some are rocks and some are families.
     """
-    found = [name for rock in rocks for name in ([f"{ANY}-{f}" for f in FAMILIES] if rock == ANY else [rock])]
+    meant = {kind: [f"{ANY}-{f}" for f in of] for kind, of in ((ANY, FAMILIES), (ANY_SHAPES, SHAPES))}
+    found = [name for rock in rocks for name in meant.get(rock, [rock])]
     for rock in found:
         if rock.startswith(f"{ANY}-") and not family_of(rock):
             raise UserError(
-                f"there is no family {rock[len(ANY) + 1 :]!r} of rocks; choose from {', '.join(FAMILIES)}"
+                f"there is no family {rock[len(ANY) + 1 :]!r} of rocks; choose from {', '.join(EVERY)}, or {ANY_SHAPES}"
             )
     drawn = [rock for rock in found if family_of(rock)]
     if drawn and len(drawn) < len(found):

@@ -14,6 +14,7 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions
 from nbv.errors import UserError
+from nbv.rocks.families import SHAPES
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -93,12 +94,17 @@ def test_families_are_evaluated_on_their_own_held_out_rocks(evaluated: Campaign)
     assert plan.replicates == 1
 
 
+def test_shapes_are_drawn_as_rocks_are() -> None:
+    assert settings_of("any-shapes").rocks == tuple(f"any-{family}" for family in SHAPES)
+
+
 @pytest.mark.parametrize(
     ("rocks", "says"),
     [
         (["any-pebble"], "no family 'pebble' of rocks; choose from boulder, slab"),
         (["any-slab", "fin"], "any-slab is a family of rocks and 'fin' is a rock"),
         (["any", "any-slab"], "'any-slab' is named twice"),
+        (["any-shapes", "any-machine"], "'any-machine' is named twice"),
     ],
 )
 def test_what_makes_no_such_campaign_is_said_in_one_line(rocks: list[str], says: str) -> None:
