@@ -17,7 +17,7 @@ def rotation(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
     return np.asarray(Rotation.from_euler("xyz", [roll_deg, pitch_deg, yaw_deg], degrees=True).as_matrix())
 
 
-def _about(points: Floats, center: Sequence[float], turn: Floats | None) -> Floats:
+def _about(points: Floats, center: Sequence[float] | Floats, turn: Floats | None) -> Floats:
     local = points - np.asarray(center)
     return local if turn is None else local @ turn
 
