@@ -217,13 +217,19 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
 
 
 def mission_config(
-    preset_name: str, assignments: list[str], gate: str | None = None, condition: str = IDEAL
+    preset_name: str,
+    assignments: list[str],
+    gate: str | None = None,
+    condition: str | None = None,
+    base: MissionConfig | None = None,
 ) -> MissionConfig:
-    """The preset under the condition, with ``--gate`` and ``--set`` applied."""
+    """The preset, or ``base``, under the condition where one is named, with ``--gate`` and ``--set`` applied."""
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    return under(preset(preset_name), load_condition(condition)).with_values(with_best_dense_stage(values))
+    if base is None or condition is not None:
+        base = under(base or preset(preset_name), load_condition(condition or IDEAL))
+    return base.with_values(with_best_dense_stage(values))
 
 
 def note_dense_stage(fidelity: str, config: Any) -> None:

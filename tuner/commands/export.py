@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -10,16 +12,22 @@ from typing import Annotated, Any
 
 import typer
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import printable, write_atomic
+from nbv.viewpoints import seed_viewpoints
 from tuner.bridges.plan import Home, qgc_plan
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
+from tuner.evaluation.advice import advice_of
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
+from tuner.problem.baselines import TUNED, base_name
+from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import advice_lines
 from tuner.report.mission_files import mission_config, read_flight
 from tuner.report.records import write_csv
 from tuner.report.vehicle_files import OURS, change_text, vehicle_files
@@ -54,6 +62,16 @@ def export(
     home: Annotated[
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
     ] = None,
+    rock: Annotated[
+        str | None, typer.Option(help="For plan: the training rock that the planned views are of.")
+    ] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            help="What is written: tuned (the recommendation), or a plain plan of the campaign, such as orbit (default: what the "
+            "campaign advises to fly)."
+        ),
+    ] = None,
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Write a recommendation that misses the objective's limit, too.")
     ] = False,
@@ -69,17 +87,22 @@ def export(
     output.print(f"exporting {what} of {run}", soft_wrap=True)
     if to is Format.csv:
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
-    if to is Format.plan:
-        if (run / SETTINGS_FILE).is_file():
-            _require_limit_kept(Campaign.open(run, read_only=True).recommended(), anyway)
-        return _write_plan(run, str(home), out or run / "route.plan")
+    if to is Format.plan and not (run / SETTINGS_FILE).is_file():
+        return _write_plan(run, run, str(home), out)
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommended()
+    if to is not None:
+        _require_limit_kept(best, anyway)
+    for line in _advised(campaign, best):
+        _say(line)
+    best = _asked(campaign, best, strategy)
+    if to is Format.plan:
+        return _export_plan(campaign, best, rock, str(home), out)
     files = vehicle_files(campaign, best, {to.value: onto} if to and onto else None)
     first = f"gatetune export {run} --to {files[0].name}"
     if to is None:
         changes = ", ".join(change_text(best, path) for path in best.changed)
-        _say(f"recommended: {changes or 'keep the default'}")
+        _say(f"written with --to: {changes or 'the default'}")
         for f in files:
             _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
         _say(f"write the first: {first}")
@@ -87,7 +110,6 @@ def export(
         values = {"values": best.values, "default_values": best.default_values}
         return answer_json({**values, "files": listed, "write": first})
     file = next((file for file in files if file.name == to.value), None)
-    _require_limit_kept(best, anyway)
     if file is None:
         raise UserError(f"the missions of {run} are of a mission file; run: {first}")
     if not file.useful:
@@ -134,21 +156,66 @@ def _missions(run: Path) -> Any:
     return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0)
 
 
-def _write_plan(run: Path, home: str, out: Path) -> None:
-    """Write the route of a mission, or of a campaign's recommended one."""
+def _advised(campaign: Campaign, best: Recommendation) -> list[str]:
+    """The campaign's advice in sentences."""
+    advice = advice_of(campaign, best)
+    return [] if advice is None else advice_lines(advice, best, campaign.settings)
+
+
+def _asked(campaign: Campaign, best: Recommendation, strategy: str | None) -> Recommendation:
+    """The recommendation, or with its values those of the plain plan that is named or advised."""
+    arms, advice = campaign.settings.arms, advice_of(campaign, best)
+    if strategy is None and advice is not None and advice.fly != TUNED:
+        strategy = base_name(advice.fly)
+    if strategy is None or strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
+        return best
+    if strategy not in arms:
+        raise UserError(
+            f"{campaign.directory} has no plan {strategy!r}; there are {TUNED}, {', '.join(arms)}"
+        )
+    return dataclasses.replace(best, values=dict(arms[strategy]), plain=strategy, improvement=math.nan)
+
+
+def _export_plan(
+    campaign: Campaign, best: Recommendation, rock: str | None, home: str, out: Path | None
+) -> None:
+    """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
+    s, run = campaign.settings, campaign.directory
+    config = builtin(s.config(best.values, s.conditions[0].name))
+    if config.adaptive_budget == 0:
+        height_m = 2.0 * config.target_m[2]
+        said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
+        views = [view.id for view in seed_viewpoints(config)]
+        return _write_route(config, views, home, out or run / "route.plan", [said])
+    shown = Path(s.drawn_rock(s.rocks[0], 0)).stem
+    if rock is None or Path(rock).stem != shown:
+        raise UserError(
+            f"planned views hold for the target that they were planned on: name it with --rock {shown}, or run a mission about "
+            "your own (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
+        )
+    _write_plan(run, _recommended_mission(run), home, out)
+
+
+def _write_plan(run: Path, source: Path, home: str, out: Path | None) -> None:
+    """Write the route of a mission."""
+    flight, config = read_flight(source), mission_config(source)
+    views = list(flight.photographed_m())
+    seeds = sum(name.startswith("seed_") for name in views)
+    route = f"it carries the route of {source}: {len(views)} photographs ({seeds} seeds, then {len(views) - seeds} planned there)"
+    _write_route(config, views, home, out or run / "route.plan", [route])
+
+
+def _write_route(
+    config: MissionConfig, views: Sequence[str], home: str, out: Path, said: Sequence[str]
+) -> None:
     try:
         place = Home(*(float(part) for part in home.split(",")))
     except (TypeError, ValueError) as error:
         raise UserError(
             f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
         ) from error
-    source = _recommended_mission(run) if (run / SETTINGS_FILE).is_file() else run
-    flight, config = read_flight(source), mission_config(source)
-    views = list(flight.photographed_m())
-    seeds = sum(name.startswith("seed_") for name in views)
     said = [
-        f"it carries the route of {source}: {len(views)} photographs ({seeds} seeds, then "
-        f"{len(views) - seeds} that the planner chose there), none planned above {config.pool.max_altitude_m:g} m",
+        *said,
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
     _wrote(_write(out, json.dumps(qgc_plan(config, views, place), indent=1) + "\n"), said)

@@ -11,10 +11,11 @@ import typer
 from rich.markup import escape
 
 from nbv.cache import Store
-from nbv.config import IDEAL
+from nbv.config import IDEAL, config_from_dict
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
+from nbv.safe_files import read_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.commands.campaign import write_pages
@@ -47,8 +48,14 @@ RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is 
 def run(
     rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
     preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "campaign",
+    config_file: Annotated[
+        Path | None,
+        typer.Option("--config", help="A whole configuration, such as gatetune.yaml of gatetune export."),
+    ] = None,
     gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
-    condition: Annotated[str, typer.Option(help=CONDITION_HELP)] = IDEAL,
+    condition: Annotated[
+        str | None, typer.Option(help=f"{CONDITION_HELP} (default: ideal, or that of --config)")
+    ] = None,
     set_: Overrides = None,
     replicate: Annotated[
         int, typer.Option(help="Number of the replicate, which draws arrival errors and sensor noise.")
@@ -62,7 +69,8 @@ def run(
 
     Example: gatetune mission run --rock slab --gate hyb-h
     """
-    config = mission_config(preset, set_ or [], gate, condition)
+    base = None if config_file is None else config_from_dict(read_yaml(config_file))
+    config = mission_config(preset, set_ or [], gate, condition, base)
     instance = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import PRESETS, Declaration, MissionConfig, parameter
+from nbv.config import IDEAL, PRESETS, Declaration, MissionConfig, parameter
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
@@ -15,6 +16,7 @@ from tuner.bridges.photogrammetry_nbv import read_file, write_mission, write_sco
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import ExternalConfig
+from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
@@ -58,7 +60,9 @@ def vehicle_files(
 
     Raises `UserError`: a file of ``onto`` cannot be read.
     """
-    config = campaign.settings.config(best.values)
+    s = campaign.settings
+    only = s.conditions[0].name if len(s.conditions) == 1 else IDEAL
+    config = s.config(best.values, only)
     header = "\n".join(_header(campaign, best, best.changed))  # a name may hold a new line
     comment = "".join(f"# {line}\n" for line in header.splitlines())
     if isinstance(config, ExternalConfig):
@@ -120,6 +124,8 @@ def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> li
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
         f"fidelity {s.fidelity}, metric {s.objective.metric}",
     ]
+    if math.isnan(best.improvement):
+        return [*lines, f"{strategy_label(best.plain)}, not the campaign's recommendation"]
     if not changed:
         return [*lines, "recommended: keep the default, which this file has"]
     lines += [f"carries: {change_text(best, path)}" for path in kept]
