@@ -47,6 +47,11 @@ HIGHEST_DEG = 60.0
 MOST_ENDS = 256
 
 
+def with_overrides(space: SearchSpace, name: str, overrides: Mapping[str, Any]) -> MissionConfig:
+    """Return the preset with overrides and the fixed values of ``space``, at once: one may need the other."""
+    return preset(name).with_values({**overrides, **space.base})
+
+
 @dataclass(frozen=True)
 class RockProblem(Problem):
     """What the settings of a campaign over rocks say of its missions."""
@@ -68,7 +73,7 @@ class RockProblem(Problem):
 
     @functools.cached_property
     def _base(self) -> MissionConfig:
-        return self.space.config(preset(self.preset).with_values(dict(self.overrides)), self._default)
+        return self.space.config(with_overrides(self.space, self.preset, self.overrides), self._default)
 
     def default_values(self) -> Values:
         """Return the paper's values, or those that the space has in their place."""
@@ -76,7 +81,7 @@ class RockProblem(Problem):
 
     @functools.cached_property
     def _default(self) -> Values:
-        return self.space.default(preset(self.preset).with_values(dict(self.overrides)))
+        return self.space.default(with_overrides(self.space, self.preset, self.overrides))
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
         """Return the configuration at ``values`` under one of the campaign's conditions, or none."""

@@ -16,14 +16,13 @@ from nbv.config import (
     Condition,
     condition_from_dict,
     load_conditions,
-    preset,
     require_distinct,
 )
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.rock_choice import procedural_rocks
-from tuner.campaign.rock_problem import RockProblem
+from tuner.campaign.rock_problem import RockProblem, with_overrides
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.external.problem import MissionFileProblem
@@ -253,7 +252,7 @@ class CampaignSettings(Section):
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
-            asked = preset(self.preset).with_values(dict(self.overrides))
+            asked = with_overrides(self.space, self.preset, self.overrides)
             object.__setattr__(self, "space", self.space.fitted(asked))
         require_rocks(self.rocks)
         require_distinct(self.conditions)

@@ -208,6 +208,8 @@ class Choice:
         """Return the index of the candidate to recommend, by the rule in this file's docstring."""
         among = self.candidates.eligible if self.goal.exact.first is None else self._cheapest()
         index = self._fewest_changes(among)
+        if self.data.arms and index in self.plain_plans(among):
+            return index
         own = self.candidates.outcomes(index)
         same = [i for i in among if i == index or own.items() <= self.candidates.outcomes(i).items()]
         return min(same, key=self.changes)

@@ -1,0 +1,145 @@
+"""Plain orbits, random views and the default are arms of a campaign, and nothing that they beat is recommended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import fake_campaigns
+import pytest
+import yaml
+
+from nbv.config import config_from_dict, preset
+from nbv.viewpoints import seed_viewpoints
+from tuner.campaign.campaign import Campaign, arm_proposals
+from tuner.campaign.settings import CampaignSettings
+from tuner.evaluation.advice import advice_of
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Values
+from tuner.problem.space_files import load_search_space
+from tuner.recommendation.choose import recommend
+from tuner.recommendation.inputs import CampaignData
+from tuner.report.answer import use_sentence
+
+TWENTY = {"seed.count": 12, "stop.adaptive_budget": 8}
+
+
+def settings(**changes: object) -> CampaignSettings:
+    space = load_search_space("plan_and_gate")
+    return fake_campaigns.settings(
+        **{"space": space, "overrides": TWENTY, "budget": 24, "replicates": 2, **changes}
+    )
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    space = load_search_space("plan_and_gate")
+    folder = tmp_path_factory.mktemp("c") / "run"
+    return fake_campaigns.run(
+        folder, space=space, overrides=TWENTY, budget=20, replicates=2, sampler="random"
+    )
+
+
+def test_the_default_is_the_papers_plan_and_all_take_as_many_photographs() -> None:
+    s = settings(overrides={})
+    assert seed_viewpoints(s.base_config()) == seed_viewpoints(preset("campaign"))  # type: ignore[arg-type]
+    twenty = settings()
+    for values in [*twenty.arms.values(), *(twenty.space.from_unit([k / 7] * 15) for k in range(8))]:
+        config: Any = twenty.config(values)
+        assert config.seed.total + config.adaptive_budget == 20
+
+
+def test_every_plain_plan_runs_on_the_same_blocks_the_default_first(campaign: Campaign) -> None:
+    s = campaign.settings
+    assert list(s.arms) == ["orbit", "orbit-high", "random", "hyb-h"]
+    blocks: dict[str, list[Any]] = {}
+    for p in arm_proposals(s):
+        blocks.setdefault(p.metadata["arm"], []).append((p.instance, p.replicate))
+    assert list(blocks) == ["hyb-h", "orbit", "orbit-high", "random"]
+    assert all(own == blocks["hyb-h"] for own in blocks.values()) and len(blocks["hyb-h"]) == 3
+    first = campaign.trials()[: s.arm_missions]
+    assert [dict(t.values) for t in first[:2]] == [s.arms["hyb-h"], s.arms["orbit"]]
+
+
+def test_what_nothing_reads_is_at_its_default() -> None:
+    space = settings().space
+    default = settings().default_values()
+    orbit = space.settled({**default, "seed.count": 20, "covis.weights.nov": 0.5, "gate.kind": "random"})
+    assert orbit == {**default, "seed.count": 20}
+    at_random = space.settled({**default, "gate.kind": "random", "gate.d95_m": 0.5})
+    assert at_random == {**default, "gate.kind": "random"}
+
+
+def recommended(extra: Mapping[str, tuple[Values, float]], arms: Mapping[str, float]) -> Any:
+    """After missions on two rocks and two replicates: of the plain plans with these means, and of other configurations."""
+    s, observations = settings(), list[Observation]()
+    plans = {name: (s.arms[name], mean) for name, mean in arms.items()} | dict(extra)
+    wobble = [0.06, -0.04, 0.05, -0.05]
+    for values, mean in plans.values():
+        for k, (rock, replicate) in enumerate([("a", 0), ("b", 0), ("a", 1), ("b", 1)]):
+            y = mean + wobble[(k + len(observations)) % 4] + (2.0 if rock == "b" else 0.0)
+            observations.append(Observation(len(observations), values, rock, replicate, y, y))
+    data = CampaignData(s.space, observations, s.instances, s.default_values(), 2, True, arms=s.arms)
+    best = recommend(data, s.goal)
+    assert best is not None
+    return s, best
+
+
+ARMS = {"orbit": 97.0, "orbit-high": 96.0, "random": 95.0, "hyb-h": 90.0}
+
+
+def test_a_plan_that_an_orbit_beats_is_not_recommended() -> None:
+    tried = {**settings().default_values(), "seed.count": 18}
+    s, best = recommended({"tried": (tried, 96.4)}, ARMS)
+    assert (best.plain, best.best_plain.strategy, best.best_plain.gain) == ("orbit", "orbit", 0.0)
+    assert best.improvement == pytest.approx(7.0, abs=0.5)
+    assert use_sentence(best, s).startswith("Fly the orbit: 20 photographs at 10°")
+
+
+def test_the_simplest_wins_a_tie_and_a_better_plan_wins() -> None:
+    values = {**settings().default_values(), "seed.count": 18}
+    assert recommended({"tried": (values, 97.0)}, ARMS)[1].plain == "orbit"
+    tie = recommended({}, {**ARMS, "random": 97.0, "hyb-h": 97.0})[1]
+    assert tie.plain == "orbit"
+    best = recommended({"tried": (values, 99.0)}, ARMS)[1]
+    assert best.plain == "" and best.values == values and best.best_plain.interval_95[0] > 0
+
+
+def test_the_orbit_is_exported_as_settings_and_as_a_route(
+    gatetune: Any, campaign: Campaign, tmp_path: Path
+) -> None:
+    out = tmp_path / "orbit.yaml"
+    asked = ["export", campaign.directory, "--strategy", "orbit"]
+    code, _, err = gatetune(*asked, "--to", "gatetune.yaml", "--out", out)
+    assert code == 0, err
+    config = config_from_dict(yaml.safe_load(out.read_text()))
+    assert (config.seed.count, config.seed.lowest_deg, config.adaptive_budget) == (20, 10.0, 0)
+    route = tmp_path / "orbit.plan"
+    code, said, err = gatetune(*asked, "--to", "plan", "--home", "33.4,-111.9", "--out", route)
+    assert code == 0, err
+    items = json.loads(route.read_text())["mission"]["items"]
+    assert sum(item["command"] == 2000 for item in items) == 20  # photographs
+    assert "target 1.6 m high" in said
+    code, _, err = gatetune("export", campaign.directory, "--strategy", "spiral", "--to", "gatetune.yaml")
+    assert code == 2 and "orbit-high" in err
+
+
+def test_the_route_of_planned_views_asks_for_its_target(gatetune: Any, campaign: Campaign) -> None:
+    asked = ["export", campaign.directory, "--strategy", "random", "--to", "plan", "--home", "33.4,-111.9"]
+    code, _, err = gatetune(*asked)
+    assert code == 2 and "--rock a" in err
+
+
+def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> None:
+    advice = advice_of(campaign)
+    assert advice is not None and not advice.results.held_out
+    code, out, err = gatetune("campaign", "status", campaign.directory, "--json")
+    assert code == 0, err
+    tree = json.loads(out)
+    assert tree["status"]["finished"] + tree["status"]["repeats"] == tree["status"]["trials"]
+    shown = gatetune("campaign", "status", campaign.directory)[1]
+    exported = gatetune("export", campaign.directory)[1]
+    for sentence in tree["advice"]:
+        assert sentence[:40] in shown.replace("\n", " ") and sentence[:40] in exported.replace("\n", " ")
