@@ -50,7 +50,7 @@ def pocket() -> Solid:
     """The cube with a pocket 0.4 m wide from above to half its height, which lines of sight have looked into."""
     ends = np.stack(np.meshgrid(*[np.linspace(-0.2, 0.2, 17)] * 2), axis=-1).reshape(-1, 2)
     ends = np.column_stack([ends, np.full(len(ends), 0.8)])
-    return carved(CUBE, ends, ends + [0.0, 0.0, 4.0], ends)
+    return carved(CUBE, ends, ends + np.array([0.0, 0.0, 4.0]), ends)
 
 
 def test_the_floor_of_a_pocket_is_surface_and_only_seen_from_above():
