@@ -12,6 +12,7 @@ from nbv.geometric.curve import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
 from tuner.evaluation.curves import Suite, comparison_plan, require_room
+from tuner.problem.search_space import builtin
 
 ORACLE = "greedy-oracle"
 PLAIN = ("orbit", "orbit-high", "orbit-two")
@@ -60,7 +61,7 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
         plan = comparison_plan(Suite((target,), numbers), {name: None})
         for run, config in plan.strategies.items():
-            metrics = run_curve_mission(config, target).metrics or {}
+            metrics = run_curve_mission(builtin(config), target).metrics or {}
             reached[run] = float(metrics["curve"][-1][1]) if "curve" in metrics else 0.0
     plain = {name: reached[f"{name}-{photographs}"] for name in PLAIN}
     best = max(plain, key=plain.__getitem__)
