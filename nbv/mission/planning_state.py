@@ -12,10 +12,18 @@ from nbv.errors import UserError
 from nbv.safe_files import read_npz, write_atomic
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
-_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
+_ARRAYS = (
+    "points_m",
+    "reprojection_error_px",
+    "track_offsets",
+    "track_cameras",
+    "camera_centers_m",
+    "depth_m",
+    "depth_cameras",
+)
 _SCALARS = ("n_seeds", "vehicle_heading_rad", "captures_used", "adaptive_budget", "d95_m", "iteration")
 _POOL = ("ids", "positions_m", "headings_rad", "azimuths_deg", "elevations_deg", "bands")
-_PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
+_PLACES = ("points_m", "depth_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
 _FARTHEST_M = 1e5
 _MOST_CAPTURES = 10_000
 _LAYOUT = {
@@ -24,6 +32,8 @@ _LAYOUT = {
     "track_offsets": "iu _",
     "track_cameras": "iu _ <c",
     "camera_centers_m": "f c 3",
+    "depth_m": "f k 3",
+    "depth_cameras": "iu k <c",
     "camera_names": "U c",
     "alignment_m": "f 2",
     "visited_m": "f v 3",

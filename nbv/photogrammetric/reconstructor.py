@@ -12,6 +12,7 @@ sequence is therefore replayed from its seed model before it goes on, at the pri
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 
 from nbv.cache import Arrays, Store, cache_key, digest
 from nbv.config import MissionConfig
+from nbv.dense.coarse import coarse_depth
 from nbv.dense.reconstruct import dense_cloud
 from nbv.dense.views import PosedViews
 from nbv.errors import MissionFailure
@@ -163,13 +165,28 @@ class PhotogrammetricReconstructor(Reconstructor):
         return dense_cloud(PosedViews(images, poses, config.camera, config.target_m, config.dense), points_m)
 
     def _known_report(self) -> UpdateReport:
-        if self._store is not None and (entry := self._store.get("sequence-models", self._key)) is not None:
+        config, key = self._config, self._key
+        with_depth = config.gate.kind == "predicted"  # nothing else asks for it
+        if with_depth:
+            key = cache_key("nbv.dense", key, config.camera, list(config.target_m), config.dense)
+        if self._store is not None and (entry := self._store.get("sequence-models", key)) is not None:
             return _unpack_report(entry)
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
+        if with_depth:
+            report = replace(report, model=self._with_depth(report.model))
         if self._store is not None:
-            self._store.put("sequence-models", self._key, _pack_report(report))
+            self._store.put("sequence-models", key, _pack_report(report))
         return report
+
+    def _with_depth(self, model: SparseModel) -> SparseModel:
+        assert self._sparse is not None
+        poses = self._sparse.world_camera_poses()
+        poses = {name: poses[name] for name in model.camera_names}
+        images = {name: self._images[name] for name in poses}
+        views = PosedViews(images, poses, self._config.camera, self._config.target_m, self._config.dense)
+        depth_m, cameras = coarse_depth(views, model.points_m)
+        return replace(model, depth_m=depth_m, depth_cameras=cameras)
 
     def _mapped(self) -> SparseReconstructor:
         """The sparse model of all photographs so far."""
@@ -206,11 +223,13 @@ class PhotogrammetricReconstructor(Reconstructor):
 
 def _pack_report(report: UpdateReport) -> Arrays:
     arrays = arrays_of(report.model)
-    for name in ("track_offsets", "track_cameras"):  # in the smallest type that holds them
+    for name in ("track_offsets", "track_cameras", "depth_cameras"):  # in the smallest type that holds them
         arrays[name] = arrays[name].astype(np.min_scalar_type(int(arrays[name].max(initial=0))))
     return {**arrays, "registered": np.array(report.registered), "message": np.array(report.message)}
 
 
 def _unpack_report(entry: Arrays) -> UpdateReport:
-    indices = {name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras")}
+    indices = {
+        name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras", "depth_cameras")
+    }
     return UpdateReport(model_of({**entry, **indices}), bool(entry["registered"]), str(entry["message"]))

@@ -31,8 +31,9 @@ from nbv.types import Bools, CandidatePool, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell
 
 SAMPLES = 600
+CARVED_SAMPLES = 600
 FINE_CELLS = 28  # of the height of a surface that can hide itself
-MOST_KNOWN, MOST_LINES = 20_000, 20_000  # places with depth, and lines of sight, that it is made from
+MOST_KNOWN, MOST_LINES = 10_000, 10_000  # places with depth, and lines of sight, that it is made from
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
 CONTRAST = 0.02  # of the rock's texture, which nothing says: the median of the training rocks
 FEWEST_OBSERVING = 2
@@ -145,16 +146,14 @@ def predict_carved(model: SparseModel, config: MissionConfig) -> Prediction:
     near = np.abs(model.depth_m - config.target_m).max(axis=1) <= config.dense.crop_half_width_m
     near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
     known, cameras_m = model.depth_m[near], model.camera_centers_m
-    points, hull = _estimated_hull(
-        np.concatenate([model.points_m, known[:: max(len(known) // 3000, 1)]]), config
-    )
+    points, hull = _estimated_hull(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
     ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
     by = np.concatenate([model.track_cameras, model.depth_cameras])
     rng = keyed_rng("carved-surface", len(known))
     known = known[rng.permutation(len(known))[:MOST_KNOWN]]
     lines = rng.permutation(len(by))[:MOST_LINES]
     solid = carved(hull, known, cameras_m[by[lines]], ends[lines], FINE_CELLS)
-    samples, normals = solid.surface(known, SAMPLES, rng)
+    samples, normals = solid.surface(known, CARVED_SAMPLES, rng)
     return _prediction(samples, normals, points, hull, model, config, solid)
 
 

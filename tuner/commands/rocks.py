@@ -1,4 +1,4 @@
-"""``gatetune rocks list|show|import``."""
+"""``gatetune rocks list|show|import|planning``."""
 
 from __future__ import annotations
 
@@ -89,3 +89,30 @@ def import_(
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")
+
+
+@app.command()
+def planning(
+    rock: Annotated[str, typer.Argument(help="Path of a mesh, or a name as for rocks show.")],
+    photographs: Annotated[int, typer.Option(help="Photographs of every plan.", min=14)] = 24,
+    as_json: AsJson = False,
+) -> None:
+    """Does planning pay on this object? A planner that sees the true surface against the best plain plan, geometrically.
+
+    Example: gatetune rocks planning part.stl
+    """
+    output.print(f"flying geometric missions on {rock}")
+    from tuner.evaluation.ceiling import ceiling
+
+    found = ceiling(rock, photographs)
+    needs = "more than 48" if found.orbit_needs is None else found.orbit_needs
+    rows = [
+        (f"best plain plan of {photographs}", f"{found.best_plain}, {found.plain_percent:.1f} %"),
+        ("greedy oracle", f"{found.oracle_percent:.1f} %"),
+        ("height", f"{found.height_m:.2f} m"),
+        ("surface in pockets", f"{found.pocket_percent:.0f} %"),
+        ("two rings reach 98 % with", f"{needs} photographs"),
+    ]
+    show_table(("fact", "value"), rows, rock)
+    output.print(found.verdict)
+    answer_json({**dataclasses.asdict(found), "verdict": found.verdict})

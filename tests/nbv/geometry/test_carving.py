@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from nbv.geometry.carving import CELLS, carved_top
+from nbv.geometry.carving import CELLS, Solid, carved, carved_top
 
 CUBE = ConvexHull(np.array([[x, y, z] for x in (-0.8, 0.8) for y in (-0.8, 0.8) for z in (0.0, 1.6)]))
 NONE = np.zeros((0, 3))
@@ -44,3 +44,30 @@ def test_a_point_stays_though_a_line_of_sight_passes_there():
     assert height_at(kept, 0.05, 0.05) == pytest.approx(1.3)
     gone = carved_top(CUBE, NONE, *down)
     assert height_at(gone, 0.05, 0.05) == pytest.approx(CELL_M)
+
+
+def pocket() -> Solid:
+    """The cube with a pocket 0.4 m wide from above to half its height, which lines of sight have looked into."""
+    ends = np.stack(np.meshgrid(*[np.linspace(-0.2, 0.2, 17)] * 2), axis=-1).reshape(-1, 2)
+    ends = np.column_stack([ends, np.full(len(ends), 0.8)])
+    return carved(CUBE, ends, ends + np.array([0.0, 0.0, 4.0]), ends)
+
+
+def test_the_floor_of_a_pocket_is_surface_and_only_seen_from_above():
+    solid = pocket()
+    floor_m, up = np.array([[0.0, 0.0, 0.8]]), np.array([[0.0, 0.0, 1.0]])
+    samples_m, normals = solid.surface(floor_m, 10_000, np.random.default_rng(0))
+    nearest = np.argmin(np.linalg.norm(samples_m - floor_m, axis=1))
+    assert samples_m[nearest] == pytest.approx(floor_m[0]) and normals[nearest, 2] > 0.9
+    assert (samples_m[:, 2] > 0.0).all()  # nothing below the ground
+    cameras_m = np.array([[0.3, 0.0, 4.0], [3.0, 0.0, 1.9]])
+    assert solid.hides(floor_m, up, cameras_m, np.ones((2, 1), dtype=bool)).ravel().tolist() == [False, True]
+
+
+def test_a_wall_is_seen_from_its_side_and_hidden_from_behind():
+    solid = carved(CUBE, NONE, NONE, NONE)
+    wall_m, out = np.array([[0.75, 0.0, 0.8]]), np.array([[1.0, 0.0, 0.0]])
+    cameras_m = np.array([[3.0, 1.0, 1.0], [-3.0, 0.0, 1.0]])
+    ask = np.ones((2, 1), dtype=bool)
+    assert solid.hides(wall_m, out, cameras_m, ask).ravel().tolist() == [False, True]
+    assert not solid.hides(wall_m, out, cameras_m, ~ask).any()  # nothing was asked

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from nbv.scorers.prediction import predict
+from nbv.scorers.prediction import predict, predict_carved
 from nbv.types import SparseModel
 
 CONFIG = preset("campaign").with_values({"dense.agreeing_views": 3})
@@ -122,3 +122,24 @@ def test_a_threshold_beyond_all_is_refused():
     for value in (0.0, 100.5):
         with pytest.raises(UserError, match="predicted_percent"):
             dataclasses.replace(CONFIG.stop, predicted_percent=value)
+
+
+def test_with_depth_the_inside_of_a_drum_is_to_be_seen_from_above():
+    """The hull closes the drum. Depth of its outer side, and of its bottom from two high views, opens it."""
+    side, out = drum(lid=False)
+    low, high = orbit(12), orbit(2, elevation_deg=75.0, turn_deg=40.0)
+    seen = model(np.concatenate([low, high]), side, out)
+    camera, place = np.nonzero(np.einsum("pvk,pk->vp", low - side[:, None], out) > 0.0)
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 25)] * 2), axis=-1).reshape(-1, 2)
+    bottom = np.column_stack([grid, np.full(len(grid), 0.3)])
+    opened = dataclasses.replace(
+        seen,
+        depth_m=np.concatenate([side[place], bottom, bottom]),
+        depth_cameras=np.concatenate([camera, np.repeat([12, 13], len(bottom))]),
+    )
+    made = predict_carved(opened, CONFIG)
+    inside = (np.linalg.norm(made.samples_m[:, :2], axis=1) < 0.6) & (made.samples_m[:, 2] < 1.2)
+    assert inside.sum() > 20  # the hull has nothing there
+    floor = inside & (made.normals[:, 2] > 0.8)
+    seen_low, seen_high = ((made.good[rows][:, floor] > 0.0).mean() for rows in (slice(12), slice(12, None)))
+    assert seen_low < 0.1 < 0.5 < seen_high
