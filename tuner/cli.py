@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import signal
 import sys
@@ -138,6 +139,11 @@ def main() -> None:
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None:
             _say(f"{error.strerror}: {error.filename}")
+            sys.exit(2)
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            _say(
+                "the disk is full; free some space, then give the same command again: finished missions are kept"
+            )
             sys.exit(2)
         if isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
             _say("memory ran out; free some or use fewer workers, then resume: finished missions are kept")

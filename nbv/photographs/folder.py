@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import IFD, Base
 
 from nbv.errors import UserError
@@ -201,6 +201,9 @@ def _opened(path: Path) -> Iterator[tuple[Image.Image, bytes]]:
                 yield picture, data
     except UserError:
         raise
+    except UnidentifiedImageError as error:
+        kind = "TIFF" if data[:4] in (b"II*\0", b"MM\0*") else "neither JPEG nor PNG"
+        raise UserError(f"it is {kind}, whatever its name says; {_CONVERT}") from error
     except Exception as error:  # Pillow's decoders raise families of their own on damaged bytes
         raise UserError((str(error).strip().splitlines() or [type(error).__name__])[0][:80]) from error
 

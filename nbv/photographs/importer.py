@@ -84,7 +84,7 @@ def import_photographs(
     ``store`` keeps matches, the sparse model and clouds, so that an import can go on; ``force`` replaces a set of the same name.
     `UserError`, before anything is written, as `read_folder`, `solve` and `find_object` raise it.
     """
-    check_name(name)
+    check_name(name, "a set of photographs")
     if imported_path(name).exists():
         raise UserError(f"{name!r} is the name of a rock; choose another --name")
     if set_folder(name).exists() and not force:

@@ -23,7 +23,9 @@ from nbv.photographs.solved import SolvedModel, solved_from_colmap
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
 
 _MAX_MODEL_BYTES = 2 * 2**30
+_MAX_LINE_BYTES = 10 * 2**20  # of a text, which COLMAP unpacks seventyfold
 _MAX_SIDE_PX = 100_000
+FEWEST_POSES = 3
 # Of ``camera_model`` in transforms.json: polynomials of which OpenCV's is the longest.
 _PERSPECTIVE = ("", "PERSPECTIVE", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _FOCAL = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"}
@@ -58,7 +60,7 @@ def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, Impo
             "Export > Export Cameras as Colmap; OpenSfM: bin/opensfm export_colmap DATASET)"
         )
     try:
-        model = _transforms(tree)
+        model = _transforms(_with_sizes(tree, path, source))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(
@@ -77,6 +79,11 @@ def _of_photographs(
         raise UserError(
             f"{path} is a model of other photographs: none of its {len(images)} images "
             f"({', '.join(list(images)[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
+        )
+    if len(found) < FEWEST_POSES:
+        raise UserError(
+            f"{path} has the poses of {len(found)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
+            "needed: export it again, or leave --model out"
         )
     name_of = {file: name for name, file in found.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
@@ -139,6 +146,8 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
                 path = folder / f"{name}{ends[0]}"
                 if path.suffix == ".bin" and name != "cameras" and path.is_file():
                     _check_counts(path)
+                if path.suffix == ".txt" and path.is_file():
+                    _check_lines(path)
                 (Path(alone) / path.name).symlink_to(path.resolve())
             model.read(alone)
         for image in model.images.values():
@@ -151,6 +160,13 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
             f"the COLMAP model in {folder} cannot be read: {reason[:160]}; export it again"
         ) from error
     return model
+
+
+def _check_lines(path: Path) -> None:
+    with path.open("rb") as file:
+        while line := file.readline(_MAX_LINE_BYTES + 1):
+            if len(line) > _MAX_LINE_BYTES:
+                raise ValueError(f"{path.name} has a line of more than {_MAX_LINE_BYTES / 2**20:.0f} MB")
 
 
 def _check_counts(path: Path) -> None:
@@ -171,6 +187,23 @@ def _check_counts(path: Path) -> None:
                 raise ValueError
     except (ValueError, struct.error) as error:
         raise ValueError(f"{path.name} counts more than its {len(data)} bytes hold") from error
+
+
+def _with_sizes(tree: Mapping[str, Any], path: Path, source: ImportSource) -> Mapping[str, Any]:
+    """The tree with the photographs' sizes where it has none, as NeRF's own files: as programs read them, turned upright."""
+    bare = [str(frame["file_path"]) for frame in tree["frames"] if not {"w", "h"} <= {*tree, *frame}]
+    if not bare:
+        return tree
+    found = files_of_photographs(bare, source.photographs, str(path))
+    if not found:
+        raise ValueError("it has no 'w' and 'h', and names none of the photographs")
+    sizes: dict[str, Any] = dict.fromkeys(bare)
+    sizes |= {file: source.by_name[name].upright_size_px for name, file in found.items()}
+    frames = [{**dict(zip("wh", sizes.get(str(f["file_path"])) or ())), **f} for f in tree["frames"]]
+    return {
+        **tree,
+        "frames": [f for f in frames if {"w", "h"} <= {*tree, *f}],
+    }  # others are not in the folder
 
 
 def _transforms(tree: Mapping[str, Any]) -> pycolmap.Reconstruction:

@@ -147,11 +147,11 @@ def save_imported(rock: Rock, *, force: bool = False) -> Path:
     return path
 
 
-def check_name(name: str) -> str:
+def check_name(name: str, what: str = "a rock") -> str:
     """``name`` if it can name a rock or a set of photographs and means nothing else, else ``UserError``."""
     if not _NAME.fullmatch(name):
         raise UserError(
-            f"{name!r} cannot name a rock; use up to 64 lower-case letters, digits, '-' and '_', "
+            f"{name!r} cannot name {what}; use up to 64 lower-case letters, digits, '-' and '_', "
             "beginning with a letter or digit"
         )
     if name in RECIPES or generated_name(name) is not None or name.partition("-")[0] == ANY:

@@ -24,6 +24,7 @@ from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
 from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
+from nbv.photographs.importer import ImportOptions, import_photographs
 from nbv.photographs.mapping import _cameras, _Images, solve
 from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object
@@ -279,6 +280,60 @@ def test_projection_models_of_transforms_json(tmp_path: Path, camera: dict, true
     expected = pycolmap.Camera(model=true[0], width=160, height=120, params=true[1])
     rays = np.column_stack([*np.random.default_rng(0).uniform(-0.5, 0.5, (2, 50)), np.ones(50)])
     assert np.allclose(model.cameras[0].img_from_cam(rays), expected.img_from_cam(rays), atol=1e-9)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_without_a_size_the_photographs_own_holds(tmp_path: Path, orientation: int) -> None:
+    """As in NeRF's own files, which have a camera_angle_x alone, and names without suffix."""
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    if orientation == 6:
+        turned = tuple(replace(p, orientation=6, size_px=p.size_px[::-1]) for p in source.photographs)
+        source = replace(source, photographs=turned)
+    bare = [{**f, "file_path": f["file_path"].rpartition(".")[0]} for f in frames()]
+    others = [{**bare[0], "file_path": f"./test/r_{k}"} for k in range(3)]
+    angle = 2 * np.arctan(80 / 200)
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_angle_x": angle, "frames": bare + others}))
+    model, _ = read_model(tmp_path / "transforms.json", source)[0]
+    assert len(model.cameras) == len(bare)
+    assert (model.cameras[0].width, model.cameras[0].height) == (160, 120)
+    assert model.cameras[0].mean_focal_length() == pytest.approx(200)
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_angle_x": angle, "frames": others}))
+    assert "names none of the photographs" in refusal(read_model, tmp_path / "transforms.json", source)
+
+
+@pytest.mark.parametrize("poses", [1, 2])
+def test_a_model_with_the_poses_of_hardly_any(tmp_path: Path, poses: int) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    (tmp_path / "transforms.json").write_text(json.dumps({**CAMERA, "frames": frames()[:poses]}))
+    said = refusal(read_model, tmp_path / "transforms.json", source)
+    assert (
+        f"has the poses of {poses} of the {len(source.photographs)} photographs; 3 or more are needed" in said
+    )
+
+
+def test_a_line_of_a_text_model_that_is_far_too_long(tmp_path: Path) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    ball.model("PINHOLE").write_text(tmp_path)
+    with (tmp_path / "images.txt").open("a") as file:
+        file.write("1 " * (6 * 2**20))
+    assert "images.txt has a line of more than 10 MB" in refusal(read_model, tmp_path, source)
+
+
+@pytest.mark.parametrize(("name", "what"), [("TIFF", "it is TIFF"), ("text", "it is neither JPEG nor PNG")])
+def test_a_file_that_is_not_what_its_name_says(tmp_path: Path, name: str, what: str) -> None:
+    folder = ball.write_photographs(tmp_path / "photographs")
+    victim = sorted(folder.iterdir())[0]
+    if name == "TIFF":
+        Image.new("RGB", (160, 120), (90, 90, 90)).save(victim, "TIFF")
+    else:
+        victim.write_text("not a picture")
+    said = refusal(read_folder, folder, silent)
+    assert what in said and victim.name in said and "BytesIO" not in said and "mogrify" in said
+
+
+def test_a_bad_name_is_that_of_a_set(tmp_path: Path) -> None:
+    said = refusal(import_photographs, tmp_path, "My Set", ImportOptions(), silent)
+    assert "'My Set' cannot name a set of photographs" in said
 
 
 def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_path: Path) -> None:

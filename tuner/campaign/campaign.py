@@ -137,6 +137,8 @@ class Campaign:
             No campaign there, other settings, a ledger that is missing or belongs elsewhere, a fidelity that is neither
             registered nor allowed, a mission file whose program is not allowed.
         """
+        if directory.name in ("", ".."):  # ``.``: names beside it are made from its own
+            directory = directory.resolve()
         from tuner.campaign.ledger import Ledger  # noqa: PLC0415  loads Optuna
 
         stored, identity, digest = read_settings(directory)

@@ -161,6 +161,23 @@ def test_a_metric_with_a_limit_in_the_mission_file_is_refused(gatetune, toy):
     assert code == 0, err
 
 
+@pytest.mark.parametrize("where", [".", "../toy", "./"])
+def test_commands_inside_a_run_directory(gatetune, toy, monkeypatch, where):
+    begun(toy, 4)
+    monkeypatch.chdir(toy / "runs/toy")
+    file = toy / "toy.yaml"
+    for words in (
+        ["campaign", "resume", where, "--mission", file],
+        ["evaluate", where, "--mission", file, "--workers", 1],
+        ["evaluate", where, "--mission", file, "--workers", 1, "--replicates", 1],
+        ["mission", "view", where],
+        ["campaign", "status", where],
+        ["export", where],
+    ):
+        code, _, err = gatetune(*words)
+        assert code == 0, (words, err)
+
+
 def test_paths_in_a_settings_file_are_taken_from_its_folder(toy):
     (toy / "deep").mkdir()
     text = "mission: ../toy.yaml\nrocks: [slab, scans/a.obj]\nspace: mine.yaml\nlearn_from: [shipped]\n"

@@ -1,5 +1,6 @@
 """The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
 
+import errno
 import json
 import re
 import subprocess
@@ -199,8 +200,16 @@ def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, a
     assert re.search(rf"backend: {evaluated} ", out) and ("has CUDA" in out) == (cuda and not asked)
 
 
-@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
-def test_memory_that_ran_out_is_one_line(error, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (MemoryError(), "memory ran out"),
+        (RuntimeError("can't start new thread"), "memory ran out"),
+        (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),  # as where a figure is drawn
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "the disk is full"),
+    ],
+)
+def test_what_ran_out_is_one_line(error, says, monkeypatch, capsys):
     def run_out() -> None:
         raise error
 
@@ -208,7 +217,7 @@ def test_memory_that_ran_out_is_one_line(error, monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert "memory ran out" in capsys.readouterr().err
+    assert says in capsys.readouterr().err
 
 
 def test_this_machine_can_fly(gatetune):
