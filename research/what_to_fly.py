@@ -149,7 +149,9 @@ def campaigns(seeds: int) -> None:
     for rocks in (*ROCKS, *SHAPES):
         unseen = UNSEEN_ROCKS
         if rocks in SHAPES:
-            unseen = tuple(f"{rock.partition('-')[0]}-{HELD_OUT_FROM + k}" for rock in rocks for k in range(2))
+            unseen = tuple(
+                f"{rock.partition('-')[0]}-{HELD_OUT_FROM + k}" for rock in rocks for k in range(2)
+            )
         for seed in range(seeds):
             s = settings(rocks, seed=seed)
             best = recommended(s, campaign(s))

@@ -71,7 +71,7 @@ class SparseConfig(Section):
     )
 
 
-_BEST_OF_NINE = "docs/how-to/card.md has the table"
+_TABLE = "docs/how-to/install.md has the table"
 
 
 @dataclass(frozen=True)
@@ -104,20 +104,20 @@ class DenseConfig(Section):
     consistency_relative_depth: float = not_in_paper(0.005, "largest relative difference of agreeing depths")
     consistency_px: float = not_in_paper(1.0, "largest reprojection error of agreeing depths")
     patchmatch_sources: OneOrMore = not_in_paper(
-        6, "photographs that PatchMatch matches one with", why=_BEST_OF_NINE, added=True
+        6, "photographs that PatchMatch matches one with", why=_TABLE, added=True
     )
-    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", why=_BEST_OF_NINE, added=True)
+    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", why=_TABLE, added=True)
     patchmatch_window_radius_px: Annotated[int, Meta(ge=1, le=32)] = code(
         5, "COLMAP's default", "half the side of PatchMatch's window", added=True
     )
     patchmatch_window_step_px: Annotated[int, Meta(ge=1, le=2)] = not_in_paper(
-        2, "distance of the pixels that PatchMatch compares in its window", why=_BEST_OF_NINE, added=True
+        2, "distance of the pixels that PatchMatch compares in its window", why=_TABLE, added=True
     )
     patchmatch_samples: OneOrMore = code(
         15, "COLMAP's default", "sources that PatchMatch draws for a pixel", added=True
     )
     patchmatch_geometric: bool = not_in_paper(
-        False, "whether PatchMatch's second, geometric pass runs, too", why=_BEST_OF_NINE, added=True
+        False, "whether PatchMatch's second, geometric pass runs, too", why=_TABLE, added=True
     )
     fusion_voxel_m: float = not_in_paper(
         0.008, "voxel in which points are averaged", why="a pixel at 3.5 m is 7.5 mm"

@@ -34,7 +34,7 @@ _SYSTEM = {
     "libidn2.so.0": "libidn2-0",
     "libgomp.so.1": "libgomp1",
 }
-_CARD = "docs/how-to/card.md sets up a machine with a card"
+_CARD = "docs/how-to/install.md says how a machine with a card is set up"
 _CUDA_BUILD = "pycolmap-cuda12"  # loads these, too
 _SYSTEM_CUDA = {
     "libSM.so.6": "libsm6",
@@ -92,7 +92,7 @@ def _libraries() -> Iterator[Finding]:
             importlib.import_module(name)
         except Exception as error:  # a broken binary raises anything
             broken, first = True, " ".join(str(error).split())[:120]
-            yield Finding("bad", f"{name} does not load: {first}", "make setup")
+            yield Finding("bad", f"{name} does not load: {first}", "" if missing else "make setup")
     if not missing and not broken:
         yield Finding("ok", f"system libraries, {', '.join(_LIBRARIES)}")
 

@@ -92,9 +92,9 @@ def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
     write_workspace(tmp_path, PosedViews(scene.images, scene.poses, scene.camera, TARGET, CONFIG))
     depth_m = np.full((240, 320), 2.5, np.float32)
     depth_m[3, 4] = 0
-    file = tmp_path / "stereo" / "depth_maps" / "view_000.png.geometric.bin"
+    file = tmp_path / "stereo" / "depth_maps" / "view_000.png.photometric.bin"
     pycolmap.DepthMap.from_array(depth_m, 2.0, 3.0).write(file)
-    back = read_depth_maps(tmp_path, list(scene.poses))
+    back = read_depth_maps(tmp_path, list(scene.poses), geometric=False)
     assert list(back) == ["view_000.png"]
     np.testing.assert_array_equal(back["view_000.png"], np.where(depth_m > 0, depth_m, np.nan))
 

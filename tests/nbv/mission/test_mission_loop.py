@@ -220,3 +220,13 @@ def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
     mission = run_loop(**{"pool.max_travel_m": 0.1})
     assert mission.trace == []
     assert mission.notes == ["empty_pool"]
+
+
+def test_no_second_counts_for_two_stages(monkeypatch):
+    clock = iter([0.0, 1.0, 4.0, 10.0])
+    monkeypatch.setattr("nbv.stopwatch.time.perf_counter", lambda: next(clock))
+    watch = Stopwatch()
+    with watch.timed("photograph"), watch.timed("scene"):
+        pass
+    assert watch.total_s == {"photograph": 7.0, "scene": 3.0}
+    assert watch.last_s == {"photograph": 10.0, "scene": 3.0}

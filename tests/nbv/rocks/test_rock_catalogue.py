@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.photograph_set import set_folder
-from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
+from nbv.rocks import import_mesh, importer, kept, list_rocks, load_rock, procedural, save_imported
 from nbv.rocks.catalogue import LOADED, surface_path
 from nbv.rocks.recipes import RECIPES
 
@@ -48,6 +49,35 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     assert (again.name, again.split, again.difficulty) == ("waist", first.split, first.difficulty)
     assert again.faces.dtype == first.faces.dtype and not again.vertices_m.flags.writeable
     assert [kind.kind for kind in Store().info()] == ["rocks"]
+
+
+def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(importer, "MAX_EDGE_M", 0.2)
+    path, picture = tmp_path / "lump.obj", tmp_path / "skin.png"
+    body = trimesh.creation.icosphere(subdivisions=1)
+    body.visual = trimesh.visual.TextureVisuals(uv=body.vertices[:, :2] % 1.0)
+    uv = "".join(f"vt {u:.4f} {v:.4f}\n" for u, v in body.visual.uv)
+    points = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in body.vertices)
+    faces = "".join("f " + " ".join(f"{i + 1}/{i + 1}" for i in face) + "\n" for face in body.faces)
+    path.write_text(f"mtllib skin.mtl\n{points}{uv}usemtl skin\n{faces}")
+    (tmp_path / "skin.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (16, 16, 3), np.uint8)).save(picture)
+    first = load_rock(str(path), Store())
+    LOADED.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "import_mesh", lambda *_, **__: pytest.fail("imported twice"))
+        again = load_rock(str(path), Store())
+    assert (again.sha256, again.name, again.notes) == (first.sha256, first.name, first.notes)
+    assert "_read" in vars(again) and "vertices_m" not in vars(again)  # nothing was read but that
+    for name in ("vertices_m", "faces", "albedo"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
+        assert not getattr(again, name).flags.writeable
+    Image.fromarray(np.random.default_rng(1).integers(0, 255, (16, 16, 3), np.uint8)).save(picture)
+    LOADED.clear()
+    assert load_rock(str(path), Store()).sha256 != first.sha256
+    picture.unlink()
+    LOADED.clear()
+    assert any("not read" in note for note in load_rock(str(path), Store()).notes)
 
 
 def test_imported_rock_is_found_by_name(mesh_file):

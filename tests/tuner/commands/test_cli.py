@@ -12,7 +12,9 @@ import pytest
 import trimesh
 import yaml
 
+from nbv.config import preset
 from tuner.cli import main
+from tuner.commands import console
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
@@ -197,7 +199,21 @@ def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, a
     monkeypatch.setattr("nbv.dense.reconstruct.patchmatch_runs", lambda: cuda)
     code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert code == 0, err
-    assert re.search(rf"backend: {evaluated} ", out) and ("has CUDA" in out) == (cuda and not asked)
+    assert re.search(rf"backend: {evaluated} ", out)
+
+
+@pytest.mark.parametrize(
+    ("backend", "cards", "said"),
+    [("sgbm", "0", "on the CPU, though"), ("patchmatch", "0", "card 0, one mission")],
+)
+def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards, said):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", cards)
+    monkeypatch.setattr(console, "patchmatch_runs", lambda: True)
+    console.note_dense_stage("photogrammetric", preset("campaign").with_values({"dense.backend": backend}))
+    out = capsys.readouterr().out
+    assert said in out and "32 photographs takes about" in out
+    console.note_dense_stage("geometric", preset("campaign"))
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(
