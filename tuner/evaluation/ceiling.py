@@ -11,7 +11,8 @@ from nbv.cache import Store
 from nbv.geometric.curve import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
-from tuner.evaluation.curves import Suite, comparison_plan, require_room
+from tuner.evaluation.curves import Suite, comparison_plans, require_runnable
+from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
 ORACLE = "greedy-oracle"
@@ -55,11 +56,12 @@ def pocket_percent(rock: Rock) -> float:
 def ceiling(target: str, photographs: int = 24) -> Ceiling:
     """Fly the oracle and the plain plans on ``target``; `UserError` where there is no such target, or no room around it."""
     rock, reached = load_coarse_rock(target, Store()), dict[str, float]()
-    suite = Suite((target,), tuple(sorted({*ORBIT_NUMBERS, photographs})))
-    require_room((target,), suite.base)
+    places = (Instance(target),)
+    suite = Suite(places, tuple(sorted({*ORBIT_NUMBERS, photographs})))
+    require_runnable(suite, ())
     for name in (*PLAIN, ORACLE):
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
-        plan = comparison_plan(Suite((target,), numbers), {name: None})
+        (plan,) = comparison_plans(Suite(places, numbers), {name: None}).values()
         for run, config in plan.strategies.items():
             metrics = run_curve_mission(builtin(config), target).metrics or {}
             reached[run] = float(metrics["curve"][-1][1]) if "curve" in metrics else 0.0
