@@ -80,11 +80,6 @@ def _of_photographs(
             f"{path} is a model of other photographs: none of its {len(images)} images "
             f"({', '.join(list(images)[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
         )
-    if len(found) < FEWEST_POSES:
-        raise UserError(
-            f"{path} has the poses of {len(found)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
-            "needed: export it again, or leave --model out"
-        )
     name_of = {file: name for name, file in found.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
     for name, camera in cameras.items():
@@ -104,6 +99,11 @@ def _of_photographs(
                 raise UserError(f"{path} has poses or points that are not finite; export it again")
             mirrored = not upright and turns <= set(MIRRORED)
             answers.append((solved.mirrored() if mirrored else solved, seen))
+    if answers and len(found) < FEWEST_POSES:
+        raise UserError(
+            f"{path} has the poses of {len(found)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
+            "needed: export it again, or leave --model out"
+        )
     if answers:
         return answers
     name, camera = next(iter(cameras.items()))

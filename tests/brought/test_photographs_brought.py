@@ -237,7 +237,6 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
             ("PINHOLE", [80 / np.tan(0.5), 80 / np.tan(0.5), 81, 59]),
         ),
         ({**CAMERA, "frame": {"fl_x": 120.0}}, ("PINHOLE", [120, 120, 81, 59])),
-        ({k: v for k, v in CAMERA.items() if k not in "wh"}, "'w' is missing"),
         ({**CAMERA, "distortion_model": None, "orthographic": False}, ("PINHOLE", [130, 131, 81, 59])),
         (
             {**CAMERA, "camera_type": "PERSPECTIVE"},
