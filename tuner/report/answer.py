@@ -322,16 +322,18 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     worth = f"{_subject(label)} is {_mean(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
-        worth = f"It is {_gain(rival.difference, (low, high), (high - low) / 4, label)} better"
+        worth = f"Its gain over it is {_gain(rival.difference, (low, high), (high - low) / 4, label)}"
     keeps = (
         ""
         if rival.probability is None
         else f"; it meets the constraint with probability {rival.probability:.2f}"
     )
-    why = "it has run in too few trials to be recommended" if _leads(rival) else "which is within the noise"
+    why = ", which is within the noise"
+    if _leads(rival):
+        why = "; it has run in too few trials to be recommended"
     return (
         f"The runner-up, evaluated in {counted(rival.missions, 'trial')}, is {configuration_words(rival.values, best, s)}. "
-        f"{worth}{keeps}; {why}, so it was not chosen."
+        f"{worth}{keeps}{why}, so it was not chosen."
     )
 
 
