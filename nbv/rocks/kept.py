@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -46,7 +45,7 @@ def kept_rock(store: Store | None, make: Callable[[], Rock], *, code: str, input
 
     @functools.cache
     def read() -> Rock:
-        found = cached(store, "rocks", arrays, code=code, inputs=inputs)
+        found: dict[str, Any] = dict(cached(store, "rocks", arrays, code=code, inputs=inputs))
         if made:
             return made[0]
         found["faces"] = found["faces"].astype(np.int64)
@@ -78,13 +77,14 @@ def kept_import(path: Path, store: Store | None) -> Rock:
     content = digest(read_bytes(path, MAX_FILE_BYTES))
     key = cache_key(__name__, path.name, content)
     entry = store.get("rocks", key)
-    beside: dict[str, str] = {} if entry is None else json.loads(entry["beside"].tobytes())
+    beside = {} if entry is None else dict(zip(*(entry[part].tolist() for part in ("names", "digests"))))
     made: list[Rock] = []
     if entry is None or beside != _digests(path.parent, beside):
         asked: list[str] = []
         made.append(import_mesh(path, asked=asked))
         beside = _digests(path.parent, asked)
-        store.put("rocks", key, {"beside": np.frombuffer(json.dumps(beside).encode(), np.uint8)})
+        parts = {"names": list(beside), "digests": list(beside.values())}
+        store.put("rocks", key, {name: np.array(part, dtype=np.str_) for name, part in parts.items()})
     inputs = [path.name, content, beside]
     return kept_rock(store, lambda: made.pop() if made else import_mesh(path), code=__name__, inputs=inputs)
 
