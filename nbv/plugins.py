@@ -511,7 +511,7 @@ def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
             if len(details) > DETAILS_BYTES:
                 told = f"{plugin.label} returned details of {len(details)} bytes; at most {DETAILS_BYTES} are kept"
                 raise MissionFailure("plugin_failed", told)
-            return GateDecision(ranking, shortened(str(decision.reason)), json.loads(details))
+            return GateDecision(ranking, shortened(str(decision.reason)), json.JSONDecoder().decode(details))
 
     def retargeted(self: Any, config: Any) -> Any:
         other = gate.retargeted(self, copy.deepcopy(config))

@@ -61,7 +61,7 @@ GEOMETRIC = "These values are predictions of geometric missions, in which no pho
 def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Fly 14 photographs on rings, then 12 chosen by the planner, planned views at most 20° high.``"""
     word = s.problem.instance_word
-    verb = "Use" if s.mission is not None else "Fly"
+    verb = "Fly" if word == "rock" else "Use"
     if best.limit is not None and not best.limit.kept:
         nearest = "the default" if best.keep_default else configuration_words(best.values, best, s)
         return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); nearest to it comes {nearest}, which misses it by {best.limit.missed_by:.3g}."
