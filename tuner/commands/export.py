@@ -25,7 +25,6 @@ from tuner.evaluation.advice import advice_of
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
 from tuner.problem.baselines import TUNED, base_name
-from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import advice_lines
 from tuner.report.mission_files import mission_config, read_flight
@@ -88,7 +87,7 @@ def export(
     if to is Format.csv:
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan and not (run / SETTINGS_FILE).is_file():
-        return _write_plan(run, run, str(home), out)
+        return _write_plan(run, run, _place(home), out)
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommended()
     if to is not None:
@@ -97,12 +96,13 @@ def export(
         _say(line)
     best = _asked(campaign, best, strategy)
     if to is Format.plan:
-        return _export_plan(campaign, best, rock, str(home), out)
+        return _export_plan(campaign, best, rock, _place(home), out)
     files = vehicle_files(campaign, best, {to.value: onto} if to and onto else None)
     first = f"gatetune export {run} --to {files[0].name}"
     if to is None:
         changes = ", ".join(change_text(best, path) for path in best.changed)
-        _say(f"written with --to: {changes or 'the default'}")
+        what = "written with --to" if math.isnan(best.improvement) else "recommended"
+        _say(f"{what}: {changes or 'keep the default'}")
         for f in files:
             _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
         _say(f"write the first: {first}")
@@ -156,6 +156,15 @@ def _missions(run: Path) -> Any:
     return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0)
 
 
+def _place(home: str | None) -> Home:
+    try:
+        return Home(*(float(part) for part in str(home).split(",")))
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
+        ) from error
+
+
 def _advised(campaign: Campaign, best: Recommendation) -> list[str]:
     """The campaign's advice in sentences."""
     advice = advice_of(campaign, best)
@@ -177,26 +186,28 @@ def _asked(campaign: Campaign, best: Recommendation, strategy: str | None) -> Re
 
 
 def _export_plan(
-    campaign: Campaign, best: Recommendation, rock: str | None, home: str, out: Path | None
+    campaign: Campaign, best: Recommendation, rock: str | None, home: Home, out: Path | None
 ) -> None:
     """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
     s, run = campaign.settings, campaign.directory
-    config = builtin(s.config(best.values, s.conditions[0].name))
-    if config.adaptive_budget == 0:
+    config = s.config(best.values, s.conditions[0].name)
+    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
         views = [view.id for view in seed_viewpoints(config)]
         return _write_route(config, views, home, out or run / "route.plan", [said])
-    shown = Path(s.drawn_rock(s.rocks[0], 0)).stem
+    own = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
+    if math.isnan(best.improvement):
+        raise UserError(f"{best.plain} plans views, which hold for one target: {own}")
+    source, shown = _recommended_mission(run), Path(s.drawn_rock(s.rocks[0], 0)).stem
     if rock is None or Path(rock).stem != shown:
         raise UserError(
-            f"planned views hold for the target that they were planned on: name it with --rock {shown}, or run a mission about "
-            "your own (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
+            f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {own}"
         )
-    _write_plan(run, _recommended_mission(run), home, out)
+    _write_plan(run, source, home, out)
 
 
-def _write_plan(run: Path, source: Path, home: str, out: Path | None) -> None:
+def _write_plan(run: Path, source: Path, home: Home, out: Path | None) -> None:
     """Write the route of a mission."""
     flight, config = read_flight(source), mission_config(source)
     views = list(flight.photographed_m())
@@ -206,19 +217,13 @@ def _write_plan(run: Path, source: Path, home: str, out: Path | None) -> None:
 
 
 def _write_route(
-    config: MissionConfig, views: Sequence[str], home: str, out: Path, said: Sequence[str]
+    config: MissionConfig, views: Sequence[str], home: Home, out: Path, said: Sequence[str]
 ) -> None:
-    try:
-        place = Home(*(float(part) for part in home.split(",")))
-    except (TypeError, ValueError) as error:
-        raise UserError(
-            f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
-        ) from error
     said = [
         *said,
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
-    _wrote(_write(out, json.dumps(qgc_plan(config, views, place), indent=1) + "\n"), said)
+    _wrote(_write(out, json.dumps(qgc_plan(config, views, home), indent=1) + "\n"), said)
 
 
 def _recommended_mission(run: Path) -> Path:

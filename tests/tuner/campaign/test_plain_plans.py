@@ -129,7 +129,7 @@ def test_the_orbit_is_exported_as_settings_and_as_a_route(
 def test_the_route_of_planned_views_asks_for_its_target(gatetune: Any, campaign: Campaign) -> None:
     asked = ["export", campaign.directory, "--strategy", "random", "--to", "plan", "--home", "33.4,-111.9"]
     code, _, err = gatetune(*asked)
-    assert code == 2 and "--rock a" in err
+    assert code == 2 and "hold for one target" in err
 
 
 def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> None:
