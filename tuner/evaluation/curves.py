@@ -145,7 +145,7 @@ def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
     for plan in plans:
         for own in plan.strategies.values():
             for condition in plan.conditions:
-                under(builtin(own), condition).require_seeds_above_ground()
+                under(builtin(own), condition).require_flyable()
                 for rock in filter(is_photographed, plan.rocks):
                     require_expressible(under(builtin(own), condition), rock)
 

@@ -86,7 +86,7 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
 
 def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> list[str]:
     """What to fly, what it gains over the best plain plan and over the reference, on how many instances, and what an orbit would lose."""
-    where, said = there(advice.results), [use_sentence(best, s)]
+    where, said = there(advice.results, s.problem.instance_word), [use_sentence(best, s)]
     if advice.fly != TUNED and advice.over_plain is not None:
         label, gain = metric_label(advice.over_plain.metric), advice.over_plain.gain
         lost = (
@@ -102,7 +102,7 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
             unit = metric_label(verdict.metric).difference_unit
             best_of = "the best plain plan, " if verdict is advice.over_plain else ""
             gains.append(
-                f"{difference_text(verdict.gain)} {unit} over {best_of}{strategy_label(verdict.reference)}"
+                f"{f'{difference_text(verdict.gain)} {unit}'.strip()} over {best_of}{strategy_label(verdict.reference)}"
             )
     if gains:
         said.append(f"On {where} it gains {' and '.join(gains)} (95 % intervals).")
@@ -123,9 +123,9 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     return said
 
 
-def there(results: Results) -> str:
+def there(results: Results, word: str = "rock") -> str:
     """``2 held-out rocks``."""
-    return counted(len(results.rocks), "held-out rock" if results.held_out else "training rock")
+    return counted(len(results.rocks), f"held-out {word}" if results.held_out else f"training {word}")
 
 
 NEXT = {
@@ -176,7 +176,7 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
         word=word,
         count=counted(advice.instances if advice else 0, word),
         plain=strategy_label(advice.plain) if advice else "",
-        where=there(advice.results) if advice else "",
+        where=there(advice.results, word) if advice else "",
         evidence=evidence,
     )
     return text, commands.get(step, "")

@@ -34,7 +34,7 @@ from tuner.evaluation.curves import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.verdict import Kind
 from tuner.missions.job import Trial
-from tuner.problem.baselines import baseline, ending_at
+from tuner.problem.baselines import baseline
 from tuner.problem.instances import Instance, instances_of
 from tuner.report.curves import answer_table, plugin_text, verdict_lines, write_curves
 
@@ -54,7 +54,6 @@ def compare(*arguments):
 @pytest.mark.parametrize(
     ("strategy", "arm", "numbers"),
     [
-        ("predicted", "adaptive", range(12, 29)),
         ("orbit", "one ring at 10°", (16, 28)),
         ("orbit-two", "rings at 10° and 35°", (22, 24)),
     ],
@@ -65,14 +64,9 @@ def test_the_curves_are_those_that_research_measured(strategy, arm, numbers):
             r for r in csv.DictReader(file) if (r["rock"], r["arm"], r["value"]) == (ROCK, arm, "f_score")
         )
     base = Suite((Instance(ROCK),)).base
-    if strategy == "predicted":
-        config = ending_at(baseline(strategy).config(base), max(numbers))
-        found = {n: score for n, score, _ in run_curve_mission(config, ROCK).metrics["curve"]}
-    else:
-        found = {
-            n: run_curve_mission(baseline(strategy).orbit(base, n), ROCK).metrics["curve"][0][1]
-            for n in numbers
-        }
+    found = {
+        n: run_curve_mission(baseline(strategy).orbit(base, n), ROCK).metrics["curve"][0][1] for n in numbers
+    }
     for n in numbers:
         assert found[n] == pytest.approx(float(known[str(n)]), abs=6e-4)
 
