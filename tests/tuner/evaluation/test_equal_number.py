@@ -88,7 +88,7 @@ def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
     instances = (IDEAL_CONDITION, load_condition("field"))
     assert list(orbits_at_number(BASE, instances[:1])) == ["orbit-32", "orbit-high-32", "orbit-two-32"]
     found = orbits_at_number(BASE, instances)
-    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 16, 16]
+    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 0, 16, 16]
 
 
 def test_orbits_over_photographs_fly_where_these_were_taken(
