@@ -16,7 +16,7 @@ from nbv.errors import UserError
 from tuner.report.gate_result import gate_result
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
-SMALL = {"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000}
+SMALL = {"stop.adaptive_budget": 2}
 
 
 def stable_names() -> list[str]:

@@ -96,7 +96,7 @@ def test_what_misbehaves_costs_a_campaign_nothing_else(gatetune, tmp_path):
     ("changes", "says"),
     [
         ({"command": ["no-such-program"]}, "cannot run 'no-such-program'"),
-        ({"resources": {}}, "unknown field `resources`"),
+        ({"resources": {}}, "unknown key 'resources'"),
     ],
 )
 def test_what_no_mission_can_mend_stops_at_once(gatetune, tmp_path, changes, says):

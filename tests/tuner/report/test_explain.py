@@ -15,7 +15,6 @@ def test_a_gates_decisions_beside_its_thresholds(gatetune, tmp_path: Path) -> No
             "stop.adaptive_budget": 4,
             "gate.budget_fraction": 0.5,
             "gate.d95_m": 0.249,
-            "evaluation.gt_samples": 2000,
         }
     )
     trace = run_geometric_mission(config, "slab", 0, tmp_path / "m").trace

@@ -29,7 +29,7 @@ BUDGET = 2
 @pytest.fixture(scope="module")
 def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("run") / "first"
-    config = preset("campaign").with_values({"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000})
+    config = preset("campaign").with_values({"stop.adaptive_budget": BUDGET})
     result = run_geometric_mission(config, "slab", 0, run)
     for event in json.loads((run / "flight.json").read_text())["events"]:
         if event["name"].startswith(("seed", "cand")):
@@ -61,7 +61,7 @@ def orbit(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "seed.lowest_deg": 10.0,
         "sparse.ground_features": 2000,
     }
-    config = preset("campaign").with_values({**values, "evaluation.gt_samples": 2000})
+    config = preset("campaign").with_values({**values})
     assert run_geometric_mission(config, "slab", 0, run).status == "ok"
     return run
 
