@@ -31,7 +31,7 @@ def evaluation_page(folder: Path) -> Path:
 
 
 def mission_page(folder: Path) -> Path:
-    config = preset("campaign").with_values({"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000})
+    config = preset("campaign").with_values({"stop.adaptive_budget": 2})
     run_geometric_mission(config, "slab", 0, folder / "first")
     return write_mission_view([folder / "first"], folder / "view.html")
 
