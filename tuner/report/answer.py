@@ -154,9 +154,9 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
         Next.CONFIRM: f"gatetune confirm {run}",
         Next.EVALUATE: evaluate,
         Next.MORE_INSTANCES: evaluate,
-        Next.FLY_PLAIN: f"gatetune export {run}",
-        Next.FLY: f"gatetune export {run}",
-        Next.TRY_PLANNERS: f"gatetune export {run}",
+        Next.FLY_PLAIN: f"gatetune export {shlex.quote(str(campaign.directory))}",
+        Next.FLY: f"gatetune export {shlex.quote(str(campaign.directory))}",
+        Next.TRY_PLANNERS: f"gatetune export {shlex.quote(str(campaign.directory))}",
     }
     reason = max(status.failures, key=lambda r: status.failures[r], default="")
     if step is Next.RUN and not status.complete and reason:
