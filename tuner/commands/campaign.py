@@ -54,7 +54,6 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
-from tuner.evaluation.advice import advice_of
 from tuner.evaluation.of_campaign import end_of_campaign
 from tuner.missions import executors
 from tuner.missions.registry import (
@@ -64,7 +63,7 @@ from tuner.missions.registry import (
     refuse_code_of_file,
 )
 from tuner.problem.objective import objective_text
-from tuner.report.answer import advice_lines, use_sentence
+from tuner.report.answer import use_sentence
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
@@ -182,17 +181,14 @@ def status(
     show_counts(counts, campaign.settings.problem.instance_word)
     if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
         output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
-    show_recommendation(best, campaign)
-    advice = advice_of(campaign, best)
+    advised = show_recommendation(best, campaign)
     missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}
     answer_json(
         {
             "directory": directory,
             "status": {name: value for name, value in missions.items() if name != "complete"},
             "recommendation": best,
-            "advice": None
-            if best is None or advice is None
-            else advice_lines(advice, best, campaign.settings),
+            "advice": advised,
         }
     )
 

@@ -20,7 +20,6 @@ from tuner.report.answer import (
     advice_lines,
     runner_up_sentence,
     switch_sentences,
-    use_sentence,
     worth_sentences,
 )
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
@@ -150,15 +149,14 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
         output.print(f"  failed {count} times: {reason}")
 
 
-def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None:
-    """What to use, what that is worth, the values that differ from the defaults, rock by rock."""
+def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list[str]:
+    """What to fly, what that is worth, the values that differ from the defaults, rock by rock; return the first in sentences."""
     settings = campaign.settings
     if best is None:
         output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
-        return
+        return []
     worth, switches = worth_sentences(best, settings), switch_sentences(campaign, campaign.trials())
-    advice = advice_of(campaign, best)
-    advised = [use_sentence(best, settings)] if advice is None else advice_lines(advice, best, settings)
+    advised = advice_lines(advice_of(campaign, best), best, settings)
     for line in (*advised, *worth, *switches):
         output.print(line, highlight=False)
     if best.changed:
@@ -176,6 +174,7 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> None
     output.print(f"{label.axis}, {word} by {word}: {', '.join(rows)}", highlight=False)
     if rival := runner_up_sentence(best, settings):
         output.print(rival, highlight=False)
+    return advised
 
 
 def show_answer(campaign: Campaign) -> None:

@@ -228,10 +228,8 @@ def show_all_results(campaign: Campaign) -> dict[str, Any]:
     from tuner.evaluation.advice import advice_of, next_step
     from tuner.report.answer import advice_lines, next_text
 
-    best = campaign.recommendation(save=False)
+    best = campaign.recommended()
     advice = advice_of(campaign, best)
-    if best is None or advice is None:
-        return {}
     show_answer(campaign)
     said = advice_lines(advice, best, campaign.settings)
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)

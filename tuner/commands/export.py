@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, under
 from nbv.errors import UserError
 from nbv.safe_files import printable, write_atomic
 from nbv.viewpoints import seed_viewpoints
@@ -21,15 +21,17 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
-from tuner.evaluation.advice import advice_of
+from tuner.evaluation.advice import Advice, advice_of
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.evaluation.run import EvaluationRun
 from tuner.problem.baselines import TUNED, base_name
+from tuner.problem.baselines import label as strategy_label
+from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import advice_lines
 from tuner.report.mission_files import mission_config, read_flight
 from tuner.report.records import write_csv
-from tuner.report.vehicle_files import OURS, change_text, vehicle_files
+from tuner.report.vehicle_files import OURS, change_text, commented_yaml, vehicle_files
 
 
 class Format(StrEnum):
@@ -92,8 +94,12 @@ def export(
     best = campaign.recommended()
     if to is not None:
         _require_limit_kept(best, anyway)
-    for line in _advised(campaign, best):
+    advice = advice_of(campaign, best)
+    for line in advice_lines(advice, best, campaign.settings):
         _say(line)
+    strategy = strategy or base_name(advice.fly)
+    if strategy == base_name(advice.fly) and strategy not in (TUNED, *campaign.settings.arms):
+        return _export_outside(campaign, advice, to, home, out)
     best = _asked(campaign, best, strategy)
     if to is Format.plan:
         return _export_plan(campaign, best, rock, _place(home), out)
@@ -165,18 +171,31 @@ def _place(home: str | None) -> Home:
         ) from error
 
 
-def _advised(campaign: Campaign, best: Recommendation) -> list[str]:
-    """The campaign's advice in sentences."""
-    advice = advice_of(campaign, best)
-    return [] if advice is None else advice_lines(advice, best, campaign.settings)
+def _export_outside(
+    campaign: Campaign, advice: Advice, to: Format | None, home: str | None, out: Path | None
+) -> None:
+    """Write the advised plan, which the search space does not hold: its whole configuration, or its route."""
+    run, label, config = campaign.directory, strategy_label(advice.fly), builtin(advice.config)
+    note = f"{label} is no point of search space {campaign.settings.space.name}; {OURS} and plan carry it"
+    if to is Format.plan and config.adaptive_budget == 0:
+        views = [view.id for view in seed_viewpoints(config)]
+        return _write_route(config, views, _place(home), out or run / "route.plan", [note])
+    if to is not Format.ours:
+        write = f"gatetune export {run} --to {OURS}"
+        if to is not None:
+            raise UserError(f"{note}; run: {write}, or name --strategy {TUNED}")
+        _say(f"{note}; write it: {write}")
+        return answer_json({"write": write})
+    s = campaign.settings
+    config = under(config, s.conditions[0]) if len(s.conditions) == 1 else config
+    text = "\n".join((f"# {label}, advised by campaign {s.name}", *commented_yaml(config)))
+    _wrote(_write(out or run / OURS, f"{text}\n"), [note])
 
 
-def _asked(campaign: Campaign, best: Recommendation, strategy: str | None) -> Recommendation:
+def _asked(campaign: Campaign, best: Recommendation, strategy: str) -> Recommendation:
     """The recommendation, or with its values those of the plain plan that is named or advised."""
-    arms, advice = campaign.settings.arms, advice_of(campaign, best)
-    if strategy is None and advice is not None and advice.fly != TUNED:
-        strategy = base_name(advice.fly)
-    if strategy is None or strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
+    arms = campaign.settings.arms
+    if strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
         return best
     if strategy not in arms:
         raise UserError(

@@ -68,12 +68,12 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
 
 def training_results(campaign: Campaign, best: Recommendation) -> Results:
     """Return the campaign's trials of the recommendation and of the plain plans, with the records of confirmations."""
-    s = campaign.settings
+    s, trials = campaign.settings, campaign.trials()
     names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.arms}
     records = [
         dataclasses.replace(t, strategy=name, rock=s.drawn_rock(t.rock, t.replicate))
         for name, values in names.items()
-        for t in campaign.trials()
+        for t in trials
         if t.status and dict(t.values) == dict(values)
     ]
     configs = {name: s.config(values) for name, values in names.items()}
@@ -139,21 +139,14 @@ class Advice:
         return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
 
 
-def advice_of(campaign: Campaign, best: Recommendation | None = None) -> Advice | None:
-    """Return the advice from everything in the campaign's directory; None while nothing is recommended.
-
-    ``best``: its recommendation, where that is known.
-    """
-    best = best or campaign.recommendation(save=False, latest=True)
-    if best is None:
-        return None
+def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
+    """Return the advice from everything in the campaign's directory; ``best``: its recommendation."""
     s = campaign.settings
     tuned, quality = s.config(best.values), asked_of(s).shown
-    training = training_results(campaign, best)
-    found = held_out_results(campaign, tuned)
-    if found is None or not _plain(found.strategies, s.problem.reference):
-        found = training
     reference = s.problem.reference
+    found = held_out_results(campaign, tuned)
+    if found is None or not _plain(found.strategies, reference):
+        found = training_results(campaign, best)
     plain = {
         name: found.strategies[name]
         for name in _plain(found.strategies, reference)

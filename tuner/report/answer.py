@@ -24,6 +24,7 @@ from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration, builtin
 from tuner.report.labels import (
     MetricLabel,
+    ceiling_text,
     counted,
     decimals_for,
     difference_text,
@@ -96,11 +97,14 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
             f"Fly {strategy_label(advice.plain)} ({plan_words(advice.config)}): on {where} it beats what the campaign "
             f"recommends ({configuration_words(best.values, best, s)}){lost}."
         )
+    against = {
+        v.reference: v for v in (advice.over_reference, advice.over_plain) if v and v.strategy == advice.fly
+    }
     gains = list[str]()
-    for verdict in (advice.over_plain if advice.fly == TUNED else None, advice.over_reference):
-        if verdict is not None and verdict.gain is not None and verdict.reference not in "".join(gains):
-            unit = metric_label(verdict.metric).difference_unit
-            best_of = "the best plain plan, " if verdict is advice.over_plain else ""
+    for verdict in reversed(against.values()):
+        unit = metric_label(verdict.metric).difference_unit
+        best_of = "the best plain plan, " if verdict is advice.over_plain else ""
+        if verdict.gain is not None:
             gains.append(
                 f"{f'{difference_text(verdict.gain)} {unit}'.strip()} over {best_of}{strategy_label(verdict.reference)}"
             )
@@ -112,14 +116,9 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
         unit = metric_label(advice.by_orbit.metric).difference_unit
         orbit, gain = strategy_label(advice.by_orbit.strategy), advice.by_orbit.gain
         said.append(f"{orbit} in its place would be {gain_words(gain.mean, unit)} ({difference_text(gain)}).")
-    if (ceiling := advice.ceiling) is not None:
-        most = max(0.0, ceiling.mean)
-        text = f"The greedy oracle, which sees the true surface, has {difference_text(ceiling)} points over {strategy_label(advice.plain)}"
-        said.append(
-            f"{text}: up to {most:.1f} points can be gained here, so try planners."
-            if advice.planners_may_gain
-            else f"{text}: no planner can gain more than {most:.1f} points here."
-        )
+    if advice.ceiling is not None:
+        room = bool(advice.planners_may_gain)
+        said.append(ceiling_text(advice.ceiling, strategy_label(advice.plain), room=room))
     return said
 
 

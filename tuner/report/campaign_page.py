@@ -98,7 +98,8 @@ class CampaignFacts:
     @cached_property
     def advice(self) -> Advice | None:
         """What to fly, from all results."""
-        return advice_of(self.campaign, self.recommendation)
+        best = self.recommendation
+        return None if best is None else advice_of(self.campaign, best)
 
     @cached_property
     def advised(self) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign, arm_proposals
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.advice import advice_of
+from tuner.problem.baselines import baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
@@ -133,8 +135,8 @@ def test_the_route_of_planned_views_asks_for_its_target(gatetune: Any, campaign:
 
 
 def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> None:
-    advice = advice_of(campaign)
-    assert advice is not None and not advice.results.held_out
+    advice = advice_of(campaign, campaign.recommended())
+    assert not advice.results.held_out
     code, out, err = gatetune("campaign", "status", campaign.directory, "--json")
     assert code == 0, err
     tree = json.loads(out)
@@ -143,3 +145,26 @@ def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> No
     exported = gatetune("export", campaign.directory)[1]
     for sentence in tree["advice"]:
         assert sentence[:40] in shown.replace("\n", " ") and sentence[:40] in exported.replace("\n", " ")
+
+
+def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
+    gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = fake_campaigns.run(tmp_path / "run", space=load_search_space("gate"), budget=8, replicates=2)
+    orbit = baseline("orbit").orbit(run.settings.base_config(), 32)  # type: ignore[arg-type]
+    beaten = dataclasses.replace(
+        advice_of(run, run.recommended()), fly="orbit-32", plain="orbit-32", config=orbit
+    )
+    monkeypatch.setattr("tuner.commands.export.advice_of", lambda *_: beaten)
+    out = tmp_path / "orbit.yaml"
+    code, said, err = gatetune("export", run.directory)
+    assert code == 0 and "--to gatetune.yaml" in said, err
+    code, _, err = gatetune("export", run.directory, "--to", "gatetune.yaml", "--out", out)
+    assert code == 0, err
+    assert config_from_dict(yaml.safe_load(out.read_text())) == orbit
+    code, _, err = gatetune("export", run.directory, "--to", "scoring.yaml")
+    assert code == 2 and "--strategy tuned" in err
+    code, _, err = gatetune(
+        "export", run.directory, "--to", "gatetune.yaml", "--strategy", "tuned", "--out", out
+    )
+    assert code == 0 and config_from_dict(yaml.safe_load(out.read_text())) == run.recommended_config(), err
