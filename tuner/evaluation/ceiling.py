@@ -11,15 +11,14 @@ from nbv.cache import Store
 from nbv.geometric.curve import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
+from tuner.evaluation.advice import CEILING, LITTLE
 from tuner.evaluation.curves import Suite, comparison_plans, require_runnable
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
-ORACLE = "greedy-oracle"
 PLAIN = ("orbit", "orbit-high", "orbit-two")
 ORBIT_NUMBERS = tuple(range(12, 49, 4))
 POCKET_DEPTH = 0.05  # of the height: surface so far inside the convex hull lies in a pocket
-WORTH_POINTS = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Ceiling:
     def verdict(self) -> str:
         """One sentence."""
         points = max(self.oracle_percent - self.plain_percent, 0.0)
-        if points < WORTH_POINTS:
+        if points < LITTLE:
             return f"no planner can be expected to gain more than {points:.1f} points here: fly {self.best_plain}"
         return f"up to {points:.1f} points: try planners"
 
@@ -59,7 +58,7 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
     places = (Instance(target),)
     suite = Suite(places, tuple(sorted({*ORBIT_NUMBERS, photographs})))
     require_runnable(suite, ())
-    for name in (*PLAIN, ORACLE):
+    for name in (*PLAIN, CEILING):
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
         (plan,) = comparison_plans(Suite(places, numbers), {name: None}).values()
         for run, config in plan.strategies.items():
@@ -73,7 +72,7 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
         photographs=photographs,
         best_plain=best,
         plain_percent=plain[best],
-        oracle_percent=reached[ORACLE],
+        oracle_percent=reached[CEILING],
         height_m=float(np.max(rock.vertices_m[:, 2])),
         pocket_percent=pocket_percent(rock),
         orbit_needs=next(enough, None),
