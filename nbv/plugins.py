@@ -14,7 +14,6 @@ import functools
 import hashlib
 import importlib
 import importlib.util
-import json
 import os
 import pkgutil
 import select
@@ -28,6 +27,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from nbv.errors import MissionFailure, UserError
@@ -507,11 +507,11 @@ def _guarded_gate(plugin: Plugin, gate: Any) -> Any:
                 told = f"{plugin.label} returned {type(decision).__name__}, no nbv.types.GateDecision"
                 raise MissionFailure("plugin_failed", shortened(told))
             ranking = _ranking(plugin, decision.ranking, len(pool))
-            details = json.dumps(decision.details, default=_plain)
+            details = msgspec.json.encode(decision.details, enc_hook=_plain)
             if len(details) > DETAILS_BYTES:
                 told = f"{plugin.label} returned details of {len(details)} bytes; at most {DETAILS_BYTES} are kept"
                 raise MissionFailure("plugin_failed", told)
-            return GateDecision(ranking, shortened(str(decision.reason)), json.JSONDecoder().decode(details))
+            return GateDecision(ranking, shortened(str(decision.reason)), msgspec.json.decode(details))
 
     def retargeted(self: Any, config: Any) -> Any:
         other = gate.retargeted(self, copy.deepcopy(config))

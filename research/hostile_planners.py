@@ -298,7 +298,7 @@ def try_one(folder: Path, plugin: str, alone: Any) -> dict[str, Any]:
         "ending": "refused" if refused else ending,
         "others_stand": refused or (ending == "exit 0" and comparison.others == alone),
         "named": "Traceback" not in said
-        and (Path(plugin.split()[-1]).name in said or "plugin_failed" not in said),
+        and (Path(plugin.split()[-1]).stem in said or "plugin_failed" not in said),
         "left": len(left),
         "kept_bytes": comparison.kept_bytes,
         "seconds": round(seconds, 1),
