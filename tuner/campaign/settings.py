@@ -253,7 +253,7 @@ class CampaignSettings(Section):
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
             asked = with_overrides(self.space, self.preset, self.overrides)
-            object.__setattr__(self, "space", self.space.fitted(asked))
+            object.__setattr__(self, "space", self.space.with_defaults(self.overrides).fitted(asked))
         require_rocks(self.rocks)
         require_distinct(self.conditions)
         if twice := set(self.compare_on) & set(self.rocks):

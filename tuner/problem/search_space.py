@@ -196,6 +196,14 @@ class SearchSpace:
             equal_photographs=False,
         )
 
+    def with_defaults(self, values: Mapping[str, Any]) -> SearchSpace:
+        """Return the space with these values, by path, in the place of its own defaults."""
+        own = [
+            p if p.default is None else dataclasses.replace(p, default=values.get(p.path, p.default))
+            for p in self.parameters
+        ]
+        return dataclasses.replace(self, parameters=tuple(own))
+
     def base_config(self, preset: C) -> C:
         """Return ``preset`` with the space's fixed values."""
         return preset.with_values(self.base)

@@ -93,10 +93,14 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         tuple(map(_with_current_names, begin)),
         coerce(bool, tree.get("equal_photographs", False), f"{source}: equal_photographs"),
     )
-    if space.equal_photographs and "seed.count" not in space.paths:
-        raise UserError(
-            f"{source}: equal_photographs shares photographs out by seed.count; tune it, or leave it out"
-        )
+    if space.equal_photographs:
+        if "seed.count" not in space.paths:
+            raise UserError(
+                f"{source}: equal_photographs shares photographs out by seed.count; tune it, or leave it out"
+            )
+        for path in ("stop.adaptive_budget", "stop.max_photographs"):
+            if path in tuned or path in base:
+                raise UserError(f"{source}: equal_photographs decides {path}; leave one of them out")
     try:
         space.base_config(MissionConfig())
     except UserError as error:

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from nbv.config import config_from_dict, preset
+from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign, arm_proposals
 from tuner.campaign.settings import CampaignSettings
@@ -20,11 +21,12 @@ from tuner.evaluation.advice import advice_of
 from tuner.problem.baselines import baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
-from tuner.problem.space_files import load_search_space
+from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData
 from tuner.report.answer import use_sentence
 
+SEEDS = {"kind": "int", "low": 8, "high": 30}
 TWENTY = {"seed.count": 12, "stop.adaptive_budget": 8}
 
 
@@ -51,6 +53,23 @@ def test_the_default_is_the_papers_plan_and_all_take_as_many_photographs() -> No
     for values in [*twenty.arms.values(), *(twenty.space.from_unit([k / 7] * 15) for k in range(8))]:
         config: Any = twenty.config(values)
         assert config.seed.total + config.adaptive_budget == 20
+
+
+def test_what_the_user_sets_is_the_default_and_is_checked() -> None:
+    """An override of a tuned parameter is no longer ignored where the space has a default of its own."""
+    assert settings(overrides={**TWENTY, "pool.max_elevation_deg": 30.0}).default_values()[
+        "pool.max_elevation_deg"
+    ] == pytest.approx(30.0)
+    with pytest.raises(UserError, match=r"seed\.lowest_deg has the default 80"):
+        settings(overrides={**TWENTY, "seed.lowest_deg": 80.0})
+
+
+@pytest.mark.parametrize("kind", ["base", "parameters"])
+def test_what_equal_photographs_decides_is_refused(kind: str) -> None:
+    tree: dict[str, Any] = {"equal_photographs": True, "parameters": {"seed.count": SEEDS}, "base": {}}
+    tree[kind]["stop.adaptive_budget"] = 5 if kind == "base" else {"kind": "int", "low": 0, "high": 5}
+    with pytest.raises(UserError, match=r"equal_photographs decides stop\.adaptive_budget"):
+        space_from_dict(tree, "mine.yaml")
 
 
 def test_every_plain_plan_runs_on_the_same_blocks_the_default_first(campaign: Campaign) -> None:
