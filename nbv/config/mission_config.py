@@ -152,6 +152,11 @@ class MissionConfig:
         return [plugin for names, name in named if (plugin := names.plugin(name)) is not None]
 
     @property
+    def plans_on_depth(self) -> bool:
+        """Whether a scorer that asks for depth in flight may rank views: alone, or as the one that a gate switches to."""
+        return "predicted" in (self.gate.kind, self.gate.geometry_scorer)
+
+    @property
     def adaptive_budget(self) -> int:
         """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves.
 

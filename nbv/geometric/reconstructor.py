@@ -80,7 +80,7 @@ class GeometricReconstructor(Reconstructor):
             config.scene,
             config.ground,
             config.sparse,
-            config.gate.kind == "predicted",
+            config.plans_on_depth,
             config.dense,
         )
         # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
@@ -213,7 +213,7 @@ class GeometricReconstructor(Reconstructor):
             alignment_max_m=0.0,
         )
         model = model.select(np.flatnonzero(half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)))
-        if self._config.gate.kind != "predicted":  # nothing else asks for it
+        if not self._config.plans_on_depth:
             return model
         rng = keyed_rng("geometric-depth", *self._identity[:2])
         n_samples = len(self._world.samples_m)

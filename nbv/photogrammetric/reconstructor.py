@@ -166,7 +166,7 @@ class PhotogrammetricReconstructor(Reconstructor):
 
     def _known_report(self) -> UpdateReport:
         config, key = self._config, self._key
-        with_depth = config.gate.kind == "predicted"  # nothing else asks for it
+        with_depth = config.plans_on_depth
         if with_depth:
             key = cache_key("nbv.dense", key, config.camera, list(config.target_m), config.dense)
         if self._store is not None and (entry := self._store.get("sequence-models", key)) is not None:

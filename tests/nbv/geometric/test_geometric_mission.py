@@ -163,3 +163,15 @@ def test_a_seed_that_is_out_joins_once_a_photograph_leads_to_it(config, monkeypa
     }
     result = run_geometric_mission(config.with_values(values), ROCK)
     assert result.costs["registered_images"] == result.costs["images"] == 13
+
+
+@pytest.mark.slow
+def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
+    """Depth in flight is there for the scorer, whoever asks for its ranking."""
+    base = preset("campaign").with_values({"stop.adaptive_budget": 3})
+    gated = {"gate.geometry_scorer": "predicted", "gate.budget_fraction": 1.0}
+    chosen = [
+        [record.chosen for record in run_geometric_mission(base.with_values(values), "machine-0").trace]
+        for values in (gated, {"gate.kind": "predicted"})
+    ]
+    assert chosen[0] == chosen[1]
