@@ -29,6 +29,7 @@ FALLS_APART |= {"sparse.min_registered_seeds": 3, "seed.lowest_deg": 25.0}
 NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
 # Among what a parameter matters, and a value that does, where neither is plain.
 BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
+    "dense.patchmatch_window_step_px": ({}, 1),
     "camera.width_px": ({}, 320),
     "camera.height_px": ({}, 200),
     "camera.focal_px": ({}, 400.0),
