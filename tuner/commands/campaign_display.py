@@ -11,10 +11,11 @@ from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
-from tuner.commands.console import MissionProgress, output, show_table
+from tuner.commands.console import MissionProgress, mission_s, output, show_table
 from tuner.evaluation.advice import advice_of
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
+from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
     advice_lines,
@@ -25,9 +26,7 @@ from tuner.report.answer import (
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 LINE = 80  # columns of a mission's line
-# Of a worker, the search's share included: 30 missions of `campaign run --space gate_weights_and_pool --budget 30` on three rocks
-# took 211 s on two cores; a geometric one hardly more than its proposal.
-PER_PHOTOGRAPH_S, GEOMETRIC_S = 0.44, 2.0
+GEOMETRIC_S = 2.0  # of a worker: a geometric mission takes hardly more than its proposal
 
 
 class CampaignProgress(MissionProgress):
@@ -69,8 +68,9 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     s, status, one_s = campaign.settings, campaign.status(), 0.0
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
-    elif number := s.problem.photographs(s.default_values()):
-        one_s = GEOMETRIC_S if is_geometric(s.fidelity) else PER_PHOTOGRAPH_S * number
+    elif s.problem.photographs(s.default_values()):
+        config = builtin(s.config(s.default_values()))
+        one_s = GEOMETRIC_S if is_geometric(s.fidelity) else mission_s(config)
     return one_s * status.remaining / max(1, workers)
 
 

@@ -103,16 +103,16 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     gains = list[str]()
     for verdict in reversed(against.values()):
         unit = metric_label(verdict.metric).difference_unit
-        best_of = "the best plain plan, " if verdict is advice.over_plain else ""
+        over = strategy_label(verdict.reference)
+        over = f"the best plain plan ({over})" if verdict is advice.over_plain else over
         if verdict.gain is not None:
-            gains.append(
-                f"{f'{difference_text(verdict.gain)} {unit}'.strip()} over {best_of}{strategy_label(verdict.reference)}"
-            )
+            gains.append(f"{f'{difference_text(verdict.gain)} {unit}'.strip()} over {over}")
     if gains:
         said.append(f"On {where} it gains {' and '.join(gains)} (95 % intervals).")
     if advice.is_plain and not best.keep_default and advice.over_plain is None:
         said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
-    if advice.by_orbit is not None and advice.by_orbit.gain is not None:
+    orbit_is_plain = advice.over_plain and advice.by_orbit and advice.by_orbit.strategy == advice.plain
+    if advice.by_orbit is not None and advice.by_orbit.gain is not None and not orbit_is_plain:
         unit = metric_label(advice.by_orbit.metric).difference_unit
         orbit, gain = strategy_label(advice.by_orbit.strategy), advice.by_orbit.gain
         said.append(f"{orbit} in its place would be {gain_words(gain.mean, unit)} ({difference_text(gain)}).")
