@@ -106,9 +106,9 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
         over = strategy_label(verdict.reference)
         over = f"the best plain plan ({over})" if verdict is advice.over_plain else over
         if verdict.gain is not None:
-            gains.append(f"{f'{difference_text(verdict.gain)} {unit}'.strip()} over {over}")
+            gains.append(f"from {over} {f'{difference_text(verdict.gain)} {unit}'.strip()}")
     if gains:
-        said.append(f"On {where} it gains {' and '.join(gains)} (95 % intervals).")
+        said.append(f"On {where} it differs {' and '.join(gains)} (95 % intervals; above 0 it is better).")
     if advice.is_plain and not best.keep_default and advice.over_plain is None:
         said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
     orbit_is_plain = advice.over_plain and advice.by_orbit and advice.by_orbit.strategy == advice.plain
