@@ -21,7 +21,7 @@ import typer.main
 
 import tuner
 from tuner.cli import app
-from tuner.report.records import records_of
+from tuner.export.records import records_of
 
 FILE = Path(__file__).with_suffix(".json")
 MISSIONS: dict[str, Any] = {"fidelity": "geometric", "workers": 1}

@@ -17,7 +17,7 @@ import numpy as np
 
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
-from tuner.evaluation.comparison import mean_interval
+from tuner.comparison.statistics import mean_interval
 
 THREE_VIEWS = {"dense.agreeing_views": 3}
 FEW: dict[str, Any] = {

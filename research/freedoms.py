@@ -19,9 +19,9 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from research.paired_cells import difference_text, markdown_table
 from tuner.campaign.rock_choice import rock_arguments
-from tuner.evaluation.comparison import MetricRow, strategy_difference, strategy_interval
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import run_evaluation
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import run_evaluation
+from tuner.comparison.statistics import MetricRow, strategy_difference, strategy_interval
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
 from tuner.problem.baselines import baseline

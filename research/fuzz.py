@@ -116,7 +116,7 @@ def _mission_file(path: Path) -> None:
 
 
 def _authors_file(path: Path) -> None:
-    from tuner.bridges.photogrammetry_nbv import FILES, read_file
+    from tuner.export.photogrammetry_nbv import FILES, read_file
 
     read_file(path, next(iter(FILES)))
 
@@ -296,7 +296,7 @@ def make_seeds(folder: Path) -> None:
     from nbv.mission.planning_state import save_state
     from nbv.rocks.catalogue import write_rock
     from nbv.rocks.importer import import_mesh
-    from tuner.bridges.photogrammetry_nbv import FILES, write_text
+    from tuner.export.photogrammetry_nbv import FILES, write_text
     from tuner.missions.external.skeleton_files import write_skeleton
 
     FLOWN = folder / "flown"

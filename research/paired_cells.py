@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tuner.evaluation.comparison import Interval, MetricRow
+from tuner.comparison.statistics import Interval, MetricRow
 from tuner.report.labels import MISSING, format_number, interval_methods
 
 EXACTLY_ZERO = "0 exactly"

@@ -22,7 +22,7 @@ from nbv.planner import Planner
 from nbv.rocks import load_coarse_rock
 from nbv.scorers.prediction import predict, predict_carved
 from nbv.types import Floats, SparseModel
-from tuner.evaluation.curves import Suite
+from tuner.comparison.curves import Suite
 from tuner.problem.baselines import baseline, ending_at
 
 NUMBER = 24

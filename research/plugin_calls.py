@@ -21,7 +21,7 @@ from nbv.config import Weights, preset
 from nbv.gates.external import ExternalGate
 from nbv.geometric import run_geometric_mission
 from nbv.scorers import Scorer
-from tuner.evaluation.curves import BASE
+from tuner.comparison.curves import BASE
 
 PROGRAM = """
 import sys

@@ -21,8 +21,8 @@ from nbv.config import MissionConfig, load_conditions, under
 from nbv.geometric.curve import run_curve_mission
 from nbv.photogrammetric import PhotogrammetricReconstructor, run_photogrammetric_mission
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES
-from tuner.evaluation.comparison import mean_interval
-from tuner.evaluation.curves import Suite, comparison_plans
+from tuner.comparison.curves import Suite, comparison_plans
+from tuner.comparison.statistics import mean_interval
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 from tuner.report.labels import difference_text

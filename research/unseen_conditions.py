@@ -19,8 +19,8 @@ from scipy import stats
 
 from nbv.config import load_conditions
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import run_evaluation
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 
 PAPER, IDEAL, WORLDS, CHANCE = "hyb-h", "tuned-ideal", "tuned-conditions", "random-in-its-pool"

@@ -21,7 +21,7 @@ from nbv.types import Floats
 from tuner.campaign.campaign import sampler_settings
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.evaluation.comparison import mean_interval
+from tuner.comparison.statistics import mean_interval
 from tuner.missions.registry import mission_function
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, distinct_configurations, next_block

@@ -23,8 +23,8 @@ import numpy as np
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats, Ints
-from tuner.evaluation.comparison import BOOTSTRAP, bootstrap_means
-from tuner.evaluation.curves import Series
+from tuner.comparison.curves import Series
+from tuner.comparison.statistics import BOOTSTRAP, bootstrap_means
 
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 NUMBERS = range(12, 49)

@@ -18,8 +18,8 @@ import lazy_loader  # noqa: E402
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
-    from tuner.evaluation.objective import objective
-    from tuner.evaluation.run import EvaluationRun
+    from tuner.comparison.objective import objective
+    from tuner.comparison.run import EvaluationRun
     from tuner.jobs import evaluate, frame, reproduce, tune
     from tuner.recommendation.recommendation import Recommendation
 
@@ -39,8 +39,8 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "campaign.campaign": ["Campaign"],
         "campaign.settings": ["CampaignSettings"],
-        "evaluation.objective": ["objective"],
-        "evaluation.run": ["EvaluationRun"],
+        "comparison.objective": ["objective"],
+        "comparison.run": ["EvaluationRun"],
         "recommendation.recommendation": ["Recommendation"],
         "jobs": ["evaluate", "frame", "reproduce", "tune"],
     },

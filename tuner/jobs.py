@@ -16,11 +16,11 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings, resolved_settings
-from tuner.evaluation.of_campaign import end_of_campaign, held_out, reproduction
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.of_campaign import end_of_campaign, held_out, reproduction
+from tuner.comparison.run import EvaluationRun
+from tuner.export.records import records_of
 from tuner.missions.executors import local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
-from tuner.report.records import records_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -158,7 +158,7 @@ def reproduce(
 
 
 def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
-    """A campaign's or an evaluation's missions as a pandas frame, one row each (`tuner.report.records.records_of`).
+    """A campaign's or an evaluation's missions as a pandas frame, one row each (`tuner.export.records.records_of`).
 
     Raises
     ------

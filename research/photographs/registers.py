@@ -31,7 +31,7 @@ from nbv.rocks.catalogue import is_photographed
 from nbv.safe_files import read_yaml
 from nbv.scorers.registration import Calibration, expected_matches, registration_chance
 from nbv.types import SparseModel
-from tuner.evaluation.comparison import mean_interval
+from tuner.comparison.statistics import mean_interval
 from tuner.missions.registry import mission_function
 
 F_SCORE = "observable.f_score_48mm"

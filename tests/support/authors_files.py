@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tuner.bridges.photogrammetry_nbv import (
+from tuner.export.photogrammetry_nbv import (
     BASELINE_AWARE,
     CRITERION_OF_OURS,
     HYBRID,

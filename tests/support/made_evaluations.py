@@ -7,8 +7,8 @@ import zlib
 import numpy as np
 
 from nbv.config import preset
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Trial
 
 

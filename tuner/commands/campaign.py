@@ -54,7 +54,7 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
-from tuner.evaluation.of_campaign import end_of_campaign
+from tuner.comparison.of_campaign import end_of_campaign
 from tuner.missions import executors
 from tuner.missions.registry import (
     DEFAULT_FIDELITY,

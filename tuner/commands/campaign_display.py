@@ -12,7 +12,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, mission_s, output, show_table
-from tuner.evaluation.advice import advice_of
+from tuner.comparison.advice import advice_of
 from tuner.missions.registry import is_geometric
 from tuner.problem.observations import short
 from tuner.problem.search_space import builtin

@@ -27,7 +27,7 @@ from tuner.commands.console import (
     working,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-from tuner.evaluation.run import run_evaluation
+from tuner.comparison.run import run_evaluation
 from tuner.missions.job import Trial
 from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 from tuner.problem.instances import Instance
@@ -101,8 +101,8 @@ def compare(
     Example: gatetune compare --strategy predicted --strategy random --strategy orbit-by-height --targets 12
     """
     output.print("comparing strategies")  # before what takes seconds to load
-    load("tuner.evaluation.curves")
-    from tuner.evaluation import curves
+    load("tuner.comparison.curves")
+    from tuner.comparison import curves
     from tuner.report.curves import answer_table, write_curves, zero_text
 
     names = list(dict.fromkeys(strategies or DEFAULT))

@@ -10,8 +10,8 @@ import typer
 from nbv.config import PRESETS, MissionConfig, parameters
 from nbv.evaluation.registry import all_metrics
 from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output, show_table
+from tuner.export.vehicle_files import commented_yaml, source_of
 from tuner.problem.objective import COSTS, SHORT
-from tuner.report.vehicle_files import commented_yaml, source_of
 
 app = typer.Typer(no_args_is_help=True)
 

@@ -36,7 +36,7 @@ from nbv.mission.result import json_ready
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
 from tuner.campaign.settings import CampaignSettings
-from tuner.evaluation.run import EvaluationEvent, EvaluationRun
+from tuner.comparison.run import EvaluationEvent, EvaluationRun
 from tuner.missions.executors import Executor, limit_s, local_executor
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance

@@ -35,7 +35,7 @@ from tuner.commands.options import (
     TunedRocks,
     Workers,
 )
-from tuner.evaluation.of_campaign import PlannedComparison, confirmation, held_out, reproduction
+from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.missions.registry import DEFAULT_FIDELITY, LOW_FIDELITY_NOTE, is_geometric
 from tuner.report.labels import counted, duration
 
@@ -225,7 +225,7 @@ def run_and_report(
 def show_all_results(campaign: Campaign) -> dict[str, Any]:
     """Print the campaign's table, what to fly and what next, anew from all results; return what was said."""
     from tuner.commands.campaign_display import show_answer
-    from tuner.evaluation.advice import advice_of, next_step
+    from tuner.comparison.advice import advice_of, next_step
     from tuner.report.answer import advice_lines, next_text
 
     best = campaign.recommended()

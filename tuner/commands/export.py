@@ -16,22 +16,22 @@ from nbv.config import MissionConfig, under
 from nbv.errors import UserError
 from nbv.safe_files import printable, write_atomic
 from nbv.viewpoints import seed_viewpoints
-from tuner.bridges.plan import Home, qgc_plan
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
-from tuner.evaluation.advice import Advice, advice_of
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.advice import Advice, advice_of
+from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
+from tuner.comparison.run import EvaluationRun
+from tuner.export.mission_files import mission_config, read_flight
+from tuner.export.records import write_csv
+from tuner.export.route import Home, qgc_plan
+from tuner.export.vehicle_files import OURS, change_text, commented_yaml, vehicle_files
 from tuner.problem.baselines import TUNED, base_name
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import advice_lines
-from tuner.report.mission_files import mission_config, read_flight
-from tuner.report.records import write_csv
-from tuner.report.vehicle_files import OURS, change_text, commented_yaml, vehicle_files
 
 
 class Format(StrEnum):

@@ -33,12 +33,12 @@ from tuner.commands.console import (
     working,
 )
 from tuner.commands.options import Overrides
+from tuner.export.mission_files import planned_config
 from tuner.missions.external.mission_file import external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, fidelity_on, mission_function, module_of
 from tuner.problem.objective import Objective, dotted
 from tuner.report.answer import gate_words
 from tuner.report.labels import duration, format_number
-from tuner.report.mission_files import planned_config
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]

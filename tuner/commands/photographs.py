@@ -29,7 +29,7 @@ from tuner.commands.console import (
     show_table,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-from tuner.evaluation.run import run_evaluation
+from tuner.comparison.run import run_evaluation
 from tuner.problem.search_space import builtin
 from tuner.report.labels import duration
 
@@ -152,8 +152,8 @@ def enough(
     output.print(
         f"how many photographs of {name} would have been enough"
     )  # before what takes seconds to load
-    load("tuner.evaluation.enough")
-    from tuner.evaluation.enough import METRIC, NUMBERS, enough_plans, read_enough, seconds
+    load("tuner.comparison.enough")
+    from tuner.comparison.enough import METRIC, NUMBERS, enough_plans, read_enough, seconds
     from tuner.report.photographs import draw_enough, enough_table, enough_text
 
     photographs = PhotographSet.read(name)

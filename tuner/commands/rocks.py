@@ -102,7 +102,7 @@ def planning(
     Example: gatetune rocks planning part.stl
     """
     output.print(f"flying geometric missions on {rock}")
-    from tuner.evaluation.ceiling import ceiling
+    from tuner.comparison.ceiling import ceiling
 
     found = ceiling(rock, photographs)
     needs = "more than 48" if found.orbit_needs is None else found.orbit_needs

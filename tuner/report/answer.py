@@ -14,8 +14,8 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.viewpoints import raw_candidates
-from tuner.evaluation.advice import Next
-from tuner.evaluation.verdict import Kind
+from tuner.comparison.advice import Next
+from tuner.comparison.verdict import Kind
 from tuner.missions.registry import is_geometric
 from tuner.problem.baselines import TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
-    from tuner.evaluation.advice import Advice, Results
+    from tuner.comparison.advice import Advice, Results
     from tuner.missions.job import Trial
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 

@@ -22,7 +22,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
-from tuner.evaluation.advice import Advice, advice_of, next_step
+from tuner.comparison.advice import Advice, advice_of, next_step
 from tuner.missions.job import Trial
 from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
 from tuner.problem.baselines import label as strategy_label

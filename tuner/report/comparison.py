@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nbv.rocks.catalogue import are_photographed, is_photographed
-from tuner.evaluation.comparison import (
+from tuner.comparison.of_campaign import ComparisonSpec
+from tuner.comparison.run import EvaluationRun
+from tuner.comparison.statistics import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,
     TABLE_I_ROWS_OBSERVABLE,
@@ -27,9 +29,7 @@ from tuner.evaluation.comparison import (
     share_kept,
     strategy_interval,
 )
-from tuner.evaluation.of_campaign import ComparisonSpec
-from tuner.evaluation.run import EvaluationRun
-from tuner.evaluation.verdict import Kind, Verdict, judge
+from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, is_geometric
 from tuner.problem.baselines import (

@@ -17,9 +17,9 @@ from nbv.mission.result import json_ready
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
-from tuner.evaluation.comparison import Interval
-from tuner.evaluation.curves import Finding, Outcome, Series, Suite, Zero, panels
-from tuner.evaluation.verdict import Kind
+from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, panels
+from tuner.comparison.statistics import Interval
+from tuner.comparison.verdict import Kind
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
 from tuner.report.pages import write_page

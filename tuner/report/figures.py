@@ -15,7 +15,7 @@ from nbv.gates.base import COVIS
 from nbv.mission.result import IterationRecord
 from nbv.rocks import DEFAULT_HEIGHT_M
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from tuner.evaluation.comparison import Interval
+from tuner.comparison.statistics import Interval
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter

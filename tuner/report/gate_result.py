@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.advice import Results, held_out_results, training_results
-from tuner.evaluation.comparison import (
+from tuner.comparison.advice import Results, held_out_results, training_results
+from tuner.comparison.statistics import (
     ComparisonTable,
     Interval,
     MetricRow,

@@ -31,8 +31,7 @@ from nbv.rocks import Rock
 from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import CandidatePool, Floats, PlanningState
-from tuner.missions.registry import PHOTOGRAPHS
-from tuner.report.mission_files import (
+from tuner.export.mission_files import (
     Flight,
     mission_config,
     planned_config,
@@ -41,6 +40,7 @@ from tuner.report.mission_files import (
     rock_of_mission,
     thin_indices,
 )
+from tuner.missions.registry import PHOTOGRAPHS
 from tuner.report.pages import write_page
 
 STEP_M = 0.00025  # of a packed coordinate

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from nbv.photographs import Coverage, PhotographSet, Reference
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
-from tuner.evaluation.enough import WAYS, Enough
+from tuner.comparison.enough import WAYS, Enough
 from tuner.report.labels import difference_text
 from tuner.report.pages import write_page
 from tuner.report.style import (

@@ -31,9 +31,9 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.commands.console import output, show_table
-from tuner.evaluation.of_campaign import confirmation
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import run_evaluation
+from tuner.comparison.of_campaign import confirmation
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import run_evaluation
 from tuner.missions.job import MissionJob
 from tuner.missions.long_runs import exclusive
 from tuner.missions.run_job import _reason

@@ -17,7 +17,7 @@ from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign, arm_proposals
 from tuner.campaign.settings import CampaignSettings
-from tuner.evaluation.advice import advice_of
+from tuner.comparison.advice import advice_of
 from tuner.problem.baselines import baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values

@@ -20,7 +20,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import resolved_settings, settings_from_dict
-from tuner.evaluation.of_campaign import held_out
+from tuner.comparison.of_campaign import held_out
 from tuner.problem.instances import Instance, instances_over
 
 BUDGET = 12

@@ -11,12 +11,12 @@ import yaml
 from authors_files import read_mission, read_scoring
 
 from nbv.config import MissionConfig, config_from_dict
-from tuner.bridges.photogrammetry_nbv import read_file
 from tuner.campaign.campaign import Campaign
+from tuner.export.photogrammetry_nbv import read_file
+from tuner.export.vehicle_files import change_text
 from tuner.problem.space_files import load_search_space
 from tuner.report.answer import use_sentence, value_text
 from tuner.report.campaign_page import write_campaign_report
-from tuner.report.vehicle_files import change_text
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from tuner.commands.campaign_display import (
     mission_line,
 )
 from tuner.commands.console import mission_s
-from tuner.evaluation.plan import EvaluationPlan
+from tuner.comparison.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.search_space import builtin
 from tuner.problem.space_files import load_search_space

@@ -16,7 +16,7 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve import run_curve_mission
 from tuner.cli import app
-from tuner.evaluation.curves import (
+from tuner.comparison.curves import (
     BASE,
     SUITES,
     Series,
@@ -31,8 +31,8 @@ from tuner.evaluation.curves import (
     share_compared,
     what_scores_0,
 )
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.verdict import Kind
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.verdict import Kind
 from tuner.missions.job import Trial
 from tuner.problem.baselines import baseline
 from tuner.problem.instances import Instance, instances_of

@@ -10,8 +10,8 @@ import fake_campaigns
 import pytest
 
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.advice import Next, Results, next_step
-from tuner.evaluation.comparison import Interval
+from tuner.comparison.advice import Next, Results, next_step
+from tuner.comparison.statistics import Interval
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import NextRock

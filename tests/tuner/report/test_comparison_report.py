@@ -11,8 +11,8 @@ from pathlib import Path
 from made_evaluations import made_run
 from rich.console import Console
 
-from tuner.evaluation.comparison import comparison_table
-from tuner.evaluation.verdict import Kind, judge
+from tuner.comparison.statistics import comparison_table
+from tuner.comparison.verdict import Kind, judge
 from tuner.problem.objective import Objective
 from tuner.report.comparison import (
     ComparisonFacts,

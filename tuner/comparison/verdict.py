@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tuner.evaluation.comparison import Interval, strategy_difference
+from tuner.comparison.statistics import Interval, strategy_difference
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 

@@ -12,7 +12,9 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
-from tuner.evaluation.comparison import (
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import EvaluationEvent, evaluation_directory, run_evaluation
+from tuner.comparison.statistics import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,
     TABLE_I_ROWS_OBSERVABLE,
@@ -20,8 +22,6 @@ from tuner.evaluation.comparison import (
     strategy_difference,
     values_of,
 )
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationEvent, evaluation_directory, run_evaluation
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.problem.baselines import (
     BASELINES,

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.cli import app
-from tuner.evaluation.enough import ALL, enough_plans, read_enough, seconds
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.enough import ALL, enough_plans, read_enough, seconds
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Trial
 from tuner.report.photographs import draw_enough
 

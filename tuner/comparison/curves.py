@@ -26,10 +26,10 @@ from nbv.rocks import load_coarse_rock
 from nbv.rocks.catalogue import is_photographed
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
-from tuner.evaluation.advice import CEILING, LITTLE
-from tuner.evaluation.comparison import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.verdict import Kind, kind_of
+from tuner.comparison.advice import CEILING, LITTLE
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.statistics import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
+from tuner.comparison.verdict import Kind, kind_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL, PHOTOGRAPHS
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of

@@ -8,7 +8,7 @@ import trimesh
 
 from nbv.errors import UserError
 from nbv.rocks.rock import make_rock
-from tuner.evaluation.ceiling import Ceiling, ceiling, pocket_percent
+from tuner.comparison.ceiling import Ceiling, ceiling, pocket_percent
 
 
 def target(solid):

@@ -15,8 +15,8 @@ from nbv.mission.function import Keep
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
-from tuner.evaluation.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
+from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
+from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
 from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.problem.baselines import (

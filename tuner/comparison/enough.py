@@ -18,9 +18,9 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from tuner.evaluation.comparison import Interval, mean_interval
-from tuner.evaluation.plan import EvaluationPlan
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import EvaluationRun
+from tuner.comparison.statistics import Interval, mean_interval
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by

@@ -10,7 +10,7 @@ from authors_files import read_mission, read_scoring
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from tuner.bridges.photogrammetry_nbv import (
+from tuner.export.photogrammetry_nbv import (
     MISSION,
     SCORING,
     read_file,
@@ -18,7 +18,7 @@ from tuner.bridges.photogrammetry_nbv import (
     write_scoring,
     write_text,
 )
-from tuner.bridges.plan import Home, qgc_plan
+from tuner.export.route import Home, qgc_plan
 
 # Another value for every key that answers to something here.
 OTHER_SCORING = {

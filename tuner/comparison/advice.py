@@ -11,9 +11,9 @@ from functools import cached_property
 
 from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.comparison import MIN_ROCKS, Interval, strategy_difference, strategy_interval
-from tuner.evaluation.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
-from tuner.evaluation.verdict import Kind, Verdict, judge
+from tuner.comparison.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
+from tuner.comparison.statistics import MIN_ROCKS, Interval, strategy_difference, strategy_interval
+from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit

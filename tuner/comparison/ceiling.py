@@ -11,8 +11,8 @@ from nbv.cache import Store
 from nbv.geometric.curve import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
-from tuner.evaluation.advice import CEILING, LITTLE
-from tuner.evaluation.curves import Suite, comparison_plans, require_runnable
+from tuner.comparison.advice import CEILING, LITTLE
+from tuner.comparison.curves import Suite, comparison_plans, require_runnable
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 

@@ -11,7 +11,7 @@ from typing import Any
 from nbv.errors import UserError
 from nbv.safe_files import printable, write_atomic
 from tuner.campaign.campaign import Campaign
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Trial
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from made_evaluations import made_run
 
-from tuner.evaluation.of_campaign import ComparisonSpec
-from tuner.evaluation.run import EvaluationRun
+from tuner.comparison.of_campaign import ComparisonSpec
+from tuner.comparison.run import EvaluationRun
 from tuner.problem.objective import Objective
 from tuner.report.comparison import ComparisonFacts
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tuner.evaluation.comparison import mean_interval, strategy_difference
+from tuner.comparison.statistics import mean_interval, strategy_difference
 from tuner.missions.job import Trial
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nbv.errors import UserError
 from nbv.safe_files import to_yaml, write_atomic
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial
 from tuner.missions.long_runs import long_run

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from tuner.evaluation.comparison import same_photographs, strategy_difference
+from tuner.comparison.statistics import same_photographs, strategy_difference
 from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
 from tuner.report.gate_result import F_48, measured_steps

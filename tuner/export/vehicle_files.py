@@ -12,9 +12,9 @@ from nbv.config import IDEAL, PRESETS, Declaration, MissionConfig, parameter
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
-from tuner.bridges.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
+from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.missions.external.mission_file import ExternalConfig
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short

@@ -1,1 +1,0 @@
-"""Files of other programs: the authors' configuration and mission, QGroundControl's ``.plan``."""

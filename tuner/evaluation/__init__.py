@@ -1,1 +1,0 @@
-"""Configurations against baselines on common rocks, with paired statistics."""
