@@ -17,8 +17,8 @@ MAX_VALUES = 5_000_000
 MAX_NODES = 20_000  # a few seconds
 MAX_ELEMENTS = 200_000_000  # of all accessors, before memory is taken
 _FAN, _REPEAT = 6, 10497
-_GLOSS = "KHR_materials_pbrSpecularGlossiness"
-_READ = {MOVED, "KHR_mesh_quantization", "EXT_texture_webp"}
+_GLOSS, _KTX2 = "KHR_materials_pbrSpecularGlossiness", "KHR_texture_basisu"
+_READ = {MOVED, "KHR_mesh_quantization", "EXT_texture_webp", _KTX2}
 
 
 def checked_gltf(
@@ -89,6 +89,8 @@ def _unread_colors(header: Mapping[str, Any]) -> str:
     """Why colours are not as the file means them, with the remedy; "" where they are."""
     if any(_GLOSS in material.get("extensions", ()) for material in header.get("materials", ())):
         return f"{_GLOSS}: npx @gltf-transform/cli metalrough IN.glb OUT.glb"
+    if any(_KTX2 in t.get("extensions", ()) and "source" not in t for t in header.get("textures", ())):
+        return f"{_KTX2}: export it with PNG or JPEG textures"
     return ""
 
 
@@ -96,6 +98,4 @@ def _plainly(extension: str) -> str:
     """How to do without an extension: commands that were run on files that need it."""
     if "draco" in extension or "meshopt" in extension:
         return "unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"
-    if "basisu" in extension:
-        return "unpack its textures: npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb"
     return "export it plainly, as from Blender"

@@ -254,6 +254,17 @@ def meshopt(file: Gltf) -> None:
     file.tree["extensionsRequired"] = ["EXT_meshopt_compression"]
 
 
+def ktx2(*, fallback: bool):
+    def change(file: Gltf) -> None:
+        texture = file.tree["textures"][0]
+        texture["extensions"] = {"KHR_texture_basisu": {"source": 0}}
+        if not fallback:
+            del texture["source"]
+        file.tree["extensionsUsed" if fallback else "extensionsRequired"] = ["KHR_texture_basisu"]
+
+    return change
+
+
 # What is changed in a plain file, and what a note or the refusal then says; "" where nothing is to be said.
 GLTF = {
     "draco": (draco, "needs the glTF extension KHR_draco_mesh_compression, which is not read; unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"),
@@ -270,7 +281,8 @@ GLTF = {
     "a picture of another format": (no_picture, "not read: colours and textures .a texture is missing, or of a format that is not read"),
     "extension that may be left out": (edit(extensionsUsed=["EXT_mesh_gpu_instancing"]), "not read: EXT_mesh_gpu_instancing"),
     "meshopt": (meshopt, "needs the glTF extension EXT_meshopt_compression, which is not read; unpack it: npx @gltf-transform/cli dequantize"),
-    "textures for graphics cards": (edit(extensionsRequired=["KHR_texture_basisu"]), "npx @gltf-transform/cli ktxdecompress IN.glb"),
+    "textures for graphics cards": (ktx2(fallback=False), "not read: colours and textures .KHR_texture_basisu: export it with PNG or JPEG textures"),
+    "textures for graphics cards, and a picture": (ktx2(fallback=True), ""),
     "extension that must be read": (edit(extensionsRequired=["NGA_gpm"]), "needs the glTF extension NGA_gpm"),
     "nodes in a circle": (edit(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}]), "node twice in its scene or in a circle"),
     "very many nodes": (edit(nodes=[{"mesh": 0}] * 200_000), "the number of nodes in .* is 200000; the limit is 20000"),
