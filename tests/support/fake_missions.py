@@ -20,6 +20,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import IterationRecord, MissionResult
+from tuner.missions.kinds import MissionKind
 
 NOISE_SD = 0.03
 BEST = (0.75, 0.3)  # gate.budget_fraction, and gate.d95_m from 0.01 to 1 on a logarithmic scale
@@ -130,3 +131,6 @@ def fake_mission(
         )
         result = dataclasses.replace(result, trace=[record, record])
     return result
+
+
+OVER_ROCKS = MissionKind(fake_mission, targets="rocks")  # what it is given are rocks of the catalogue

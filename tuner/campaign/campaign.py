@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
-from nbv.rocks.catalogue import is_photographed
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.settings import CampaignSettings
@@ -36,7 +35,7 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
-from tuner.missions.registry import refuse_code_of_file
+from tuner.missions.registry import kind_on, refuse_code_of_file
 from tuner.problem.observations import Block, Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
@@ -222,7 +221,7 @@ class Campaign:
 
         s = self.settings
         verified = s.sampler == "gp"
-        repeatable = [instance for instance in s.instances if is_photographed(instance.rock)]
+        repeatable = [i for i in s.instances if kind_on(i.rock, s.fidelity).photographs == "taken"]
         data = CampaignData(
             s.space,
             history,

@@ -25,7 +25,7 @@ from tuner.campaign.rock_choice import (
 )
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, mission_kind
 from tuner.problem.instances import with_families
 from tuner.problem.objective import Direction, asked_objective, reached
 from tuner.problem.search_space import builtin
@@ -254,10 +254,11 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
 
 def _require_metrics(settings: CampaignSettings) -> None:
     """Raise `UserError` where missions have no such metric: better now than after eight of them."""
-    if settings.fidelity not in ("photogrammetric", "geometric"):
+    kind = mission_kind(settings.fidelity)
+    if not (kind.truth or kind.predicts):
         return
     thresholds = builtin(settings.base_config()).evaluation.thresholds_mm
-    measured = PREDICTED if is_geometric(settings.fidelity) else all_metrics()
+    measured = PREDICTED if kind.predicts else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in filter(None, (settings.objective, settings.second)):
         share = reached(objective.metric)

@@ -9,7 +9,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, load_trial
 from tuner.missions.long_runs import Stop
-from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
+from tuner.missions.registry import mission_kind
 from tuner.missions.run_jobs import JobList, run_jobs
 
 SHOWN = "shown"  # in a campaign's directory
@@ -21,7 +21,7 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     The list is empty without a recommendation, and where missions leave nothing that a page shows.
     """
     s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):
+    if best is None or not mission_kind(s.fidelity).uses_catalogue:
         return []
     instance = s.instances[0]
     jobs: dict[str, MissionJob] = {}

@@ -14,7 +14,7 @@ from nbv.cache import KnownOnly
 from nbv.errors import MissionFailure
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import MissionJob, Trial
-from tuner.missions.registry import fidelity_on, mission_function, runs_on_rocks
+from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.observations import Proposal, configuration_key, photographs_key
 from tuner.problem.search_space import Values
 
@@ -63,9 +63,9 @@ def known_photographs(job: MissionJob) -> str:
 
     The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
     """
-    if not runs_on_rocks(job.fidelity):
+    if not mission_kind(job.fidelity).uses_catalogue:
         return ""
-    run = mission_function(fidelity_on(job.rock, job.fidelity))
+    run = kind_on(job.rock, job.fidelity)
     try:
         result = run(job.config, job.rock, job.replicate, None, keep="summary", cache=KnownOnly())
     except MissionFailure:

@@ -58,8 +58,7 @@ from tuner.comparison.of_campaign import end_of_campaign
 from tuner.missions import executors
 from tuner.missions.registry import (
     DEFAULT_FIDELITY,
-    LOW_FIDELITY_NOTE,
-    is_geometric,
+    mission_kind,
     refuse_code_of_file,
 )
 from tuner.problem.objective import objective_text
@@ -277,13 +276,13 @@ def run_and_report(
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )
-    note_dense_stage(settings.fidelity, settings.base_config())
+    note_dense_stage(mission_kind(settings.fidelity), settings.base_config())
     about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
     if remaining := campaign.status().remaining:
         then = "; then a comparison" if settings.compare_on else ""
         output.print(expected_text(remaining, about_s) + then)
-    if is_geometric(settings.fidelity):
-        output.print(LOW_FIDELITY_NOTE)
+    if note := mission_kind(settings.fidelity).note:
+        output.print(note)
     if campaign.learned is not None:
         output.print(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"

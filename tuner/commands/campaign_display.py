@@ -11,9 +11,9 @@ from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
-from tuner.commands.console import MissionProgress, mission_s, output, show_table
+from tuner.commands.console import MissionProgress, output, show_table
 from tuner.comparison.advice import advice_of
-from tuner.missions.registry import is_geometric
+from tuner.missions.registry import mission_kind
 from tuner.problem.observations import short
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
@@ -26,7 +26,6 @@ from tuner.report.answer import (
 from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
 
 LINE = 80  # columns of a mission's line
-GEOMETRIC_S = 2.0  # of a worker: a geometric mission takes hardly more than its proposal
 
 
 class CampaignProgress(MissionProgress):
@@ -68,9 +67,8 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     s, status, one_s = campaign.settings, campaign.status(), 0.0
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
-    elif s.problem.photographs(s.default_values()):
-        config = builtin(s.config(s.default_values()))
-        one_s = GEOMETRIC_S if is_geometric(s.fidelity) else mission_s(config)
+    elif (seconds := mission_kind(s.fidelity).seconds) is not None:
+        one_s = seconds(builtin(s.config(s.default_values())))
     return one_s * status.remaining / max(1, workers)
 
 

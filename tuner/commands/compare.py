@@ -20,6 +20,7 @@ from tuner.commands.console import (
     answer_json,
     load,
     local_executor,
+    note_dense_stage,
     output,
     parse_overrides,
     require_complete,
@@ -29,7 +30,7 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.comparison.run import run_evaluation
 from tuner.missions.job import Trial
-from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
+from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
@@ -144,12 +145,15 @@ def compare(
         with working("looking at the targets"):
             curves.require_runnable(asked, plans.values())
     executor = local_executor(fidelity, workers, timeout_s)
-    if conditions and is_geometric(fidelity):
-        output.print(LOW_FIDELITY_NOTE, style="yellow")
+    if conditions and (note := mission_kind(fidelity).note):
+        output.print(note, style="yellow")
     missions = sum(plan.missions for plan in plans.values())
     output.print(
         f"{asked.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
     )
+    longest = curves.ending_at(asked.base, asked.numbers[-1])
+    for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
+        note_dense_stage(kind, longest)
     records = list[Trial]()
     with executor:
         for folder, plan in plans.items():

@@ -38,12 +38,9 @@ from nbv.safe_files import parse_yaml, printable
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.run import EvaluationEvent, EvaluationRun
 from tuner.missions.executors import Executor, limit_s, local_executor
-from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.missions.kinds import MissionKind
 from tuner.problem.instances import Instance
 from tuner.report.labels import duration, number_text
-
-# The 40 missions of `make tune`, of 20 photographs, took 503 s on two cores; PatchMatch takes 11 s on an H200 in place of SGBM's 7.
-_S_PER_PHOTOGRAPH = {"sgbm": 1.25, "patchmatch": 1.45}
 
 
 class _Console(Console):
@@ -232,15 +229,9 @@ def mission_config(
     return base.with_values(with_best_dense_stage(values))
 
 
-def mission_s(config: MissionConfig) -> float:
-    """About how long a mission with photographs takes on a core."""
-    photographs = config.seed.total + config.adaptive_budget
-    return photographs * _S_PER_PHOTOGRAPH.get(config.dense.backend, _S_PER_PHOTOGRAPH["sgbm"])
-
-
-def note_dense_stage(fidelity: str, config: Any) -> None:
-    """Say which dense stage missions with photographs run, on what, and about how long one takes."""
-    if fidelity != DEFAULT_FIDELITY or not isinstance(config, MissionConfig):
+def note_dense_stage(kind: MissionKind, config: Any) -> None:
+    """Say which dense stage missions with photographs run, on what, and about how long one takes, where that is known."""
+    if not kind.photographs:
         return
     backend, photographs = config.dense.backend, config.seed.total + config.adaptive_budget
     where = {"sgbm": "SGBM on the CPU", "patchmatch": "COLMAP's PatchMatch on "}.get(backend, backend)
@@ -248,13 +239,12 @@ def note_dense_stage(fidelity: str, config: Any) -> None:
         where += ", ".join(card.name for card in cards()) or "its workers' NVIDIA cards"
         where += ", one mission at a time on each (--set dense.backend=sgbm for the CPU's)"
     elif patchmatch_runs():
-        where += (
-            ", though this machine has CUDA (a new run takes PatchMatch, unless --set dense.backend=sgbm)"
-        )
-    output.print(
-        f"dense stage: {where}; a mission of {photographs} photographs takes about {duration(mission_s(config))} on a quiet core",
-        soft_wrap=True,
-    )
+        where += ", though this machine has CUDA (a new run with --set dense.backend=patchmatch uses it)"
+    takes = ""
+    if kind.seconds is not None:
+        about = duration(kind.seconds(config))
+        takes = f"; a mission of {photographs} photographs takes about {about} on a quiet core"
+    output.print(f"dense stage: {where}{takes}", soft_wrap=True)
 
 
 def under_conditions(conditions: Sequence[Condition]) -> str:

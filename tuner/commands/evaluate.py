@@ -11,7 +11,6 @@ import typer
 
 from nbv.config import IDEAL, load_conditions
 from nbv.photographs import PhotographSet
-from nbv.rocks.catalogue import is_photographed
 from tuner.campaign.campaign import Campaign
 from tuner.commands.console import (
     LOADING_ROCKS,
@@ -36,7 +35,7 @@ from tuner.commands.options import (
     Workers,
 )
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
-from tuner.missions.registry import DEFAULT_FIDELITY, LOW_FIDELITY_NOTE, is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration
 
 MarginOption = Annotated[
@@ -177,8 +176,8 @@ def run_and_report(
 
     plan, spec, paper = planned.plan, planned.spec, planned.source is None
     executor = planned.executor(workers, timeout_s)
-    notes = (*planned.notes, LOW_FIDELITY_NOTE) if is_geometric(plan.fidelity) else planned.notes
-    notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
+    taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
+    notes = (*planned.notes, *filter(None, [mission_kind(plan.fidelity).note]), *map(_ceiling, taken))
     for note in notes:
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
@@ -186,7 +185,7 @@ def run_and_report(
         f"{named} on {counted(len(plan.rocks), spec.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
-    note_dense_stage(plan.fidelity, next(iter(plan.strategies.values())))
+    note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
     with executor, ComparisonProgress(spec.shown.metric) as show:
         run, directory = planned.run(executor, show, out)
     facts = comparison.ComparisonFacts(run, planned.reference, spec, notes=notes)

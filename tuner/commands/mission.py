@@ -35,7 +35,7 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
 from tuner.missions.external.mission_file import external_config, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, fidelity_on, mission_function, module_of
+from tuner.missions.registry import DEFAULT_FIDELITY, kind_on
 from tuner.problem.objective import Objective, dotted
 from tuner.report.answer import gate_words
 from tuner.report.labels import duration, format_number
@@ -74,14 +74,14 @@ def run(
     instance = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
-    fidelity = fidelity_on(rock, DEFAULT_FIDELITY)
-    note_dense_stage(fidelity, config)
-    load(module_of(fidelity))
+    kind = kind_on(rock, DEFAULT_FIDELITY)
+    note_dense_stage(kind, config)
+    load(str(kind.runs).partition(":")[0])
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
     with working("running"):
         log = functools.partial(output.print, highlight=False, soft_wrap=True)
-        result = mission_function(fidelity)(config, rock, replicate, directory, overwrite=overwrite, log=log)
+        result = kind(config, rock, replicate, directory, overwrite=overwrite, log=log)
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
     output.print(f"[{colour}]{result.status}[/]  {escape(result.message)}", markup=True)
     if result.status != "failed":

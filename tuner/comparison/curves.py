@@ -20,10 +20,8 @@ from nbv.config import IDEAL_CONDITION, Condition, MissionConfig, preset, requir
 from nbv.errors import UserError
 from nbv.mission.target_prior import with_size_error
 from nbv.photographs import PhotographSet
-from nbv.photographs.mission import require_expressible
 from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
-from nbv.rocks.catalogue import is_photographed
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.comparison.advice import CEILING, LITTLE
@@ -31,7 +29,7 @@ from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.statistics import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 from tuner.comparison.verdict import Kind, kind_of
 from tuner.missions.job import Trial
-from tuner.missions.registry import EXTERNAL, PHOTOGRAPHS
+from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
@@ -81,7 +79,7 @@ class Suite:
             raise UserError(
                 f"the first number is {self.numbers[0]}, below the {self.base.seed.total} seeds; begin there or later"
             )
-        if self.fidelity in (EXTERNAL, PHOTOGRAPHS):
+        if mission_kind(self.fidelity).targets not in ("rocks", "own"):
             raise UserError(f"compare cannot run fidelity {self.fidelity}; leave --fidelity out")
         require_distinct(self.conditions)
         if not 0.0 < self.share <= 1.0 or not 0.0 < self.score <= 100.0:
@@ -107,7 +105,7 @@ class Suite:
     @property
     def measures_every_photograph(self) -> bool:
         """Whether one mission of a planned strategy tells of every number."""
-        return self.fidelity == CURVE and not any(is_photographed(t.rock) for t in self.targets)
+        return all(kind_on(t.rock, self.fidelity).every_number for t in self.targets)
 
     @property
     def name(self) -> str:
@@ -134,7 +132,9 @@ SUITES = {"rocks-1": Suite(drawn_targets(60)), "shapes-1": Suite(drawn_targets(5
 def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
     """Raise `UserError` where a target extends to the viewpoints around it, or a photograph set cannot give what is asked for."""
     config = suite.base
-    for rock in dict.fromkeys(target.rock for target in suite.targets if not is_photographed(target.rock)):
+    for rock in dict.fromkeys(target.rock for target in suite.targets):
+        if kind_on(rock, suite.fidelity).photographs == "taken":
+            continue
         vertices_m = load_coarse_rock(rock, Store()).vertices_m
         reach_m = float(np.linalg.norm(vertices_m[:, :2], axis=1).max())
         if reach_m >= min(config.pool.radius_m, config.seed.radius_m):
@@ -146,8 +146,8 @@ def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
         for own in plan.strategies.values():
             for condition in plan.conditions:
                 under(builtin(own), condition).require_flyable()
-                for rock in filter(is_photographed, plan.rocks):
-                    require_expressible(under(builtin(own), condition), rock)
+                for rock in plan.rocks:
+                    kind_on(rock, plan.fidelity).require_possible(under(builtin(own), condition), rock)
 
 
 Strategies = Mapping[str, MissionConfig | None]  # by name; None: the baseline, scorer or gate of that name
@@ -265,7 +265,7 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
     failed = tuple(t for missions in ended for own in missions.values() for t in own if t.status == "failed")
     if name == BY_HEIGHT:
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
-            [_believed_height_m(target.rock, suite.base_of(target)) for target in targets]
+            [_believed_height_m(target.rock, suite.base_of(target), suite.fidelity) for target in targets]
         )
         at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     elif name.endswith(STOPPED):
@@ -288,9 +288,9 @@ def _read(trial: Trial, number: int) -> tuple[float, float, float]:
     return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
-def _believed_height_m(rock: str, config: MissionConfig) -> float:
+def _believed_height_m(rock: str, config: MissionConfig, fidelity: str) -> float:
     """The height of the target that a mission is given, with its error."""
-    if is_photographed(rock):
+    if kind_on(rock, fidelity).photographs == "taken":
         return PhotographSet.read(rock).height_m
     return 2.0 * with_size_error(config, load_coarse_rock(rock, Store()), 0).target_m[2]
 

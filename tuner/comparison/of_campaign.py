@@ -18,7 +18,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
-from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, mission_kind
 from tuner.problem.baselines import (
     COMPARISON,
     REPRODUCTION_STRATEGIES,
@@ -192,9 +192,8 @@ def reproduction(
         keep=keep,
         conditions=tuple(conditions),
     )
-    how = PRESETS[base.preset].purpose
-    if is_geometric(fidelity):
-        how = "predicted by geometric missions, without photographs"
+    kind = mission_kind(fidelity)
+    how = kind.numbers_are if kind.predicts else PRESETS[base.preset].purpose
     return PlannedComparison(
         plan,
         reference_of(configs, "hyb-h"),

@@ -13,10 +13,10 @@ from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import LOCATED
-from nbv.rocks import Rock, load_coarse_rock, load_rock
+from nbv.rocks import Rock
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml, require_plain
 from nbv.types import CandidatePool, Floats, PlanningState
-from tuner.missions.registry import is_geometric
+from tuner.missions.registry import mission_kind
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,8 @@ def rock_of_mission(run: Path, result: MissionResult, rock: str | None, store: S
     ``rock``: catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
     """
     name, remedy = rock or result.rock, "name its mesh file with --rock"
-    # As the mission loaded it.
-    load = load_coarse_rock if is_geometric(result.provenance.get("fidelity", "")) else load_rock
     try:
-        found = load(name, store)
+        found = mission_kind(result.provenance.get("fidelity", "")).load_rock(name, store)
     except UserError as error:
         if rock is not None:
             raise

@@ -36,7 +36,7 @@ from tuner.missions.job import (
     record_failure,
     remove_earlier_result,
 )
-from tuner.missions.registry import DEFAULT_FIDELITY, IMPORTED_IN_FLIGHT, module_of
+from tuner.missions.registry import DEFAULT_FIDELITY, modules_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
 if TYPE_CHECKING:
@@ -131,8 +131,7 @@ class LocalProcessExecutor(Executor):
         require(workers, MAX_WORKERS, "workers")
         super().__init__(timeout_s)
         self._workers = workers
-        modules = [module_of(fidelity) for fidelity in preload]
-        self._preload = [name for m in modules for name in (m, *IMPORTED_IN_FLIGHT.get(m, ()))]
+        self._preload = [name for fidelity in preload for name in modules_of(fidelity)]
         self._attempts: dict[str, _Attempt] = {}
         self._ready: list[Trial] = []
         self._server: subprocess.Popen[bytes] | None = None

@@ -1,4 +1,4 @@
-"""Fidelities by name. A new one is one file, with a function like `nbv.mission.MissionFunction`, and one line here.
+"""Fidelities by name. A new one is one file, with a `tuner.missions.kinds.MissionKind`, and one line here.
 
 The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python and on the command line a
 fidelity may also be ``"module:function"``. A file may not choose code: where one says so, the caller must have named it too.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
-import pkgutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,55 +16,47 @@ from nbv.cache import code_digest
 from nbv.config.registry import Registry
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from nbv.rocks.catalogue import is_photographed
+from tuner.missions.kinds import PHOTOGRAPHS as OVER_PHOTOGRAPHS
+from tuner.missions.kinds import MissionKind
 
-# Named by module, so that a command imports only what it runs.
 FIDELITIES = Registry(
     "fidelities",
     {
-        "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
-        "geometric": "nbv.geometric:run_geometric_mission",
-        "curve": "nbv.geometric.curve:run_curve_mission",
-        "photographs": "nbv.photographs.mission:run_photographs_mission",
-        "external": "tuner.missions.external.mission:run_external_mission",
+        "photogrammetric": "tuner.missions.kinds:PHOTOGRAMMETRIC",
+        "geometric": "tuner.missions.kinds:GEOMETRIC",
+        "curve": "tuner.missions.kinds:CURVE",
+        "photographs": "tuner.missions.kinds:PHOTOGRAPHS",
+        "external": "tuner.missions.kinds:EXTERNAL",
     },
 )
 DEFAULT_FIDELITY = "photogrammetric"
-# What their missions import when they need it, and a server before it forks, lest every mission does.
-IMPORTED_IN_FLIGHT = {
-    "nbv.photogrammetric": ("open3d", "torch"),
-    "nbv.photographs.mission": ("open3d",),
-    "nbv.geometric": ("open3d",),
-    "nbv.geometric.curve": ("open3d",),
-}
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # runs the missions of mission files
 
-LOW_FIDELITY_NOTE = (
-    "Geometric missions are a low-fidelity simulation: the loop, scorers, gates and flight are the same, feature tracks are "
-    "simulated, and no photograph is rendered. Completeness is predicted, accuracy is set to 100 %, and distances are not "
-    "computed. Parameters of features, matching and the ground-truth gate have no effect, nor have conditions of sensor, telemetry, "
-    "target and relief, nor of the scene but for its sun and match_angle_deg."
-)
+
+def mission_kind(fidelity: str) -> MissionKind:
+    """What is known of missions of this fidelity: nothing where it is a function, or no fidelity that there is now.
+
+    Raises `UserError`: a plug-in that cannot be imported.
+    """
+    found = FIDELITIES.load(fidelity) if fidelity in FIDELITIES else fidelity
+    return found if isinstance(found, MissionKind) else MissionKind(found)
 
 
-def is_geometric(name: str) -> bool:
-    """Whether missions of this fidelity are geometric ones."""
-    return name in ("geometric", "curve")
+def kind_on(target: str, fidelity: str) -> MissionKind:
+    """What is known of missions of this fidelity on ``target``: over a set of photographs nothing is rendered nor simulated.
 
-
-def runs_on_rocks(fidelity: str) -> bool:
-    """Whether missions of this fidelity take the catalogue's rocks; what others call a rock is their own business."""
-    return fidelity in FIDELITIES.own and fidelity != EXTERNAL
-
-
-def fidelity_on(rock: str, fidelity: str) -> str:
-    """The fidelity of a mission on ``rock``: over a set of photographs nothing is rendered nor simulated."""
-    if runs_on_rocks(fidelity) and is_photographed(rock):
-        return PHOTOGRAPHS
-    if fidelity == PHOTOGRAPHS:
-        raise UserError(f"{rock} is no set of photographs; gatetune photographs import makes one")
-    return fidelity
+    Raises `UserError`: such missions cannot run on it; as `mission_kind`.
+    """
+    kind = mission_kind(fidelity)
+    if kind.targets == "rocks" and OVER_PHOTOGRAPHS.flies(target):
+        return OVER_PHOTOGRAPHS
+    if not kind.flies(target):
+        remedy = (
+            "gatetune photographs import makes a set" if kind.targets == "photographs" else "name another"
+        )
+        raise UserError(f"{fidelity} missions cannot run on {target}; {remedy}")
+    return kind
 
 
 def require_fidelity(fidelity: str) -> None:
@@ -82,9 +73,12 @@ def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
         )
 
 
-def module_of(fidelity: str) -> str:
-    """The module that a worker imports to run ``fidelity``."""
-    return FIDELITIES.get(fidelity, fidelity).partition(":")[0]
+def modules_of(fidelity: str) -> tuple[str, ...]:
+    """The modules that a worker imports to run ``fidelity``: its own, then libraries. Another's code is not imported for this."""
+    if fidelity not in FIDELITIES.own:
+        return (FIDELITIES.get(fidelity, fidelity).partition(":")[0],)
+    kind = mission_kind(fidelity)
+    return str(kind.runs).partition(":")[0], *kind.loads
 
 
 @functools.cache
@@ -92,7 +86,7 @@ def code_of(fidelity: str) -> str:
     """Return the digest of a fidelity's code: a built-in one with all it imports of ``nbv``, another's own file alone."""
     if (plugin := FIDELITIES.plugin(fidelity)) is not None:
         return plugin.source
-    module = module_of(fidelity)
+    module = modules_of(fidelity)[0]
     if module.partition(".")[0] == "nbv":
         return code_digest(module)
     try:
@@ -109,16 +103,4 @@ def mission_function(fidelity: str) -> Callable[..., MissionResult]:
     Raises `UserError`: there is no such fidelity.
     """
     require_fidelity(fidelity)
-    if fidelity in FIDELITIES:
-        known: Callable[..., MissionResult] = FIDELITIES.load(fidelity)
-        return known
-    try:
-        target = pkgutil.resolve_name(fidelity)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(
-            f"fidelity {fidelity!r} cannot be imported ({error}); name it module:function"
-        ) from error
-    if not callable(target):
-        raise UserError(f"fidelity {fidelity!r} is not a function; name it module:function")
-    found: Callable[..., MissionResult] = target
-    return found
+    return mission_kind(fidelity).function

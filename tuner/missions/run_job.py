@@ -12,7 +12,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.plugins import failure_of, said
 from nbv.safe_files import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
-from tuner.missions.registry import fidelity_on, mission_function
+from tuner.missions.registry import kind_on
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # the last: a limit such as ulimit -f
 _MACHINE_ERRORS = {
@@ -39,8 +39,9 @@ def run_job(tree: dict[str, Any]) -> int:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         job = _job(tree)
-        fidelity = fidelity_on(job.rock, job.fidelity)
-        result = mission_function(fidelity)(job.config, job.rock, job.replicate, directory, keep=job.keep)
+        result = kind_on(job.rock, job.fidelity)(
+            job.config, job.rock, job.replicate, directory, keep=job.keep
+        )
         if not (directory / RESULT_FILE).exists():
             write_atomic(directory / RESULT_FILE, result.to_json())
         return 0

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from nbv import plugins
-from nbv.cache import code_digest
+from nbv.cache import Store, code_digest
 from nbv.errors import UserError
 from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
@@ -38,11 +38,15 @@ from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
 from tuner.missions.job import DUMP_SIGNAL, LOG_FILE
 from tuner.missions.keeper import end_children, keep
-from tuner.missions.registry import IMPORTED_IN_FLIGHT, is_geometric, module_of, runs_on_rocks
+from tuner.missions.registry import FIDELITIES, mission_kind, modules_of
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
-TRUSTED = {"nbv", "tuner", *itertools.chain(*IMPORTED_IN_FLIGHT.values())}  # packages
+TRUSTED = {
+    "nbv",
+    "tuner",
+    *itertools.chain.from_iterable(mission_kind(name).loads for name in FIDELITIES.own),
+}  # packages
 MAX_HELD_BYTES = 256 * 2**20  # of rocks: eight to ten of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
 MAX_FILE_BYTES = 100 * 2**20
@@ -171,18 +175,15 @@ class MissionServer:
         """
         rock, fidelity = job["rock"], job["fidelity"]
         held = rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES
-        if held or not runs_on_rocks(fidelity):
+        if held or fidelity not in FIDELITIES.own or not mission_kind(fidelity).uses_catalogue:
             return
         self._known_rocks.add(rock)
         try:
-            importlib.import_module(module_of(fidelity))
+            importlib.import_module(modules_of(fidelity)[0])
             path = expanded(rock)
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
-            from nbv.cache import Store  # noqa: PLC0415  the server stays light
-            from nbv.rocks import load_coarse_rock, load_rock  # noqa: PLC0415
-
-            mesh = (load_coarse_rock if is_geometric(fidelity) else load_rock)(rock, Store())
+            mesh = mission_kind(fidelity).load_rock(rock, Store())
         except Exception as error:  # the next mission on it meets the same error and records it
             print(f"rock {rock!r} is not shared: {error}", file=sys.stderr)
             return

@@ -16,7 +16,7 @@ from nbv.mission.result import IterationRecord, MissionResult
 from nbv.viewpoints import raw_candidates
 from tuner.comparison.advice import Next
 from tuner.comparison.verdict import Kind
-from tuner.missions.registry import is_geometric
+from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
@@ -268,7 +268,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
             f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
         )
     lines += outlier_sentences(best)
-    return [*lines, GEOMETRIC] if is_geometric(s.fidelity) else lines
+    return [*lines, GEOMETRIC] if mission_kind(s.fidelity).predicts else lines
 
 
 def outlier_sentences(best: Recommendation) -> list[str]:

@@ -24,7 +24,7 @@ from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import Advice, advice_of, next_step
 from tuner.missions.job import Trial
-from tuner.missions.registry import LOW_FIDELITY_NOTE, is_geometric
+from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
@@ -347,8 +347,9 @@ def gate_figure(facts: CampaignFacts) -> str:
 def _warnings(facts: CampaignFacts) -> list[str]:
     best, s, status = facts.recommendation, facts.settings, facts.status
     out = []
-    if is_geometric(s.fidelity):
-        out.append(f"{LOW_FIDELITY_NOTE} They rank configurations and do not measure them.")
+    kind = mission_kind(s.fidelity)
+    if kind.predicts:
+        out.append(f"{kind.note} They rank configurations and do not measure them.")
     if status.remaining:
         out.append(_stop_reason(facts))
     if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:

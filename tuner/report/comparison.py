@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nbv.rocks.catalogue import are_photographed, is_photographed
 from tuner.comparison.of_campaign import ComparisonSpec
+from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import (
     PAPER_TABLE_I,
@@ -31,7 +31,7 @@ from tuner.comparison.statistics import (
 )
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
-from tuner.missions.registry import EXTERNAL, is_geometric
+from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import (
     PAPER_STRATEGIES,
     TUNED,
@@ -76,7 +76,7 @@ FLOOR_NOTE = (
 def paper_note(fidelity: str) -> str:
     """Why the paper's numbers do not compare with those of missions of this fidelity."""
     differs = "Renderer, light, flight, mesh resolution and dense stage differ here"
-    if is_geometric(fidelity):
+    if mission_kind(fidelity).predicts:
         differs = "Here nothing was photographed or reconstructed: completeness is predicted and accuracy is assumed to be 100 %"
     return (
         "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), "
@@ -469,7 +469,7 @@ def write_comparison_report(
         facts=facts,
         kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
         reference=strategy_label(facts.reference),
-        truth="" if plan.fidelity == EXTERNAL or is_geometric(plan.fidelity) else _truth(plan.rocks),
+        truth=_truth(plan),
         summary=table_by_strategy(facts.summary, "", run, facts.word),
         conditions=[
             table_by_strategy(table, f"Under {name}", None, facts.word)
@@ -487,11 +487,9 @@ def write_comparison_report(
     )
 
 
-def _truth(rocks: Sequence[str]) -> str:
-    """The reference that clouds are measured against."""
-    if are_photographed(rocks):
-        return "the set's own reference"
-    return "ground truth" + (" or a set's own reference" if any(map(is_photographed, rocks)) else "")
+def _truth(plan: EvaluationPlan) -> str:
+    """What clouds are measured against; empty where it is not known, or there are none."""
+    return " or ".join(sorted({kind_on(rock, plan.fidelity).truth for rock in plan.rocks} - {""}))
 
 
 def _provenance(run: EvaluationRun, word: str) -> list[tuple[str, str]]:

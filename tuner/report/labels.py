@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
-from nbv.rocks.catalogue import are_photographed
-from tuner.missions.registry import EXTERNAL, is_geometric
+from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.objective import reached
 
 if TYPE_CHECKING:  # it takes a second to load
@@ -181,14 +180,12 @@ def metric_label(path: str) -> MetricLabel:
 
 def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: Sequence[str]) -> str:
     """What every number of a page is: the metric's name, then fidelity and conditions."""
-    if fidelity == EXTERNAL:
-        return f"{metric}; missions of your mission file"
-    if are_photographed(rocks):
-        return f"{metric}, measured against the set's own dense reference; missions over real photographs"
-    evaluated = f"{fidelity} missions"
-    if is_geometric(fidelity):
-        evaluated = "predicted by geometric missions, without photographs"
-    return f"{metric}; {evaluated}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
+    kinds = {kind_on(rock, fidelity) for rock in rocks}
+    kind = kinds.pop() if len(kinds) == 1 else mission_kind(fidelity)
+    said = f"{metric}; {kind.numbers_are or f'{fidelity} missions'}"
+    if kind.targets in ("instances", "photographs"):
+        return said
+    return f"{said}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
 @dataclass(frozen=True)

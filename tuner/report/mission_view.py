@@ -40,7 +40,7 @@ from tuner.export.mission_files import (
     rock_of_mission,
     thin_indices,
 )
-from tuner.missions.registry import PHOTOGRAPHS
+from tuner.missions.registry import mission_kind
 from tuner.report.pages import write_page
 
 STEP_M = 0.00025  # of a packed coordinate
@@ -130,8 +130,8 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
         Store(),
     )
     fidelity = result.provenance.get("fidelity", "")
-    # Over photographs camera, object and place are theirs.
-    config = planned_by if fidelity == PHOTOGRAPHS else mission_config(run)
+    over_set = mission_kind(fidelity).photographs == "taken"
+    config = planned_by if over_set else mission_config(run)  # camera, object and place are the set's
     space = _Space.of(config, rock_of_mission(run, result, rock, store))
     known = planning_steps(run, result)
     views = _views(run, flight, known)
@@ -180,7 +180,7 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
         "seeds": seeds,
         "mesh": space.mesh(),
-        "surface": "reference" if fidelity == PHOTOGRAPHS else "true rock",
+        "surface": "reference" if over_set else "true rock",
         "missing": space.missing(final[0] if dense is None and final else dense, store),
         "against": "sparse" if dense is None else "dense",
         "dense": None if dense is None else space.cloud(dense),

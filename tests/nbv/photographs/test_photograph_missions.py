@@ -22,7 +22,7 @@ from nbv.photographs.mission import config_for_set, require_expressible, run_pho
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
-from tuner.missions.registry import fidelity_on
+from tuner.missions.registry import kind_on, mission_kind
 
 PAPER = preset("campaign")
 RING = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0})
@@ -154,11 +154,12 @@ def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet
 def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:
     assert load_rock("ball").name == "ball"
     assert {info.source for info in list_rocks() if info.name == "ball"} == {"photographs"}
-    assert fidelity_on("ball", "photogrammetric") == fidelity_on("ball", "geometric") == "photographs"
-    assert fidelity_on("slab", "photogrammetric") == "photogrammetric"
-    assert fidelity_on("ball", "external") == "external"
-    with pytest.raises(UserError, match="slab is no set of photographs"):
-        fidelity_on("slab", "photographs")
+    over_photographs = mission_kind("photographs")
+    assert kind_on("ball", "photogrammetric") is kind_on("ball", "geometric") is over_photographs
+    assert kind_on("slab", "photogrammetric").photographs == "rendered"
+    assert kind_on("ball", "external") is mission_kind("external")
+    with pytest.raises(UserError, match="photographs missions cannot run on slab"):
+        kind_on("slab", "photographs")
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ import yaml
 from nbv.config import preset
 from tuner.cli import main
 from tuner.commands import console
+from tuner.missions.kinds import GEOMETRIC, PHOTOGRAMMETRIC
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
@@ -209,10 +210,10 @@ def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, a
 def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards, said):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", cards)
     monkeypatch.setattr(console, "patchmatch_runs", lambda: True)
-    console.note_dense_stage("photogrammetric", preset("campaign").with_values({"dense.backend": backend}))
+    console.note_dense_stage(PHOTOGRAMMETRIC, preset("campaign").with_values({"dense.backend": backend}))
     out = capsys.readouterr().out
     assert said in out and "32 photographs takes about" in out
-    console.note_dense_stage("geometric", preset("campaign"))
+    console.note_dense_stage(GEOMETRIC, preset("campaign"))
     assert capsys.readouterr().out == ""
 
 

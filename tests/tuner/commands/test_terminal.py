@@ -24,9 +24,9 @@ from tuner.commands.campaign_display import (
     expected_text,
     mission_line,
 )
-from tuner.commands.console import mission_s
 from tuner.comparison.plan import EvaluationPlan
 from tuner.missions.job import Trial
+from tuner.missions.kinds import PHOTOGRAMMETRIC
 from tuner.problem.search_space import builtin
 from tuner.problem.space_files import load_search_space
 
@@ -59,10 +59,11 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     ours = begin_campaign(
         tmp_path / "ours", fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
     )
-    config = builtin(ours.settings.base_config())
-    assert expected_s(ours, 2) == pytest.approx(mission_s(config) * 9 / 2)
+    config, rendered_s = builtin(ours.settings.base_config()), PHOTOGRAMMETRIC.seconds
+    assert rendered_s is not None
+    assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
     longer = config.with_values({"stop.adaptive_budget": 40})
-    assert mission_s(longer) == pytest.approx(2 * mission_s(config))  # 64 photographs, and 32
+    assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32
     assert expected_text(9, 63.4) == "9 missions to run, in about 63 s where nothing else runs"
     progress = CampaignProgress(SETTINGS, 63.4)
     progress(replace(event("launched", directory="m", run=tmp_path), finished=0, elapsed_s=0.4))

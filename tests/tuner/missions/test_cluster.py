@@ -147,9 +147,7 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
     write_rock(own, tmp_path / "own.npz")
-    monkeypatch.setitem(
-        FIDELITIES.own, FIDELITY, FIDELITY
-    )  # only what registered fidelities call a rock is one
+    monkeypatch.setitem(FIDELITIES.own, FIDELITY, "fake_missions:OVER_ROCKS")
     cluster = Cluster(tmp_path, 1)
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:

@@ -7,9 +7,14 @@ import inspect
 import fake_missions
 import pytest
 
+from nbv import plugins
+from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.missions.registry import FIDELITIES, mission_function
+from tuner.comparison.curves import Suite, comparison_plans, drawn_targets, require_runnable
+from tuner.missions.kinds import MissionKind
+from tuner.missions.registry import FIDELITIES, kind_on, mission_function, mission_kind
+from tuner.report.labels import measure_text
 
 
 @pytest.mark.parametrize("name", [name for name in FIDELITIES if name != "external"])
@@ -33,3 +38,34 @@ def test_a_fidelity_of_ones_own_is_named_by_module_and_function() -> None:
 def test_unknown_fidelities_are_refused_with_a_remedy(name: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
         mission_function(name)
+
+
+def test_a_function_has_the_defaults_of_a_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins, "_registered", {})
+    plugins.register("fidelities", "flown", fake_missions.fake_mission)
+    kind = mission_kind("flown")
+    assert kind == MissionKind(fake_missions.fake_mission) and kind.function is fake_missions.fake_mission
+    assert kind_on("slab", "flown") == kind and mission_kind("of-yesterday").targets == "own"
+
+
+def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(config, target):
+        raise UserError(f"no flights over {target}")
+
+    sketch = MissionKind(
+        fake_missions.fake_mission,
+        targets="rocks",
+        every_number=True,
+        refuses="test_fidelities:refused",
+        numbers_are="drawn by hand",
+    )
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setitem(globals(), "refused", refuse)
+    plugins.register("fidelities", "sketch", sketch)
+    suite = Suite(drawn_targets(2), fidelity="sketch")
+    plans = comparison_plans(suite, {"random": None})
+    assert list(plans[""].strategies) == ["random"]  # one mission tells of every number
+    with pytest.raises(UserError, match="no flights over boulder"):
+        require_runnable(suite, plans.values())
+    assert measure_text("F", "sketch", ["slab"], ["ideal"]) == "F; drawn by hand; condition ideal"
+    assert mission_function("sketch")(preset("campaign"), "slab", 0, None, keep="summary").status == "ok"

@@ -20,7 +20,7 @@ from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
-from tuner.missions.registry import runs_on_rocks
+from tuner.missions.registry import mission_kind
 
 _COUNTED_EVERY_S = 1.0
 _LOOKED_EVERY_S = 0.01
@@ -90,7 +90,7 @@ class DaskExecutor(Executor):
     def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
         """Return hash and content of a rock that workers cannot make themselves; Dask takes it where it is needed."""
         made_there = job.rock in RECIPES or generated_name(job.rock) is not None
-        if made_there or not runs_on_rocks(job.fidelity):
+        if made_there or not mission_kind(job.fidelity).uses_catalogue:
             return "", None
         if job.rock not in self._rocks or self._rocks[job.rock][1].status not in ("pending", "finished"):
             rock = load_rock(job.rock, Store())

@@ -1,0 +1,126 @@
+"""What the tuner must know of a kind of mission (a fidelity), and the kinds that are built in.
+
+A plug-in registers a function like `nbv.mission.MissionFunction`, which has the defaults here, or a `MissionKind` of its own.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from nbv.cache import Store
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.mission.result import MissionResult
+from nbv.rocks import Rock, load_coarse_rock, load_rock
+from nbv.rocks.catalogue import is_photographed
+
+LOW_FIDELITY_NOTE = (
+    "Geometric missions are a low-fidelity simulation: the loop, scorers, gates and flight are the same, feature tracks are "
+    "simulated, and no photograph is rendered. Completeness is predicted, accuracy is set to 100 %, and distances are not "
+    "computed. Parameters of features, matching and the ground-truth gate have no effect, nor have conditions of sensor, telemetry, "
+    "target and relief, nor of the scene but for its sun and match_angle_deg."
+)
+
+
+@dataclass(frozen=True)
+class MissionKind:
+    """One kind of mission; the defaults say of a plug-in that nothing is known of its missions."""
+
+    runs: str | Callable[..., MissionResult]  # a `nbv.mission.MissionFunction`, or "module:function" of one
+    # Rocks of the catalogue, sets of photographs, instances of a mission file, or what nobody else need know.
+    targets: Literal["rocks", "photographs", "instances", "own"] = "own"
+    flies: Callable[[str], bool] = lambda target: True  # whether it can fly a target of that name
+    photographs: Literal["rendered", "taken", ""] = ""  # what it needs, and reconstructs densely; empty: none
+    truth: str = ""  # what its clouds are measured against
+    predicts: bool = False  # whether its metrics are predictions, on a coarse rock
+    every_number: bool = False  # whether one mission measures every number of photographs up to its own
+    seconds: Callable[[MissionConfig], float] | None = None  # about how long one takes on a quiet core
+    refuses: str = ""  # "module:function" that is given a configuration and a target, and raises `UserError`
+    numbers_are: str = ""  # how its numbers come about; empty: the fidelity's name says enough
+    note: str = ""  # what somebody who runs it must know
+    loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, and a server before it forks
+
+    @property
+    def function(self) -> Callable[..., MissionResult]:
+        """The function that runs one mission; `UserError` where there is none."""
+        if not isinstance(self.runs, str):
+            return self.runs
+        try:
+            found: Callable[..., MissionResult] = pkgutil.resolve_name(self.runs)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise UserError(f"fidelity {self.runs!r} cannot be imported: {error}") from error
+        if not callable(found):
+            raise UserError(f"fidelity {self.runs!r} is not a function; name it module:function")
+        return found
+
+    def __call__(self, *arguments: Any, **options: Any) -> MissionResult:
+        """Run one mission."""
+        return self.function(*arguments, **options)
+
+    @property
+    def uses_catalogue(self) -> bool:
+        """Whether it calls a rock or a set of photographs what the catalogue of rocks does."""
+        return self.targets in ("rocks", "photographs")
+
+    def load_rock(self, name: str, store: Store) -> Rock:
+        """The rock as its missions know it."""
+        return (load_coarse_rock if self.predicts else load_rock)(name, store)
+
+    def require_possible(self, config: MissionConfig, target: str) -> None:
+        """Raise `UserError` where ``config`` asks for what missions over ``target`` cannot give."""
+        if self.refuses:
+            pkgutil.resolve_name(self.refuses)(config, target)
+
+
+def _rendered_s(config: MissionConfig) -> float:
+    # The 40 missions of `make tune`, of 20 photographs, took 503 s on two cores; PatchMatch takes 11 s on an H200 in place of
+    # SGBM's 7.
+    of_one_s = {"patchmatch": 1.45}.get(config.dense.backend, 1.25)
+    return of_one_s * (config.seed.total + config.adaptive_budget)
+
+
+PHOTOGRAMMETRIC = MissionKind(
+    "nbv.photogrammetric:run_photogrammetric_mission",
+    targets="rocks",
+    photographs="rendered",
+    truth="ground truth",
+    seconds=_rendered_s,
+    loads=("open3d", "torch"),
+)
+GEOMETRIC = MissionKind(
+    "nbv.geometric:run_geometric_mission",
+    targets="rocks",
+    predicts=True,
+    seconds=lambda config: 2.0,  # hardly more than its proposal
+    numbers_are="predicted by geometric missions, without photographs",
+    note=LOW_FIDELITY_NOTE,
+    loads=("open3d",),
+)
+CURVE = MissionKind(
+    "nbv.geometric.curve:run_curve_mission",
+    targets="rocks",
+    predicts=True,
+    every_number=True,
+    seconds=GEOMETRIC.seconds,
+    numbers_are=GEOMETRIC.numbers_are,
+    note=LOW_FIDELITY_NOTE,
+    loads=("open3d",),
+)
+PHOTOGRAPHS = MissionKind(
+    "nbv.photographs.mission:run_photographs_mission",
+    targets="photographs",
+    flies=is_photographed,
+    photographs="taken",
+    truth="the set's own reference",
+    refuses="nbv.photographs.mission:require_expressible",
+    numbers_are="measured against the set's own dense reference; missions over real photographs",
+    loads=("open3d",),
+)
+EXTERNAL = MissionKind(
+    "tuner.missions.external.mission:run_external_mission",
+    targets="instances",
+    numbers_are="missions of your mission file",
+)
