@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -12,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
@@ -21,6 +21,7 @@ FLATNESS = 8.0  # a loose neighbourhood is a surface where it is thinner than th
 COARSE = 1.5  # of the median distance to the farthest neighbour: the radius is that at least
 FAR_RADII = 4.0  # small clusters go where they are farther than so many radii from all others
 CLUSTER_POINTS = 50  # voxels of 8 mm: 0.05 % of the surface of a rock of 1.6 m
+_SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE: the exact one
 _SEED = 0  # of the plane hypotheses
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
 
@@ -97,8 +98,7 @@ def clean_cloud(
     points = cloud.points_m
     keep = np.ones(len(points), dtype=bool)
     if len(points) > config.sor_neighbours:  # the statistic is not defined on fewer
-        distance, nearest = nearest_neighbours(points, points, k=config.sor_neighbours + 1)
-        distance, nearest = distance[:, 1:], nearest[:, 1:]
+        distance, nearest = _nearest_others(points, config.sor_neighbours)
         keep = inlier_mask(distance, config.sor_std_ratio)
         report["outliers"] = int(keep.sum())
         if config.floater_radius_m > 0:
@@ -173,6 +173,23 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) ->
     return refined if refined is not None and _is_ground(refined, config, target_m) else plane
 
 
+def _nearest_others(points_m: Floats, k: int) -> tuple[Floats, Ints]:
+    """Distances to, and indices of, the ``k`` nearest others of each of the N > ``k`` points (N, 3): (N, k) each, nearest first.
+
+    OpenCV's FLANN finds them, in single precision, in half the time of SciPy's tree; only ties are broken in another way.
+    """
+    points = np.ascontiguousarray(points_m, dtype=np.float32)
+    tree = cv2.flann.Index(points, {"algorithm": _SINGLE_TREE, "leaf_max_size": 16})
+    found, _ = tree.knnSearch(points, k + 1, params={"checks": -1, "eps": 0.0, "sorted": True})
+    nearest = found[:, 1:].astype(np.int64)  # the nearest is the point itself
+    squared_m2 = np.zeros(nearest.shape)
+    for axis in points_m.T:
+        away_m = axis[nearest]
+        away_m -= axis[:, None]
+        squared_m2 += np.square(away_m, out=away_m)
+    return np.sqrt(squared_m2, out=squared_m2), nearest
+
+
 def inlier_mask(distances_m: Floats, std_ratio: float) -> Bools:
     """Statistical outlier removal (Rusu et al. 2008): one pass, population standard deviation.
 
@@ -223,9 +240,14 @@ def _stray(points_m: Floats, radius_m: float) -> Bools:
 
     So a cluster goes only if it is both small and more than ``radius_m`` away from all others.
     """
-    cubes, cube_of = np.unique(np.floor(points_m / radius_m), axis=0, return_inverse=True)
-    pairs = cKDTree(cubes).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    indices = np.floor(points_m / radius_m).astype(np.int64)
+    indices -= indices.min(axis=0)
+    extent = indices.max(axis=0) + 1
+    # One number a cube: sorting rows takes ten times as long.
+    cubes, cube_of = np.unique(np.ravel_multi_index(indices.T, extent), return_inverse=True)
+    places = np.stack(np.unravel_index(cubes, extent), axis=1)
+    pairs = cKDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray")
     touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(cubes), len(cubes)))
-    cluster = connected_components(touching, directed=False)[1][cube_of.reshape(-1)]
+    cluster = connected_components(touching, directed=False)[1][cube_of]
     stray: Bools = np.bincount(cluster)[cluster] < CLUSTER_POINTS
     return stray
