@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
@@ -99,3 +100,16 @@ def _value(tree: Any, place: str) -> Any:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def json_ready(value: Any) -> Any:
+    """``value`` with non-finite numbers as None, numpy scalars as plain ones, dataclasses as dicts, paths as text, at any depth."""
+    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return str(value)
+    if getattr(value, "ndim", None) == 0:  # numpy scalar
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no form in JSON")

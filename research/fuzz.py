@@ -130,7 +130,7 @@ def _result(path: Path) -> None:
 def _mission_result(path: Path) -> None:
     from nbv.mission.result import MissionResult
 
-    MissionResult.load(path)
+    MissionResult.load(path.parent)
 
 
 def _policy(path: Path) -> None:

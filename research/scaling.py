@@ -41,6 +41,7 @@ import numpy as np  # noqa: E402
 from distributed import Client, LocalCluster  # noqa: E402
 
 from nbv.mission.result import MissionResult  # noqa: E402
+from nbv.mission.run_directory import RESULT  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.events import CampaignEvent  # noqa: E402
 from tuner.campaign.session import (  # noqa: E402
@@ -52,7 +53,7 @@ from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
-from tuner.missions.job import RESULT_FILE, MissionJob, Trial  # noqa: E402
+from tuner.missions.job import MissionJob, Trial  # noqa: E402
 from tuner.problem.observations import Observation  # noqa: E402
 from tuner.problem.search_space import builtin  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
@@ -102,7 +103,7 @@ class Waits:
             costs={"flight_time_s": 300.0, "begin": begin, "end": end},
         )
         with tempfile.TemporaryDirectory() as folder:
-            Path(folder, RESULT_FILE).write_text(result.to_json())
+            Path(folder, RESULT).write_text(result.to_json())
             files = worker.pack(Path(folder))
         return {"reason": "", "message": "", "wall_s": end - begin, "files": files}
 

@@ -21,7 +21,7 @@ from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
-from nbv.mission.run_directory import PROGRESS, RunDirectory
+from nbv.mission.run_directory import FLIGHT, PROGRESS, PROVENANCE, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
 from nbv.plugins import failure_of
 from nbv.provenance import provenance
@@ -145,14 +145,14 @@ class Fidelity(ABC):
         if all_files is not None:
             with stopwatch.timed("files"):
                 fidelity.export(all_files, outcome.metrics)
-                all_files.write_json("flight.json", mission.flight.to_dict())
+                all_files.write_json(FLIGHT, mission.flight.to_dict())
         stopwatch.total_s["total"] = time.perf_counter() - started
         result = fidelity.result(mission, outcome, config.digest())
         if all_files is not None:
-            all_files.write_json("provenance.json", result.provenance)
+            all_files.write_json(PROVENANCE, result.provenance)
         if files is not None:
             (files.root / PROGRESS).unlink(missing_ok=True)
-            write_atomic(files.root / "mission.json", result.to_json())  # last: the mission has finished
+            write_atomic(files.root / RESULT, result.to_json())  # last: the mission has finished
         return result
 
     @classmethod

@@ -6,11 +6,12 @@ import json
 import time
 
 from nbv.config import MissionConfig
+from nbv.convert import json_ready
 from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
-from nbv.mission.result import IterationRecord, json_ready
-from nbv.mission.run_directory import LOCATED, PROGRESS, TRACE, RunDirectory, write_ply
+from nbv.mission.result import IterationRecord
+from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file, write_ply
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
@@ -86,8 +87,7 @@ class Recorder:
         """The next view has been chosen: save the planning state."""
         if self._run is not None:
             with self.stopwatch.timed("files"):
-                path = self._run.root / "states" / f"iter_{plan.state.iteration:02d}.npz"
-                save_state(path, plan.state, plan.pool)
+                save_state(state_file(self._run.root, plan.state.iteration), plan.state, plan.pool)
         self._planned_at_s = time.perf_counter()
 
     def updated(self, plan: Plan, report: UpdateReport) -> None:
@@ -118,7 +118,7 @@ class Recorder:
         """The photographs have become a dense cloud, which will now be measured."""
         with self.stopwatch.timed("files"):
             if self._run is not None:
-                write_ply(self._run.root / "dense.ply", cloud)
+                write_ply(self._run.root / DENSE, cloud)
 
     def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision

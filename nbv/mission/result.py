@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from nbv.checksums import CHECKSUM, checksum_of, require_checksum
+from nbv.checksums import CHECKSUM, checksum_of
 from nbv.config import IDEAL
+from nbv.convert import json_ready
 from nbv.errors import UserError
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_text
+from nbv.mission.run_directory import RESULT, read_result
 
 SCHEMA_VERSION = 1
 
@@ -93,14 +94,15 @@ class MissionResult:
         return json.dumps({**tree, CHECKSUM: checksum_of(tree)}, indent=1)
 
     @staticmethod
-    def from_json(text: str, source: str = "the mission result") -> MissionResult:
-        """Parse ``to_json``'s text; ``source`` names it in messages.
+    def load(run: Path) -> MissionResult:
+        """What the mission in the directory ``run`` left.
 
         `UserError` for what is no mission result, one of another schema version, or changed since it was written.
         """
+        if not (run / RESULT).is_file():
+            raise UserError(f"{run} holds no {RESULT}; name a mission directory")
+        tree = read_result(run)
         try:
-            tree = parse_json(text, source, RESULT_NODES)
-            require_checksum(tree, source)
             tree.pop(CHECKSUM, None)
             if tree["schema_version"] != SCHEMA_VERSION:
                 raise UserError(
@@ -108,15 +110,7 @@ class MissionResult:
                 )
             return msgspec.convert(tree, MissionResult)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise UserError(f"{source} is not a mission result: {error}") from error
-
-    @staticmethod
-    def load(path: Path) -> MissionResult:
-        """Read ``mission.json`` (a directory stands for the file in it)."""
-        file = path / "mission.json" if path.is_dir() else path
-        if not file.is_file():
-            raise UserError(f"{path} holds no mission.json; name a mission directory")
-        return MissionResult.from_json(read_text(file, RESULT_BYTES), str(file))
+            raise UserError(f"{run / RESULT} is not a mission result: {error}") from error
 
 
 def value_at_path(metrics: Mapping[str, Any], path: str) -> Any:
@@ -128,16 +122,3 @@ def value_at_path(metrics: Mapping[str, Any], path: str) -> Any:
     for part in path.removeprefix("" if "registered" in metrics else "registered.").split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
     return value
-
-
-def json_ready(value: Any) -> Any:
-    """``value`` with non-finite numbers as None, numpy scalars as plain ones, dataclasses as dicts, paths as text, at any depth."""
-    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Path):
-        return str(value)
-    if getattr(value, "ndim", None) == 0:  # numpy scalar
-        return value.item()
-    raise TypeError(f"{type(value).__name__} has no form in JSON")

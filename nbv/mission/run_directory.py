@@ -12,8 +12,10 @@
     sparse/0/              the final sparse model in COLMAP's format and as points.ply, world frame, metres
     dense.ply cleaned.ply  the fused cloud before and after cleaning
     flight.json            legs with their trajectories
+    photographs.txt        names of the photographs taken, where they are of a set
     metrics.json           metrics and the cleaning report
     mission.json           the result; written last, atomically: its presence means "finished"
+    worker.log             what the mission printed, where the tuner ran it
 """
 
 from __future__ import annotations
@@ -25,26 +27,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
+from nbv.checksums import require_checksum
+from nbv.convert import json_ready
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
-from nbv.safe_files import open_to_write, remove, require_whole, to_yaml, write_atomic
+from nbv.safe_files import (
+    RESULT_BYTES,
+    RESULT_NODES,
+    open_to_write,
+    parse_json,
+    read_text,
+    remove,
+    require_whole,
+    to_yaml,
+    write_atomic,
+)
 from nbv.types import Cloud, PointCloud
 
-CONFIG, LOCATED = "config.yaml", "located.yaml"
-PROGRESS, TRACE = "progress.txt", "trace.jsonl"
-_REMOVED_AT_START = (
-    "mission.json",
-    PROGRESS,
-    "images",
-    "states",
-    "sparse",
-    TRACE,
-    LOCATED,
-    "dense.ply",
-    "cleaned.ply",
-)
+CONFIG, LOCATED, RESULT, PROVENANCE = "config.yaml", "located.yaml", "mission.json", "provenance.json"
+PROGRESS, TRACE, WORKER_LOG = "progress.txt", "trace.jsonl", "worker.log"
+IMAGES, STATES, SPARSE_MODEL = "images", "states", "sparse/0"
+DENSE, CLEANED, FLIGHT, METRICS = "dense.ply", "cleaned.ply", "flight.json", "metrics.json"
+TAKEN = "photographs.txt"
+_REMOVED_AT_START = (RESULT, PROGRESS, IMAGES, STATES, "sparse", TRACE, LOCATED, DENSE, CLEANED)
 
 
 class RunDirectory:
@@ -55,7 +60,7 @@ class RunDirectory:
 
     def __init__(self, root: Path, *, overwrite: bool = False) -> None:
         self.root = root
-        if (root / "mission.json").exists() and not overwrite:
+        if (root / RESULT).exists() and not overwrite:
             raise UserError(
                 f"{root} already holds a finished mission; choose another --out or pass --overwrite"
             )
@@ -63,18 +68,20 @@ class RunDirectory:
             root.mkdir(parents=True, exist_ok=True)
             for name in _REMOVED_AT_START:
                 remove(root / name)
-            (root / "images").mkdir()
-            (root / "states").mkdir()
+            (root / IMAGES).mkdir()
+            (root / STATES).mkdir()
         except OSError as error:
             raise UserError(f"cannot write to {root}: {error.strerror}; choose another directory") from error
 
     @property
     def images(self) -> Path:
         """Where the photographs lie."""
-        return self.root / "images"
+        return self.root / IMAGES
 
     def write_image(self, name: str, rgb: np.ndarray) -> None:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
+        from PIL import Image  # noqa: PLC0415  who looks for a name alone need not wait for it
+
         buffer = io.BytesIO()
         Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
         write_atomic(self.images / name, buffer.getbuffer())
@@ -95,7 +102,30 @@ class RunDirectory:
     @property
     def sparse_model(self) -> Path:
         """Where the final sparse model lies."""
-        return self.root / "sparse" / "0"
+        return self.root / SPARSE_MODEL
+
+
+def state_file(run: Path, iteration: int) -> Path:
+    """Where the planning state of an iteration lies."""
+    return run / STATES / f"iter_{iteration:02d}.npz"
+
+
+def state_files(run: Path) -> list[Path]:
+    """The planning states of a mission, in their order."""
+    return sorted((run / STATES).glob("iter_*.npz"))
+
+
+def read_result(run: Path, *, follow: bool = True) -> dict[str, Any]:
+    """The tree in a mission's ``mission.json``, whichever kind of mission wrote it.
+
+    ``follow``: a link there is followed. `UserError` where the file cannot be read, is no mapping, or was changed since it was written.
+    """
+    file = run / RESULT
+    tree = parse_json(read_text(file, RESULT_BYTES, follow=follow), str(file), RESULT_NODES)
+    require_checksum(tree, str(file))
+    if not isinstance(tree, dict):
+        raise UserError(f"{file} is not a mission result; restore it")
+    return tree
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from nbv.cache import cached_json
 from nbv.evaluation import Evaluation
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.run_directory import RunDirectory, write_ply
+from nbv.mission.run_directory import CLEANED, METRICS, RunDirectory, write_ply
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.plugins import plugins, sources
 from nbv.threads import limit_threads
@@ -58,7 +58,7 @@ class CloudFidelity(Fidelity):
         """The cleaned cloud, how it was cleaned, and the sparse model."""
         if metrics:
             evaluation = self._evaluation or self.evaluate(self._cloud)
-            write_ply(run.root / "cleaned.ply", evaluation.cleaned)
-            run.write_json("metrics.json", {"metrics": metrics, "cleaning": evaluation.cleaning})
+            write_ply(run.root / CLEANED, evaluation.cleaned)
+            run.write_json(METRICS, {"metrics": metrics, "cleaning": evaluation.cleaning})
         if self.reconstructor.has_model:
             self.reconstructor.export_sparse(run.sparse_model, run.images)

@@ -18,7 +18,7 @@ from nbv.errors import UserError
 from nbv.evaluation import Evaluation
 from nbv.gates import GroundTruthOracle
 from nbv.mission.fidelity import MissionContext
-from nbv.mission.run_directory import LOCATED, RunDirectory
+from nbv.mission.run_directory import LOCATED, TAKEN, RunDirectory
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
@@ -44,7 +44,6 @@ _FIXED = ("scene", "sensor", "ground", "wind", "target", "camera", "target_m")
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
-TAKEN = "photographs.txt"
 
 
 class PhotographFidelity(CloudFidelity):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from nbv.errors import UserError
 from nbv.mission import MissionResult
+from nbv.mission.run_directory import RESULT
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.campaign.simplify import simplified
@@ -298,7 +299,7 @@ class _Session:
         if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
             return False
         if self._nothing_registers is None:
-            traces = [MissionResult.load(t.path).trace for t in few if (t.path / "mission.json").is_file()]
+            traces = [MissionResult.load(t.path).trace for t in few if (t.path / RESULT).is_file()]
             self._nothing_registers = len(traces) == FIRST_FEW and all(
                 trace and not any(record.registered for record in trace) for trace in traces
             )

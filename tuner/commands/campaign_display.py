@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from nbv.config import IDEAL
-from nbv.mission.result import json_ready
+from nbv.convert import json_ready
 from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus

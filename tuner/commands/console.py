@@ -29,10 +29,10 @@ from nbv.config import (
     preset,
     under,
 )
+from nbv.convert import json_ready
 from nbv.dense import patchmatch_runs, with_best_dense_stage
 from nbv.dense.card import cards
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
 from tuner.campaign.settings import CampaignSettings

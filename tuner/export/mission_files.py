@@ -12,7 +12,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import LOCATED
+from nbv.mission.run_directory import CONFIG, FLIGHT, LOCATED, state_files
 from nbv.rocks import Rock
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml, require_plain
 from nbv.types import CandidatePool, Floats, PlanningState
@@ -40,9 +40,9 @@ class Flight:
 def mission_config(run: Path) -> MissionConfig:
     """The configuration of a mission's directory; ``UserError`` if it is not there."""
     require_plain(run, 4)
-    file = run / "config.yaml"
+    file = run / CONFIG
     if not file.is_file():
-        raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
+        raise UserError(f"{run} holds no {CONFIG}; name a directory that `gatetune mission run` wrote")
     return config_from_dict(read_yaml(file))
 
 
@@ -54,7 +54,7 @@ def planned_config(run: Path) -> MissionConfig:
 
 def read_flight(run: Path) -> Flight:
     """The flight of a mission; ``UserError`` if the mission kept nothing of it."""
-    file = run / "flight.json"
+    file = run / FLIGHT
     if not file.is_file():
         raise UserError(
             f"{run} holds no flight; name a mission that was run with all files kept (gatetune mission run, or --keep all)"
@@ -73,8 +73,7 @@ def planning_steps(
     run: Path, result: MissionResult
 ) -> list[tuple[PlanningState, CandidatePool, IterationRecord]]:
     """The planner's state, its candidates and what it decided, for every planned view."""
-    states = sorted((run / "states").glob("iter_*.npz"))
-    return [(*load_state(path), record) for path, record in zip(states, result.trace)]
+    return [(*load_state(path), record) for path, record in zip(state_files(run), result.trace)]
 
 
 def rock_of_mission(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:

@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Self
 from nbv import plugins
 from nbv.cache import home
 from nbv.errors import UserError
+from nbv.mission.run_directory import WORKER_LOG
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
 from tuner.missions.job import (
     DUMP_SIGNAL,
-    LOG_FILE,
     MissionJob,
     Trial,
     line_in_log,
@@ -232,7 +232,7 @@ class LocalProcessExecutor(Executor):
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
         """Return why a mission left nothing, as reason and message; ``status`` is None where the server died."""
-        log = attempt.job.directory / LOG_FILE
+        log = attempt.job.directory / WORKER_LOG
         if status is None:
             return ("server_lost" if attempt.pid else "not_started"), error
         if attempt.timed_out and attempt.stopped:

@@ -15,19 +15,12 @@ from typing import Any, Literal
 
 from nbv import plugins
 from nbv.cache import machine_key, use_machine_key
-from nbv.checksums import CHECKSUM, require_checksum
+from nbv.checksums import CHECKSUM
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-from nbv.safe_files import (
-    RESULT_BYTES,
-    RESULT_NODES,
-    parse_json,
-    read_text,
-    remove,
-    remove_links,
-    write_atomic,
-)
+from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
+from nbv.safe_files import remove, remove_links, write_atomic
 from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance
@@ -35,8 +28,6 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, photographs_key
 from tuner.problem.search_space import Configuration
 
-RESULT_FILE = "mission.json"
-LOG_FILE = "worker.log"
 MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending
 _INFRASTRUCTURE_FAILURES = {
     "disk_full",
@@ -174,7 +165,7 @@ class Trial(Observation):
         """What ``mission.json`` says was measured; nothing where it is gone or not the one that the mission left."""
         if self.measured_then is not None:
             return self.measured_then
-        tree = _read_json(self.path / RESULT_FILE) if self.status else None
+        tree = _result_in(self.path) if self.status else None
         if tree is None or (self.checksum and tree.get(CHECKSUM) != self.checksum):
             return {}
         return {key: tree.get(key) or {} for key in _MEASURED}
@@ -251,7 +242,7 @@ def line_in_log(job: MissionJob) -> str:
     """`` at mine.py, line 12``: where a planner's code was in the last dump of its log; empty where it was not running, or is unknown."""
     try:
         _, dumped, dump = (
-            (job.directory / LOG_FILE).read_text(errors="replace").rpartition("(most recent call first)")
+            (job.directory / WORKER_LOG).read_text(errors="replace").rpartition("(most recent call first)")
         )
     except OSError:
         return ""
@@ -267,7 +258,7 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
     since it was written.
     """
-    tree = _read_json(job.directory / RESULT_FILE)
+    tree = _result_in(job.directory)
     if tree is None or not _is_of(tree, job):
         return None
     scorers = {step.get("scorer") for step in tree.get("trace") or ()}
@@ -311,13 +302,13 @@ def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
     )
     directory = Path(tree["directory"])
     directory.mkdir(parents=True, exist_ok=True)  # a planner may have removed it
-    write_atomic(directory / RESULT_FILE, result.to_json())
+    write_atomic(directory / RESULT, result.to_json())
 
 
 def remove_earlier_result(job: MissionJob) -> None:
     """Remove the result that an earlier, unfinished attempt at this job may have left, and links that lead elsewhere."""
     remove_links(job.directory)
-    remove(job.directory / RESULT_FILE)
+    remove(job.directory / RESULT)
 
 
 def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
@@ -332,10 +323,7 @@ def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
     return not is_name or tree.get("rock", job.rock) == job.rock
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
-    try:
-        tree = parse_json(read_text(path, RESULT_BYTES, follow=False), str(path), RESULT_NODES)
-        require_checksum(tree, str(path))
-    except UserError:
-        return None
-    return tree if isinstance(tree, dict) else None
+def _result_in(directory: Path) -> dict[str, Any] | None:
+    with contextlib.suppress(UserError):
+        return read_result(directory, follow=False)
+    return None

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from nbv.errors import MissionFailure, UserError
+from nbv.mission.run_directory import RESULT
 from nbv.plugins import failure_of, said
 from nbv.safe_files import write_atomic
-from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
+from tuner.missions.job import MissionJob, record_failure
 from tuner.missions.registry import kind_on
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # the last: a limit such as ulimit -f
@@ -42,8 +43,8 @@ def run_job(tree: dict[str, Any]) -> int:
         result = kind_on(job.rock, job.fidelity)(
             job.config, job.rock, job.replicate, directory, keep=job.keep
         )
-        if not (directory / RESULT_FILE).exists():
-            write_atomic(directory / RESULT_FILE, result.to_json())
+        if not (directory / RESULT).exists():
+            write_atomic(directory / RESULT, result.to_json())
         return 0
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and failure_of(error) is None:

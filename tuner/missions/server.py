@@ -32,11 +32,12 @@ from typing import Any, BinaryIO, NoReturn
 from nbv import plugins
 from nbv.cache import Store, code_digest
 from nbv.errors import UserError
+from nbv.mission.run_directory import WORKER_LOG
 from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.external.program import adopt_orphans
-from tuner.missions.job import DUMP_SIGNAL, LOG_FILE
+from tuner.missions.job import DUMP_SIGNAL
 from tuner.missions.keeper import end_children, keep
 from tuner.missions.registry import FIDELITIES, mission_kind, modules_of
 from tuner.missions.run_job import EXIT_FAILED, run_job
@@ -128,7 +129,7 @@ class MissionServer:
 
     def _start(self, job: dict[str, Any]) -> int:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
-        with open_to_write(Path(job["directory"]) / LOG_FILE, os.O_APPEND) as log:
+        with open_to_write(Path(job["directory"]) / WORKER_LOG, os.O_APPEND) as log:
             if self._fork:
                 server, pid = os.getpid(), os.fork()
                 if pid:

@@ -14,6 +14,7 @@ import numpy as np
 
 from nbv.config import IDEAL, MissionConfig
 from nbv.errors import UserError
+from nbv.mission.run_directory import RESULT
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
@@ -227,7 +228,7 @@ def write_showcase_page(campaign: Campaign) -> Path | None:
     if not shown:
         return None
     page = campaign.directory / SHOWN / VIEW_FILE
-    made_from = [job.directory / "mission.json" for job in shown]
+    made_from = [job.directory / RESULT for job in shown]
     if not page.is_file() or any(page.stat().st_mtime < file.stat().st_mtime for file in made_from):
         try:
             write_mission_view([job.directory for job in shown], page, shown[0].rock)

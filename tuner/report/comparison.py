@@ -153,7 +153,7 @@ class ComparisonFacts:
         self.measure = f"{measure}; {counted(len(self.plan.rocks), self.word)}."
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON (`nbv.mission.result.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
+        """For JSON (`nbv.convert.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
         return {
             "complete": self.run.complete,
             "rocks": self.plan.rocks,

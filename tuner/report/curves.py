@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nbv.mission.result import json_ready
+from nbv.convert import json_ready
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats

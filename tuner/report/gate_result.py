@@ -83,7 +83,7 @@ class ResultBlock:
         return strategy_difference(self.results.records, strategy, reference, F_48)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON (`nbv.mission.result.json_ready`)."""
+        """For JSON (`nbv.convert.json_ready`)."""
         own = self.results
         return {
             "rocks": self.rocks,
@@ -102,7 +102,7 @@ class GateResult:
     sentences: list[str]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON (`nbv.mission.result.json_ready`)."""
+        """For JSON (`nbv.convert.json_ready`)."""
         return {"blocks": [block.to_dict() for block in self.blocks], "sentences": self.sentences}
 
 

@@ -26,7 +26,7 @@ from nbv.evaluation import ground_truth
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import read_ply
+from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL, read_ply
 from nbv.rocks import Rock
 from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
@@ -209,7 +209,7 @@ def _views(
     for name in flight.ends_s:
         if name not in places:
             continue
-        image = _thumbnail(run / "images" / f"{name}.png")
+        image = _thumbnail(run / IMAGES / f"{name}.png")
         views.append(
             {
                 "name": name,
@@ -244,7 +244,7 @@ def _step(
 
 def _final_model(run: Path) -> tuple[Floats, dict[str, list[list[float]]]] | None:
     """Of the model of all photographs the points, (N, 3), and by photograph the camera's right, up and forward."""
-    folder = run / "sparse" / "0"
+    folder = run / SPARSE_MODEL
     if not (folder / "points3D.bin").is_file():
         return None
     import pycolmap  # noqa: PLC0415  seconds to load
@@ -262,7 +262,7 @@ def _final_model(run: Path) -> tuple[Floats, dict[str, list[list[float]]]] | Non
 
 def _measured_cloud(run: Path) -> Floats | None:
     """(N, 3) of the cloud that was measured."""
-    file = next((run / name for name in ("cleaned.ply", "dense.ply") if (run / name).is_file()), None)
+    file = next((run / name for name in (CLEANED, DENSE) if (run / name).is_file()), None)
     points_m = np.zeros((0, 3)) if file is None else read_ply(file).points_m
     return points_m[thin_indices(len(points_m), _MOST_DENSE_POINTS)] if len(points_m) else None
 

@@ -12,9 +12,9 @@ import jinja2
 from markupsafe import Markup, escape
 
 from nbv.errors import UserError
+from nbv.mission.run_directory import read_result
 from nbv.provenance import git_revision, versions
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, printable, read_json, write_atomic
-from tuner.missions.job import RESULT_FILE
+from nbv.safe_files import printable, write_atomic
 
 MOST_READ = 200  # missions whose documents are read
 
@@ -64,8 +64,8 @@ def recorded(missions: Sequence[Path]) -> list[dict[str, Any]]:
     trees = []
     for mission in missions[:: -(-len(missions) // MOST_READ) or 1]:
         try:
-            tree = read_json(mission / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get("provenance")
-        except (UserError, AttributeError):
+            tree = read_result(mission).get("provenance")
+        except UserError:
             continue
         # A mission's file may be anybody's.
         if tree and isinstance(tree, dict) and isinstance(tree.get("versions", {}), dict):

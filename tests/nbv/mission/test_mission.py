@@ -54,7 +54,7 @@ def test_the_run_directory_holds_what_it_promises(finished, config):
     import yaml
 
     result, directory, _ = finished
-    assert MissionResult.load(directory) == MissionResult.from_json(result.to_json())
+    assert MissionResult.load(directory).to_json() == result.to_json()
     assert config_from_dict(yaml.safe_load((directory / "config.yaml").read_text())) == config
     assert len(list((directory / "images").glob("*.png"))) == SEEDS + BUDGET
     trace = [json.loads(line) for line in (directory / "trace.jsonl").read_text().splitlines()]

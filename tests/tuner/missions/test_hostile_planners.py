@@ -13,10 +13,11 @@ from test_executors import run_jobs
 
 from nbv import plugins
 from nbv.config import preset
+from nbv.mission.run_directory import WORKER_LOG
 from nbv.safe_files import remove
 from research.hostile_planners import DECISIONS, PROGRAM, PROGRAMS, TOPS, gate
 from tuner.missions.executors import Executor, LocalProcessExecutor
-from tuner.missions.job import LOG_FILE, MAX_ATTEMPTS, MissionJob, Trial, load_trial
+from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial, load_trial
 from tuner.missions.keeper import LOG_BYTES
 from tuner.missions.long_runs import Stop
 from tuner.missions.run_jobs import JobList
@@ -110,7 +111,7 @@ def test_each_hostile_planner_fails_alone_and_is_named(bring: Path) -> None:
         trial, text = recorded[each.id], expected.replace("FILE", f"planner_{number}.py")
         assert trial is not None and not trial.infrastructure_failure, each.id
         assert text in trial.message and trial.status == ("failed" if expected else "ok"), trial.message
-        assert (each.directory / LOG_FILE).stat().st_size < 3 * LOG_BYTES < 1_000_000
+        assert (each.directory / WORKER_LOG).stat().st_size < 3 * LOG_BYTES < 1_000_000
 
 
 ORPHANS = ("program: leaves children and hangs", "program: hangs")

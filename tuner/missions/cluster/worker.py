@@ -22,10 +22,11 @@ from distributed.utils import sync
 from distributed.worker import WORKER_ANY_RUNNING
 
 from nbv.cache import home
+from nbv.mission.run_directory import RESULT
 from nbv.provenance import MISSION_LIBRARIES, versions
 from nbv.safe_files import write_atomic
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.job import RESULT_FILE, MissionJob, Trial
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.registry import code_of
 
 _POLL_S = 0.2
@@ -163,7 +164,7 @@ def pack(directory: Path) -> bytes:
     with zipfile.ZipFile(
         buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1, strict_timestamps=False
     ) as archive:
-        for path in sorted(files, key=lambda path: path == directory / RESULT_FILE):
+        for path in sorted(files, key=lambda path: path == directory / RESULT):
             archive.write(path, path.relative_to(directory))
     return buffer.getvalue()
 
