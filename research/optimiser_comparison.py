@@ -14,8 +14,7 @@ complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figu
     their leave-one-out 95 % intervals.
 ``{"kind": "done", "ask_s"}``
 
-Every strategy starts at the problem's default configuration. Where a strategy recommends nothing itself, our
-product's rule does it for all alike: best posterior mean of our GP among the configurations run.
+Every strategy starts at the problem's default configuration. Our product's rule recommends for all alike: best posterior mean of our GP among the configurations run.
 """
 
 from __future__ import annotations
@@ -67,20 +66,14 @@ def complete(path: Path) -> bool:
     return path.is_file() and '"kind": "done"' in path.read_text()
 
 
-def surrogate(problem: Problem, history: Sequence[Observation], strategy: object) -> InstanceMeanGP:
-    """Our GP, with the strategy's settings where it has some, else the product's."""
-    settings = getattr(strategy, "model", None) or surrogate_settings(problem.space)
-    return InstanceMeanGP(problem.space, history, problem.rocks, settings)
-
-
 def common_recommendation(
-    problem: Problem, history: Sequence[Observation], strategy: object, *, ours: bool
+    problem: Problem, history: Sequence[Observation], *, ours: bool
 ) -> tuple[Values, float, float, InstanceMeanGP]:
     """Best posterior mean among the configurations run, its mean and sd, and the model.
 
     Ours, as in the product, only of what has run on two rocks and replicates, once its last missions see to that.
     """
-    model = surrogate(problem, history, strategy)
+    model = InstanceMeanGP(problem.space, history, problem.rocks, surrogate_settings(problem.space))
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
     data = CampaignData(problem.space, history, problem.rocks, problem.default, problem.replicates)
@@ -123,14 +116,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.run(request.values, rock, replicate)
         spent += flight.cost
-        observation = Observation(
-            len(history),
-            request.values,
-            rock,
-            replicate,
-            flight.value,
-            flight.value,
-        )
+        observation = Observation(len(history), request.values, rock, replicate, flight.value, flight.value)
         history.append(observation)
         strategy.tell(observation)
         write(
@@ -150,15 +136,15 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
             while marks and spent >= marks[0] - 1e-6:
                 marks.pop(0)
             full = [o for o in history if o.rock in problem.rocks]
-            values, mean, sd, model = common_recommendation(
-                problem, full, strategy, ours=name.startswith("gp") and name != "gp+trusting"
-            )
-            own = strategy.recommend()
-            belief = {"mean": mean, "sd": sd} if own is None else {}
-            belief["loo"] = model.leave_one_out()["coverage_95"]
-            values = own or values
+            values, mean, sd, model = common_recommendation(problem, full, ours=name.startswith("gp"))
             write(
-                "checkpoint", cost=round(spent, 6), values=dict(values), truth=problem.truth(values), **belief
+                "checkpoint",
+                cost=round(spent, 6),
+                values=dict(values),
+                truth=problem.truth(values),
+                mean=mean,
+                sd=sd,
+                loo=model.leave_one_out()["coverage_95"],
             )
     write("done", ask_s=total_ask_s)
 

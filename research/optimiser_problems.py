@@ -8,9 +8,6 @@ A problem is made for one seed (``make_problem(name, seed)``) and is a pure func
     deviation over the cube; ``:NOISE`` is the noise's share of that standard deviation. Hartmann-6 leaves four
     dimensions without effect. The optima of Ackley and Levy are moved to a random place of the middle half of the
     cube, the first point is random: no sampler profits from the centre.
-``failing``
-    Hartmann-6 in 10 dimensions, noise 0.1, where every mission beyond 0.5 of the third coordinate, half of the cube, fails;
-    the optimum lies at 0.48.
 ``four-rocks``
     Hartmann-6 in 10 dimensions on four rocks with their own shift (up to 0.08), scale and offset; noise 0.1 per
     mission, ``:BLOCK_SD`` the offset that all missions on one (rock, replicate) share.
@@ -137,7 +134,6 @@ class FunctionProblem:
     best_raw: float
     noise: float  # share of the function's standard deviation
     seed: int
-    fails_beyond: float = math.inf  # of the third coordinate
     dimension: int = 10
     budget: int = 60
     replicates: int = 1
@@ -170,8 +166,6 @@ class FunctionProblem:
 
     def run(self, values: Values, rock: str, replicate: int) -> Flight:
         """With noise."""
-        if self.space.to_unit(values)[2] > self.fails_beyond:
-            return Flight(None)
         draw = normal("noise", self.seed, sorted(values.items()), replicate)
         return Flight(self.truth(values) + self.noise * draw)
 
@@ -361,8 +355,6 @@ def make_problem(
             price=float(price or 0.0),
             **limit,
         )
-    if kind == "failing":
-        return FunctionProblem("failing", hartmann6, HARTMANN_BEST, 0.1, seed, 0.5, **limit)
     noise = float(option or 0.1)
     at = np.random.default_rng([seed, 3]).uniform(0.25, 0.75, 10)
     functions: dict[str, tuple[Callable[[Floats], Floats], float]] = {

@@ -46,16 +46,7 @@ PLANS: dict[str, dict[str, Any]] = {
 ARMS = {name: {**PLANS["adaptive"], "gate.kind": name} for name in ("matchable", "random")}
 COMPARED = (16, 20, 24, 28, 32, 40)
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
-HEAD = (
-    "rock",
-    "plan",
-    "photographs",
-    "completeness",
-    "weakest",
-    "height_m",
-    "bare_top",
-    "predicted",
-)
+HEAD = ("rock", "plan", "photographs", "completeness", "weakest", "height_m", "bare_top", "predicted")
 TOLD_FROM = 16
 BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}

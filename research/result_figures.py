@@ -210,13 +210,7 @@ def planners_against_orbits(data: Path) -> plt.Figure:
 
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
-    for figure in (
-        optimisers,
-        conditions,
-        where_planning_pays,
-        planners_against_orbits,
-        speed,
-    )
+    for figure in (optimisers, conditions, where_planning_pays, planners_against_orbits, speed)
 }
 
 

@@ -57,10 +57,7 @@ def main() -> None:
     if arguments.strategies:
         configs = {name: configs[name] for name in arguments.strategies}
     plan = EvaluationPlan(
-        configs,
-        tuple(arguments.rock),
-        arguments.replicates,
-        conditions=load_conditions(arguments.condition),
+        configs, tuple(arguments.rock), arguments.replicates, conditions=load_conditions(arguments.condition)
     )
     with LocalProcessExecutor(arguments.workers) as executor:
         run = run_evaluation(

@@ -1,7 +1,7 @@
 """Fitting Gaussian processes: the most likely hyperparameters, by BoTorch.
 
 Beyond `EXACT_MISSIONS` hyperparameters are fitted to `FITTED_MISSIONS` drawn from all, and the model has seen those and the
-`PROMISING` best by what they say, where a search goes on: ``research/large_ledger.py`` compares it with the exact model.
+`PROMISING` best by what they say, where a search goes on: `docs/results/data/large_ledger.csv` compares it with the exact model.
 """
 
 from __future__ import annotations
