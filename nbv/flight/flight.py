@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight.energy import J_PER_WH, leg_energy_wh, power_w
 from nbv.flight.leg import Leg, Pose
-from nbv.flight.route import MARGIN_M, Airspace, pose_at
+from nbv.flight.route import Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
@@ -48,7 +48,7 @@ class Flight:
             config.flight,
             config.target_m,
             mean_wind_m_s(config.wind, self._key),
-            _keep_outs(config, rock_sha256),
+            neighbour_keep_outs(config, rock_sha256),
         )
         home = np.array(config.flight.home_m, dtype=float)
         self._pose = pose_at(home, float(heading_to(home, np.array(config.target_m))))
@@ -87,9 +87,7 @@ class Flight:
         if self._wind.gust_m_s > 0:
             arrived += sway_m(self._wind, self._key, viewpoint.id)
             arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
-        for obstacle in self._space.obstacles:  # a viewpoint on a neighbour is taken from above it
-            if np.hypot(*(arrived[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:
-                arrived[2] = max(arrived[2], obstacle.top_m + MARGIN_M)
+        arrived = self._space.above_obstacles(arrived)
         end = pose_at(arrived, float(heading_to(arrived, np.array(self._space.target_m))))
         self._fly(viewpoint.id, self._space.route(self._pose, end), self._limits.settle_s)
         return arrived
@@ -167,8 +165,8 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, key: tuple[str,
     return position
 
 
-def _keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:
-    """What the vehicle keeps out of besides the target: its neighbours, all around by `CLEARANCE_M`."""
+def neighbour_keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:
+    """What the vehicle keeps out of besides the target, which lies in the ground: its neighbours, all around by `CLEARANCE_M`."""
     return tuple(
         Cylinder(c.center_m, c.radius_m + CLEARANCE_M, c.base_m, c.top_m + CLEARANCE_M)
         for c in neighbour_cylinders(config.ground, config.scene.ground_seed, rock_sha256)

@@ -54,6 +54,14 @@ class Airspace:
         x, y, _ = self.target_m
         return Cylinder((x, y), self.limits.keep_out_radius_m, 0.0, self.limits.keep_out_height_m)
 
+    def above_obstacles(self, position_m: Floats) -> Floats:
+        """A position (3,), higher where it is on an obstacle: a photograph there is taken from above it."""
+        x, y, z = position_m
+        for obstacle in self.obstacles:
+            if np.hypot(*(position_m[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:
+                z = max(z, obstacle.top_m + MARGIN_M)
+        return np.array([x, y, z])
+
     def straight(self, *poses: Pose) -> tuple[Leg, ...]:
         """Straight legs from pose to pose."""
         return tuple(fly_straight(p, q, self.limits, self.wind_m_s) for p, q in itertools.pairwise(poses))

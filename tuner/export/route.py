@@ -18,7 +18,9 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import Airspace, Pose
 from nbv.flight.leg import Leg
+from nbv.flight.route import pose_at
 from nbv.geometry.frames import heading_to
+from nbv.terrain import Cylinder
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -50,10 +52,13 @@ class Home:
         return latitude_deg, longitude_deg
 
 
-def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:
+def qgc_plan(
+    config: MissionConfig, view_ids: Sequence[str], home: Home, obstacles: tuple[Cylinder, ...] = ()
+) -> dict[str, Any]:
     """Return the plan as a JSON tree.
 
-    ``view_ids``: photographs in their order, such as ``seed_00`` and ``cand_017``.
+    ``view_ids``: photographs in their order, such as ``seed_00`` and ``cand_017``. ``obstacles``: what the route keeps out of
+    besides the target.
 
     Raises `UserError`: a view that the configuration does not have.
     """
@@ -63,9 +68,10 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
         raise UserError(
             f"view {unknown[0]!r} is not one of this configuration's; export the mission that took it"
         )
+    space = Airspace(config.flight, config.target_m, obstacles=obstacles)
     items = [
         {**item, "doJumpId": i, "autoContinue": True, "type": "SimpleItem"}
-        for i, item in enumerate(_items(config, [known[name] for name in view_ids], home), start=1)
+        for i, item in enumerate(_items(space, config, [known[name] for name in view_ids], home), start=1)
     ]
     return {
         "fileType": "Plan",
@@ -85,15 +91,17 @@ def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict
     }
 
 
-def _items(config: MissionConfig, views: Sequence[Viewpoint], home: Home) -> Iterator[dict[str, Any]]:
+def _items(
+    space: Airspace, config: MissionConfig, views: Sequence[Viewpoint], home: Home
+) -> Iterator[dict[str, Any]]:
     x, y, z = config.flight.home_m
-    target, space = np.array(config.target_m), Airspace(config.flight, config.target_m)
+    target = np.array(config.target_m)
     above_home = pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
     yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
     for view in views:
-        end = _pose(view.position_m, target)
+        end = _pose(space.above_obstacles(np.array(view.position_m)), target)
         legs = space.route(pose, end)
-        yield from _passed(legs[:-1], config, home)  # the corners of a detour around the target
+        yield from _passed(legs[:-1], config, home)  # the corners of a detour
         yield _at(
             WAYPOINT, (config.flight.settle_s, config.flight.arrival_tolerance_m, 0.0), end, config, home
         )
@@ -114,8 +122,8 @@ def _passed(legs: Sequence[Leg], config: MissionConfig, home: Home) -> Iterator[
         yield _at(WAYPOINT, (0.0, config.flight.arrival_tolerance_m, 0.0), leg.end, config, home)
 
 
-def _pose(position_m: tuple[float, float, float], target_m: Any) -> Pose:
-    return Pose(position_m, float(heading_to(np.array(position_m), target_m)))
+def _pose(position_m: Any, target_m: Any) -> Pose:
+    return pose_at(np.array(position_m), float(heading_to(np.array(position_m), target_m)))
 
 
 def _at(
