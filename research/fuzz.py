@@ -19,6 +19,7 @@ import re
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -38,46 +39,10 @@ MEMORY_LIMIT = 2 * 2**30
 FIRST_BATCH, TURN_S = 25, 3.0
 OUTCOMES = ("read", "refused", "traceback", "hang", "memory", "died", "escaped")
 TOKENS = [
-    *(
-        b"\x00",
-        b"\xff\xfe",
-        b"\n",
-        b"{",
-        b"}",
-        b"[",
-        b"]",
-        b":",
-        b"- ",
-        b"&a ",
-        b"*a",
-        b"!!python/name:os.system ",
-        b"<<: *a",
-    ),
-    *(
-        b"-1",
-        b"0",
-        b"1e999",
-        b"nan",
-        b".inf",
-        b"99999999999999999999",
-        b"-0.0",
-        b"1e-320",
-        b"true",
-        b"null",
-        b"''",
-        b"2001-01-01",
-    ),
-    *(
-        b"../../x",
-        b"/dev/zero",
-        b"/dev/stdin",
-        b"~nobody/x",
-        b"[/red]",
-        b"\xed\xa0\x80",
-        "\u202e".encode(),
-        b"a" * 5000,
-        b"[" * 200,
-    ),
+    *(b"\x00", b"\xff\xfe", b"\n", b"{", b"}", b"[", b"]", b":", b"- ", b"&a ", b"*a", b"<<: *a"),
+    *(b"!!python/name:os.system ", b"-1", b"0", b"1e999", b"nan", b".inf", b"-0.0", b"1e-320"),
+    *(b"99999999999999999999", b"true", b"null", b"''", b"2001-01-01", b"../../x", b"/dev/zero"),
+    *(b"/dev/stdin", b"~nobody/x", b"[/red]", b"\xed\xa0\x80", "\u202e".encode(), b"a" * 5000, b"[" * 200),
 ]
 
 
@@ -168,6 +133,80 @@ def _texture(path: Path) -> None:
     import_mesh(mesh)
 
 
+def _photograph(path: Path) -> None:
+    from nbv.photographs.folder import read_folder, read_pixels
+
+    folder = path.parent / "photographs"
+    shutil.copytree(FLOWN.parent / "photographs", folder)
+    shutil.copy(path, folder)
+    for photograph in read_folder(folder, lambda *_: None)[0]:
+        read_pixels(photograph.path, 64, photograph.turns(upright=True))
+
+
+def _mask(path: Path) -> None:
+    from nbv.photographs.folder import read_mask
+
+    read_mask(path)
+
+
+def _model(path: Path) -> None:
+    """A file of a model, whose name is the first line; the others of its kind are sound."""
+    from nbv.photographs.mapping import solve
+    from nbv.photographs.model_files import read_model
+
+    name, _, content = path.read_bytes().partition(b"\n")
+    file = path.parent / "model" / (name.decode() if name in MODEL_FILES else MODEL_FILES[0].decode())
+    shutil.copytree(FLOWN.parent / f"model{file.suffix}", file.parent)
+    file.write_bytes(content)
+    if file.suffix == ".json":
+        read_model(file, _source())
+    else:
+        solve(_source(), file.parent)
+
+
+def _control_points(path: Path) -> None:
+    from nbv.photographs.scale import read_control_points
+
+    read_control_points(path, _source())
+
+
+def _source() -> Any:
+    from nbv.photographs.folder import read_folder
+    from nbv.photographs.import_source import ImportSource
+
+    photographs, _ = read_folder(FLOWN.parent / "photographs", lambda *_: None)
+    return ImportSource(tuple(photographs), 160, lambda *_: None)
+
+
+def _photograph_set(path: Path) -> None:
+    from nbv.photographs.photograph_set import read_set
+
+    folder = path.parent / "set"
+    shutil.copytree(FLOWN.parent / "set", folder)
+    shutil.copy(path, folder)
+    read_set(folder).reference()
+
+
+def _full_disk(path: Path) -> None:
+    """A command, and how many blocks of 4 KiB are left for it in a file system of its own."""
+    command, _, blocks = path.read_bytes().rpartition(b"\0")
+    disk = path.parent / "disk"
+    disk.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "fuzz", str(disk)], check=True)
+    try:
+        for name in ("flown", "mission", "home", "tetra.obj"):
+            subprocess.run(["cp", "-r", str(FLOWN.parent / name), str(disk)], check=True)
+        (disk / "arguments").write_bytes(command)
+        os.environ["GATETUNE_HOME"] = str(disk / "home")
+        left = os.statvfs(disk)
+        with (disk / "filler").open("wb") as filler:
+            os.posix_fallocate(filler.fileno(), 0, max(1, left.f_bavail - int(blocks)) * left.f_bsize)
+        _command_line(disk / "arguments")
+    finally:
+        os.chdir(path.parent)
+        subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
 def _store(path: Path) -> None:
     from nbv.cache import Store
 
@@ -220,36 +259,47 @@ TEXTURED = (
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1/1 3/3 2/2\nf 1/1 2/2 4/4\nf 2/2 3/3 4/4\nf 1/1 4/4 3/3\n"
 )
 ARGUMENTS = [
-    [
-        "campaign",
-        "run",
-        "--budget",
-        "2",
-        "--replicates",
-        "1",
-        "--name",
-        "x",
-        "--rock",
-        "boulder",
-        "--seed",
-        "1",
-    ],
-    ["campaign", "run", "--settings", "x.yaml", "--set", "gate.d95_m=0.1", "--fidelity", "geometric"],
-    ["campaign", "status", "run"],
-    ["campaign", "resume", "nowhere", "--missions", "3", "--workers", "1"],
-    ["mission", "explain", "run"],
-    ["mission", "figures", "run"],
-    ["rocks", "list"],
-    ["rocks", "show", "no-such-rock"],
-    ["rocks", "import", "x.obj", "--name", "x"],
-    ["config", "show", "campaign"],
-    ["config", "paths"],
-    ["export", "run", "--to", "x.yaml"],
-    ["evaluate", "run", "--rock", "fin"],
-    ["cache", "info"],
-    ["cache", "prune", "--max-gb", "1"],
-    ["--version"],
+    line.split()
+    for line in (
+        "campaign run --budget 2 --replicates 1 --name x --rock boulder --seed 1",
+        "campaign run --settings x.yaml --set gate.d95_m=0.1 --fidelity geometric",
+        "campaign status run",
+        "campaign resume nowhere --missions 3 --workers 1",
+        "mission explain run",
+        "mission figures run",
+        "rocks list",
+        "rocks show no-such-rock",
+        "rocks import x.obj --name x",
+        "config show campaign",
+        "config paths",
+        "export run --to x.yaml",
+        "evaluate run --rock fin",
+        "cache info",
+        "cache prune --max-gb 1",
+        "--version",
+    )
 ]
+FILLING = [
+    line.split()
+    for line in (
+        "mission view flown",
+        "mission view mission",
+        "mission explain mission",
+        "mission init own",
+        "mission run --fidelity geometric --rock boulder --out new --set stop.adaptive_budget=2",
+        "export flown --to csv",
+        "export flown --to gatetune.yaml --anyway",
+        "export mission --to plan --home 47,8",
+        "campaign status flown",
+        "plugin init mine",
+        "rocks import tetra.obj --name mine",
+    )
+]
+MODEL_FILES = [
+    *(b"cameras.bin", b"images.bin", b"points3D.bin", b"cameras.txt", b"images.txt", b"points3D.txt"),
+    b"transforms.json",
+]
+DISK = "full disk"
 
 SEEDS: dict[str, list[bytes]] = {}
 TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
@@ -269,12 +319,20 @@ TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "mesh STL": ("m.stl", _mesh),
     "mesh GLB": ("m.glb", _mesh),
     "texture": ("t.png", _texture),
+    "photograph": ("x.jpg", _photograph),
+    "mask": ("x.png", _mask),
+    "model of photographs": ("model file", _model),
+    "control points": ("points.txt", _control_points),
+    "set of photographs": ("set.json", _photograph_set),
     "store entry": ("entry", _store),
     "ledger": ("study.journal", _campaign("study.journal")),
     "campaign.yaml": ("campaign.yaml", _campaign("campaign.yaml")),
     "recommendation": ("recommendation.json", _campaign("recommendation.json")),
     "command line": ("arguments", _command_line),
+    DISK: ("filling", _full_disk),
 }
+if os.geteuid():  # who may not mount a file system
+    del TARGETS[DISK]
 FLOWN = Path()
 TRUTH: list[tuple[Any, ...]] = []
 
@@ -293,6 +351,7 @@ def make_seeds(folder: Path) -> None:
     from nbv.cache import Store
     from nbv.config import preset
     from nbv.gates.learned import shipped_policy
+    from nbv.geometric import run_geometric_mission
     from nbv.mission.planning_state import save_state
     from nbv.rocks.catalogue import write_rock
     from nbv.rocks.importer import import_mesh
@@ -350,12 +409,76 @@ def make_seeds(folder: Path) -> None:
         buffer = io.BytesIO()
         picture.save(buffer, kind)
         SEEDS["texture"].append(buffer.getvalue())
+    _photographs(folder)
     store = Store(folder / "store")
     store.put("kind", "abcd", {"a": np.arange(20.0)})
     SEEDS["store entry"] = [(store.root / "kind" / "ab" / "abcd").read_bytes()]
     SEEDS["command line"] = ["\0".join(a).encode() for a in ARGUMENTS]
+    os.environ["GATETUNE_HOME"] = str(folder / "home")
+    few = preset("campaign").with_values({"stop.adaptive_budget": 2})
+    run_geometric_mission(few, "boulder", 0, folder / "mission")
+    SEEDS[DISK] = ["\0".join([*a, "8000"]).encode() for a in FILLING]
     for target in TARGETS:
         SEEDS[target] += [p.read_bytes() for p in sorted((CORPUS / folder_of(target)).glob("*"))]
+
+
+def _photographs(folder: Path) -> None:
+    """A ball's, their models of all kinds, masks, control points and a set."""
+    import drawn_ball
+    import made_photograph_set
+    import numpy as np
+    from PIL import Image
+
+    photographs = drawn_ball.write_photographs(folder / "photographs", "PINHOLE", 6)
+    made = sorted(photographs.iterdir())
+    SEEDS["photograph"] = [made[0].read_bytes()]
+    for number, mode in enumerate(("RGB", "L", "CMYK")):
+        exif = Image.Exif()
+        exif[0x0110], exif[0x0112] = "Made", 6 + number % 3
+        exif.get_ifd(0x8769).update(
+            {0x9003: "2026:01:01 12:00:00", 0xA405: 30, 0xA432: (24.0, 70.0, 2.8, 4.0)}
+        )
+        exif.get_ifd(0x8825).update({1: "N", 2: (46.0, 7.0, 1.5), 3: "E", 4: (7.0, 1.0, 2.0), 6: 400.0})
+        buffer = io.BytesIO()
+        Image.open(made[1]).convert(mode).save(buffer, "JPEG", exif=exif)
+        SEEDS["photograph"].append(buffer.getvalue())
+    SEEDS["mask"] = []
+    mask = Image.fromarray(drawn_ball.drawn("PINHOLE")[0][1])
+    for mode in ("1", "L", "P", "RGBA", "I;16"):
+        buffer = io.BytesIO()
+        mask.convert("L").convert(mode).save(buffer, "PNG")
+        SEEDS["mask"].append(buffer.getvalue())
+    model = drawn_ball.model("PINHOLE", 6)
+    for kind in ("bin", "txt", "json"):
+        (folder / f"model.{kind}").mkdir()
+    model.write_binary(folder / "model.bin")
+    model.write_text(folder / "model.txt")
+    poses = [
+        np.vstack([i.cam_from_world().inverse().matrix(), [0, 0, 0, 1]])
+        for _, i in sorted(model.images.items())
+    ]
+    frames = [
+        {"file_path": f"{path.name}", "transform_matrix": (pose @ np.diag([1, -1, -1, 1])).tolist()}
+        for path, pose in zip(made, poses, strict=True)
+    ]
+    (folder / "model.json" / "transforms.json").write_text(
+        json.dumps({"w": 120, "h": 160, "fl_x": 150.0, "k1": 0.01, "aabb_scale": 4, "frames": frames})
+    )
+    SEEDS["model of photographs"] = [
+        name + b"\n" + (folder / f"model{Path(name.decode()).suffix}" / name.decode()).read_bytes()
+        for name in MODEL_FILES
+    ]
+    SEEDS["control points"] = [
+        b"EPSG:32632\n"
+        + b"".join(
+            b"%d %d 400 60 %d view_%02d.png\n" % (494000 + i // 6, 4232000 + i // 12, 50 + i, i % 14 + 1)
+            for i in range(24)
+        ),
+        b"name,x,y,z\nview_01.png,0,0,1\n",
+    ]
+    os.environ["GATETUNE_HOME"] = str(folder / "of the set")
+    shutil.copytree(made_photograph_set.write_set().folder, folder / "set")
+    SEEDS["set of photographs"] = [(folder / "set" / "set.json").read_bytes()]
 
 
 def folder_of(target: str) -> str:
@@ -372,6 +495,8 @@ def case(target: str, number: int) -> bytes:
     if number < len(seeds):
         return seeds[number]
     rng = random.Random(f"{target}:{number}")
+    if target == DISK:
+        return b"%s\0%d" % (rng.choice(seeds).rpartition(b"\0")[0], int(2 ** rng.uniform(0, 12)))
     data = bytearray(rng.choice(seeds))
     for _ in range(1 + int(rng.expovariate(0.7))):
         _mutate(rng, data, seeds)

@@ -4,7 +4,7 @@
     python -m research.optimiser_comparison summary
 
 ``run`` writes one JSON-lines file per (problem, strategy, seed) under ``--out`` and skips those that are
-complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figures. The lines of a file:
+complete. ``summary`` (``optimiser_summary.py``) turns them into tables. The lines of a file:
 
 ``{"kind": "run", "problem", "strategy", "seed", "budget", "dimension", "rocks", "best", "default_truth"}``
 ``{"kind": "mission", "cost", "values", "rock", "replicate", "value", "ask_s"}``
@@ -179,7 +179,6 @@ def main() -> None:
     run.add_argument("--out", type=Path, default=OUT)
     summary = commands.add_parser("summary")
     summary.add_argument("--out", type=Path, default=OUT)
-    summary.add_argument("--figures", type=Path)
     summary.add_argument("--ours", default="gp")
     summary.add_argument("--problem", nargs="+")
     summary.add_argument("--strategy", nargs="+")
@@ -187,7 +186,7 @@ def main() -> None:
     if arguments.command == "summary":
         from research.optimiser_summary import summarise
 
-        summarise(arguments.out, arguments.ours, arguments.figures, arguments.problem, arguments.strategy)
+        summarise(arguments.out, arguments.ours, arguments.problem, arguments.strategy)
         return
     arguments.out.mkdir(parents=True, exist_ok=True)
     jobs = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -192,11 +192,10 @@ BEST_HEAD = (
 def summarise(
     out: Path,
     ours: str,
-    figures: Path | None,
     problems: Sequence[str] | None,
     strategies: Sequence[str] | None,
 ) -> None:
-    """Print one table per problem; draw one figure of all where ``figures`` names a folder."""
+    """Print one table per problem."""
     found = load(out, problems, strategies)
     print(f"{BEST_HEAD}\n" + "\n".join(against_best_peer(found, ours)))
     for problem, table in found.items():
@@ -204,44 +203,3 @@ def summarise(
         print(f"\n### {problem}{'' if best is None else f' (optimum {best:.3f})'}\n\n{HEAD}")
         print("\n".join(rows(table, ours)))
         print(f"\n{EQUAL_HEAD}\n" + "\n".join(at_equal_cost(table, ours)))
-    if figures is not None:
-        draw(found, ours, figures)
-
-
-def draw(found: dict[str, Table], ours: str, folder: Path) -> None:
-    """Median value of the recommendation against cost, with the quartiles of the seeds."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    columns = min(3, len(found))
-    height = -(-len(found) // columns)
-    figure, axes = plt.subplots(height, columns, figsize=(4.2 * columns, 3.4 * height), squeeze=False)
-    colours = {name: f"C{i}" for i, name in enumerate(_names(found.values(), ours))}
-    for ax, (problem, table) in zip(axes.flat, found.items()):
-        for name, colour in colours.items():
-            runs = list(table.get(name, {}).values())
-            if not runs:
-                continue
-            grid = np.array(sorted({c for r in runs for c in np.round(r.costs / r.budget, 3)}))
-            grid = grid[grid >= max(r.costs[0] / r.budget for r in runs) - 1e-3]
-            values = np.array([[r.truths[r.costs / r.budget <= g + 2e-3][-1] for g in grid] for r in runs])
-            shown = values if runs[0].best is None else runs[0].best - values
-            low, middle, high = np.percentile(shown, [25, 50, 75], axis=0)
-            width = 2.4 if name == ours else 1.3
-            ax.plot(grid * runs[0].budget, middle, color=colour, lw=width, label=f"{name} ({len(runs)})")
-            ax.fill_between(grid * runs[0].budget, low, high, color=colour, alpha=0.15, lw=0)
-        known = next(iter(next(iter(table.values())).values())).best is not None
-        ax.set(title=problem, xlabel="cost (missions)", ylabel="regret" if known else "value")
-        ax.legend(fontsize=6)
-    for ax in axes.flat[len(found) :]:
-        ax.axis("off")
-    figure.tight_layout()
-    figure.savefig(folder / "optimiser_regret.png", dpi=110)
-
-
-def _names(tables: Iterable[Table], ours: str) -> list[str]:
-    names = {name for table in tables for name in table}
-    return sorted(names, key=lambda n: (n != ours, n))
