@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import abc
 import contextlib
-import ctypes
+import functools
 import json
 import os
 import select
@@ -36,6 +36,7 @@ from tuner.missions.job import (
     record_failure,
     remove_earlier_result,
 )
+from tuner.missions.keeper import children_of, when_parent_ends
 from tuner.missions.registry import DEFAULT_FIDELITY, modules_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
@@ -86,7 +87,6 @@ class Executor(abc.ABC):
 
 
 MAX_WORKERS = 1024
-_LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
 _DUMP_S = 0.2
@@ -181,7 +181,8 @@ class LocalProcessExecutor(Executor):
             stderr=subprocess.DEVNULL,
             env=environment,
             start_new_session=True,  # Ctrl-C in the terminal reaches the campaign only
-            preexec_fn=_wake_when_parent_ends,
+            # So that one that somebody stopped, even while it imports, sees the end of its orders.
+            preexec_fn=functools.partial(when_parent_ends, signal.SIGCONT),
         )
 
     def _order(self, message: dict[str, object]) -> None:
@@ -290,29 +291,16 @@ class LocalProcessExecutor(Executor):
         server.stdout.close()
 
 
-def _wake_when_parent_ends() -> None:
-    """Ask Linux to wake a server that somebody stopped, even while it imports, so that it sees the end of its orders."""
-    _LIBC.prctl(1, signal.SIGCONT)  # PR_SET_PDEATHSIG, which an exec leaves as it is
-
-
-def _mission_of(keeper: int | None) -> list[int]:
-    """The process id of a keeper's mission; empty where there is none any more."""
-    try:
-        return [int(pid) for pid in Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()[:1]]
-    except OSError:
-        return []
-
-
 def _is_stopped(keeper: int | None) -> bool:
     with contextlib.suppress(OSError):
-        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *_mission_of(keeper))]
+        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (keeper, *children_of(keeper)[:1])]
         return any(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
     return False
 
 
 def _dump(keeper: int | None) -> None:
     """Let a mission that hangs write into its log where it is."""
-    for mission in _mission_of(keeper):
+    for mission in children_of(keeper)[:1]:
         with contextlib.suppress(ProcessLookupError):
             os.kill(mission, DUMP_SIGNAL)
             time.sleep(_DUMP_S)

@@ -18,8 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from tuner.missions.external.program import adopt_orphans
-
+_LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 LOG_BYTES = 200_000  # of what a mission prints: as much of the beginning, and of each attempt's end
 PATIENCE_S = 2.0  # with killed processes that the system has not ended yet
 _FIRST_TO_GO = (
@@ -139,7 +138,7 @@ def _end_as(status: int) -> NoReturn:
 def end_children(but: frozenset[int] = frozenset()) -> None:
     """Kill this process's children, those that it has adopted included, ``but`` some, and see them end."""
     deadline = time.monotonic() + PATIENCE_S
-    while (others := _children() - but) and time.monotonic() < deadline:
+    while (others := set(children_of(os.getpid())) - but) and time.monotonic() < deadline:
         for pid in others:
             with contextlib.suppress(ProcessLookupError, ChildProcessError):
                 os.kill(pid, signal.SIGKILL)
@@ -147,14 +146,19 @@ def end_children(but: frozenset[int] = frozenset()) -> None:
         time.sleep(0.005)
 
 
-def _children() -> set[int]:
-    """Return the process ids of this process's children; none where the kernel keeps no list of them."""
+def children_of(parent: int | None) -> list[int]:
+    """Return the process ids of a process's children, its first one first; none where it has ended, or no list of them is kept."""
     try:
-        return {int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
+        return [int(pid) for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
     except OSError:
-        return set()
+        return []
+
+
+def adopt_orphans() -> None:
+    """Ask Linux to make this process the parent of what its descendants leave behind, daemons included."""
+    _LIBC.prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
 
 
 def when_parent_ends(number: signal.Signals) -> None:
-    """Ask Linux to send this process a signal when its parent has ended, however that ends."""
-    ctypes.CDLL(None).prctl(1, number)  # PR_SET_PDEATHSIG
+    """Ask Linux to send this process a signal when its parent has ended, however that ends; an exec leaves that as it is."""
+    _LIBC.prctl(1, number)  # PR_SET_PDEATHSIG

@@ -36,9 +36,8 @@ from nbv.mission.run_directory import WORKER_LOG
 from nbv.provenance import provenance
 from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
-from tuner.missions.external.program import adopt_orphans
 from tuner.missions.job import DUMP_SIGNAL
-from tuner.missions.keeper import end_children, keep
+from tuner.missions.keeper import adopt_orphans, end_children, keep
 from tuner.missions.registry import FIDELITIES, mission_kind, modules_of
 from tuner.missions.run_job import EXIT_FAILED, run_job
 

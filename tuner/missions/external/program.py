@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import hashlib
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
 
 import msgspec
-import psutil
 
 from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_NODES, open_to_write, parse_json, read_text
 from tuner.missions.external.mission_file import MissionFile
+from tuner.missions.keeper import adopt_orphans, children_of, end_children
 
 LOG_FILE = "mission.log"
 KEPT_BYTES = 500_000
@@ -45,7 +44,7 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     command.append(f"{request.output}/{REQUEST_FILE}")
     adopt_orphans()
-    before = _descendants()
+    before = frozenset(children_of(os.getpid()))
     with open_to_write(Path(request.output, LOG_FILE)) as log:
         try:
             process = subprocess.Popen(
@@ -63,9 +62,12 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
         try:
             return process.wait(mission.time_limit_s)
         except subprocess.TimeoutExpired:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(GRACE_S)
             return None
         finally:
-            _terminate(_descendants() - before)
+            end_children(before)
             _shorten_log(log)
 
 
@@ -79,23 +81,6 @@ def _shorten_log(log: BinaryIO) -> None:
             log.truncate(KEPT_BYTES)
             log.seek(KEPT_BYTES)
             log.write(b"\n[%d bytes left out]\n" % left_out + end)
-
-
-def adopt_orphans() -> None:
-    """Ask Linux to make this process the parent of what its descendants leave behind, daemons included."""
-    ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
-
-
-def _descendants() -> set[psutil.Process]:
-    return set(psutil.Process().children(recursive=True))
-
-
-def _terminate(processes: Iterable[psutil.Process]) -> None:
-    for stop in (psutil.Process.terminate, psutil.Process.kill):
-        for process in processes:
-            with contextlib.suppress(psutil.Error):  # it has ended, or belongs to another user
-                stop(process)
-        _, processes = psutil.wait_procs(processes, timeout=GRACE_S)
 
 
 class Request(msgspec.Struct, frozen=True):
