@@ -3,8 +3,8 @@
 ``python -P -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
 it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
 the rocks that were run before in memory). Other people's planners are imported in their own missions only.
-Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
-fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
+Where one of its modules starts threads, with which forking is not safe, it begins again without any, and each mission imports
+its own. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
 ``{"event": "ready" | "started" | "exited" | "beat", ...}``. When standard input closes, i.e. the campaign ended or was
 killed, all missions are killed: none outlives its campaign.
 
@@ -22,7 +22,6 @@ import json
 import os
 import selectors
 import signal
-import subprocess
 import sys
 import traceback
 from collections.abc import Sequence
@@ -72,8 +71,10 @@ class MissionServer:
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
         _fill_caches_before_forking(preload)
+        if preload and _thread_count() > 1:
+            os.dup2(self._out.fileno(), 1)
+            os.execv(sys.executable, [sys.executable, "-P", "-m", "tuner.missions.server"])
         adopt_orphans()
-        self._fork = sys.platform.startswith("linux") and _thread_count() == 1
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
         os.set_blocking(self._wake_write, False)
@@ -83,7 +84,7 @@ class MissionServer:
 
     def serve(self) -> None:
         """Serve orders until standard input closes."""
-        self._say({"event": "ready", "fork": self._fork})
+        self._say({"event": "ready"})
         selector = selectors.DefaultSelector()
         selector.register(self._in, selectors.EVENT_READ)
         selector.register(self._wake_read, selectors.EVENT_READ)
@@ -129,20 +130,10 @@ class MissionServer:
     def _start(self, job: dict[str, Any]) -> int:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
         with open_to_write(Path(job["directory"]) / WORKER_LOG, os.O_APPEND) as log:
-            if self._fork:
-                server, pid = os.getpid(), os.fork()
-                if pid:
-                    return pid
+            server, pid = os.getpid(), os.fork()
+            if not pid:
                 self._become_keeper(job, log.fileno(), server)
-            command = [sys.executable, "-P", "-m", "tuner.missions.server", "--job"]
-            process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
-            )
-            assert process.stdin is not None
-            process.stdin.write(json.dumps(job).encode())
-            process.stdin.close()
-            process.returncode = 0  # this loop reaps it, Popen must not
-            return process.pid
+            return pid
 
     def _become_keeper(self, job: dict[str, Any], log: int, server: int) -> NoReturn:
         try:
@@ -163,9 +154,8 @@ class MissionServer:
             job = self._children.pop(pid)
             end_children(but=frozenset(self._children))
             self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
-            if status == 0 and self._fork:
+            if status == 0:
                 self._hold_rock(job)
-                self._fork = _thread_count() == 1  # should reading it have started threads
 
     def _hold_rock(self, job: dict[str, Any]) -> None:
         """Load the rock of ``job``, whose mission has ended well, so that the missions forked from now on need not.
@@ -229,9 +219,6 @@ def _thread_count() -> int:
 def main(arguments: list[str]) -> int:
     """Run ``python -m tuner.missions.server``."""
     single_thread_environment()
-    if arguments == ["--job"]:
-        job = json.loads(sys.stdin.read())
-        keep(lambda: _run_alone(job), os.dup(1), os.getppid())
     MissionServer(arguments).serve()
     os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
 

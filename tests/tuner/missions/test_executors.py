@@ -120,21 +120,24 @@ def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:
     assert executor.submitted == MAX_ATTEMPTS
 
 
-def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
-    """The path for systems without a safe fork: one interpreter per job."""
-    each = job(tmp_path)
-    each.directory.mkdir()
-    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
-    done = subprocess.run(
-        [sys.executable, "-m", "tuner.missions.server", "--job"],
-        input=json.dumps(each.to_dict()),
-        text=True,
-        env=environment,
-        check=False,
-        capture_output=True,
+def test_a_server_whose_module_starts_a_thread_begins_again_without_it(tmp_path: Path) -> None:
+    (tmp_path / "threaded.py").write_text(
+        "import threading, time\nprint('imported', flush=True)\n"
+        "threading.Thread(target=time.sleep, args=(60,), daemon=True).start()\n"
     )
-    assert done.returncode == 0, done.stderr
+    each = job(tmp_path)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    command = [sys.executable, "-P", "-m", "tuner.missions.server", "threaded"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, env=environment, text=True, **pipes) as server:
+        assert server.stdin and server.stdout and server.stderr
+        print(json.dumps({"op": "run", "job": each.to_dict()}), file=server.stdin, flush=True)
+        events = (json.loads(line) for line in server.stdout)
+        ended = next(event for event in events if event["event"] == "exited")
+        threads = len(list(Path(f"/proc/{server.pid}/task").iterdir()))
+        server.stdin.close()
+        printed = server.stderr.read()
+    assert (ended["status"], threads, printed.count("imported\n")) == (0, 1, 1)
     outcome = load_trial(each)
     assert outcome is not None and outcome.status == "ok"
 
