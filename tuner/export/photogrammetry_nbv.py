@@ -7,7 +7,6 @@ to several parameters, or the other way round, the tables name them and the code
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig
+from nbv.config.declaration import nearest
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, to_yaml
 
@@ -189,9 +189,7 @@ def read_file(path: Path, kind: str) -> dict[str, Any]:
     known = [key.path for key in keys]
     for name in values:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise UserError(f"{path}: unknown key {name!r}{hint}")
+            raise UserError(f"{path}: unknown key {name!r}; {nearest(name, known)}")
     return values
 
 

@@ -71,6 +71,22 @@ def test_the_curves_are_those_that_research_measured(strategy, arm, numbers):
         assert found[n] == pytest.approx(float(known[str(n)]), abs=6e-4)
 
 
+@pytest.mark.parametrize(("fidelity", "says"), [("photogrammetric", True), ("curve", False)])
+def test_the_first_lines_say_the_dense_stage(fidelity, says, monkeypatch, tmp_path):
+    class Begun(Exception):
+        pass
+
+    def begin(*_):
+        raise Begun
+
+    monkeypatch.setattr("tuner.commands.compare.run_evaluation", begin)
+    asked = f"compare --fidelity {fidelity} --strategy orbit --targets 1 --numbers 12,20 --workers 1 --out"
+    ended = CliRunner().invoke(app, [*shlex.split(asked), str(tmp_path)])
+    assert isinstance(ended.exception, Begun)
+    assert ("dense stage: SGBM on the CPU" in ended.output) is says
+    assert ("a mission of 20 photographs takes about" in ended.output) is says
+
+
 @pytest.mark.slow
 def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     strategies = ("random", "random-stopped", "greedy-oracle", "orbit-two", "orbit-by-height")

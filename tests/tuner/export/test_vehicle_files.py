@@ -174,7 +174,7 @@ def test_a_distance_in_unknown_units_is_never_written(write, change, key, lost, 
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("scorer: {weights: {novelti: 1}}", "did you mean weights.novelty"),
+        ("scorer: {weights: {novelti: 1}}", "did you mean 'weights.novelty'"),
         ("scorers: {}", "has no mapping scorer"),
         ("scorer: [1", "correct the YAML"),
     ],
