@@ -77,8 +77,9 @@ def _registered(
     the target in the cloud is put where the target is, then registered coarsely, then to the end.
     """
     truth_from_cloud = place_on_target(cloud.points_m, np.asarray(config.target_m))
+    bare = PointCloud(cloud.points_m)
     for reaches_m in (COARSE_REACHES_M, REACHES_M):
-        placed, _ = clean_for_evaluation(moved(cloud, truth_from_cloud), config)
+        placed, _ = clean_for_evaluation(moved(bare, truth_from_cloud), config)
         step = register_cloud(placed.points_m, truth.points_m, reaches_m)
         truth_from_cloud = step.after(truth_from_cloud)
     measured = measure(moved(placed, step))
