@@ -36,12 +36,6 @@ class Capture:
     camera_from_world: Floats  # (4, 4) rigid, OpenCV axes (x right, y down, z forward)
     image: NDArray[np.uint8] | None  # (H, W, 3) RGB; None in the geometric fidelity
 
-    @property
-    def camera_center_m(self) -> Floats:
-        """(3,) camera centre in the world frame."""
-        rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
-        return -rotation.T @ translation
-
 
 @dataclass(frozen=True)
 class SparseModel:

@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 from trimesh import creation, transformations
 
+from nbv.geometry.mesh import rest_on_ground, vertex_normals
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.mesh import rest_on_ground, vertex_normals
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
 
 EDGE_M = 0.05

@@ -23,8 +23,8 @@ from std_msgs.msg import String
 
 import nbv
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import align_umeyama, heading_to
-from nbv.sparse.alignment import Alignment, camera_centers
+from nbv.geometry.frames import align_umeyama, camera_centers_m, heading_to
+from nbv.sparse.alignment import Alignment
 from nbv.sparse.colmap import camera_from_model_poses, registered_names, to_sparse_model
 from nbv.types import SparseModel
 
@@ -35,7 +35,7 @@ def sparse_model(workspace: Path, reported_m: dict[str, np.ndarray]) -> SparseMo
         pycolmap.Reconstruction(str(folder)) for folder in sorted((workspace / "sparse").glob("[0-9]*"))
     ]
     largest = max(models, key=lambda model: model.num_reg_images())
-    centers = camera_centers(camera_from_model_poses(largest))
+    centers = camera_centers_m(camera_from_model_poses(largest))
     told_m = np.array([reported_m[Path(name).name] for name in registered_names(largest)])
     world_from_model = align_umeyama(told_m, centers)
     residuals_m = np.linalg.norm(world_from_model.apply(centers) - told_m, axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.geometry.frames import camera_center_m, intrinsic_matrix
+from nbv.geometry.frames import angle_deg, camera_centers_m, intrinsic_matrix
 from nbv.geometry.matchability import usable_angles
 from nbv.types import Floats, Floats32
 
@@ -41,13 +41,11 @@ class PosedViews:
 
     def center_m(self, name: str) -> Floats:
         """(3,) camera centre in the world frame."""
-        return camera_center_m(self.camera_from_world[name])
+        return camera_centers_m(self.camera_from_world[name])
 
     def angle_deg(self, one: str, other: str) -> float:
         """Angle at the target between the directions to two cameras (the triangulation angle)."""
-        a, b = self.center_m(one) - self.target, self.center_m(other) - self.target
-        cosine = a @ b / (np.linalg.norm(a) * np.linalg.norm(b))
-        return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        return angle_deg(self.center_m(one) - self.target, self.center_m(other) - self.target)
 
     def baseline_angle_deg(self, one: str, other: str) -> float:
         """Angle, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
+from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
@@ -24,22 +24,6 @@ CLUSTER_POINTS = 50  # voxels of 8 mm: 0.05 % of the surface of a rock of 1.6 m
 _SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE: the exact one
 _SEED = 0  # of the plane hypotheses
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
-
-
-@dataclass(frozen=True)
-class Plane:
-    """``normal . x = offset_m`` with a unit normal that points up."""
-
-    normal: Floats  # (3,)
-    offset_m: float
-
-    def signed_distance_m(self, points_m: Floats) -> Floats:
-        """(N,) distances, positive above the plane."""
-        return points_m @ self.normal - self.offset_m
-
-    def height_at_m(self, x_m: float, y_m: float) -> float:
-        """z of the plane at (x, y)."""
-        return float((self.offset_m - self.normal[0] * x_m - self.normal[1] * y_m) / self.normal[2])
 
 
 def clean_cloud(
@@ -138,12 +122,7 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) ->
     if len(lowest) < 3:
         return None
     rng = keyed_rng("ground-ransac", _SEED)
-    triples = lowest[rng.integers(len(lowest), size=(config.ground_ransac_iterations, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    proper = lengths > 1e-9
-    normals, anchors = normals[proper] / lengths[proper, None], triples[proper, 0]
-    normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
+    normals, anchors = drawn_planes(lowest, config.ground_ransac_iterations, rng)
     offsets = (normals * anchors).sum(1)
     planes = [Plane(n, float(d)) for n, d in zip(normals, offsets)]
     allowed = np.array([_is_ground(plane, config, target_m) for plane in planes], dtype=bool)
@@ -167,10 +146,9 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) ->
         counts += np.count_nonzero(np.abs(distance, out=distance) <= config.ground_ransac_threshold_m, axis=1)
     best = int(counts.argmax())
     plane = Plane(normals[best], float(offsets[best]))
-    refined = _fit(
-        low_points[np.abs(plane.signed_distance_m(low_points)) <= config.ground_ransac_threshold_m]
-    )
-    return refined if refined is not None and _is_ground(refined, config, target_m) else plane
+    inliers = low_points[np.abs(plane.signed_distance_m(low_points)) <= config.ground_ransac_threshold_m]
+    refined = fitted_plane(inliers) if len(inliers) >= 3 else plane
+    return refined if _is_ground(refined, config, target_m) else plane
 
 
 def _nearest_others(points_m: Floats, k: int) -> tuple[Floats, Ints]:
@@ -199,16 +177,6 @@ def inlier_mask(distances_m: Floats, std_ratio: float) -> Bools:
     mean = distances_m.mean(1)
     keep: Bools = mean <= mean.mean() + std_ratio * mean.std()
     return keep
-
-
-def _fit(points_m: Floats) -> Plane | None:
-    """Total-least-squares plane, or None for fewer than 3 points."""
-    if len(points_m) < 3:
-        return None
-    center = points_m.mean(0)
-    normal = np.linalg.eigh(np.cov((points_m - center).T))[1][:, 0]
-    normal = normal if normal[2] >= 0 else -normal
-    return Plane(normal, float(normal @ center))
 
 
 def _is_ground(plane: Plane, config: EvaluationConfig, target_m: Floats) -> bool:

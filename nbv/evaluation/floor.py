@@ -11,11 +11,11 @@ import numpy as np
 from nbv.cache import Store, cached_json
 from nbv.config import MissionConfig
 from nbv.evaluation.ground_truth import GroundTruthSamples, observable_mask
+from nbv.geometry.mesh import face_areas
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock
-from nbv.rocks.mesh import face_areas
 from nbv.types import Floats
 from nbv.viewpoints import camera_shell
 

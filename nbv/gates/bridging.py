@@ -8,6 +8,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.gates.base import ranking_of
+from nbv.geometry.frames import angles_deg
 from nbv.scorers.registration import registration_chance, unregistered_m
 from nbv.types import (
     CandidatePool,
@@ -63,5 +64,4 @@ def _apart_deg(a_m: Floats, b_m: Floats, config: MissionConfig) -> Floats:
     """(A, B) degrees between places (A, 3) and (B, 3), seen from the target."""
     target = np.array(config.target_m)
     a, b = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (a_m - target, b_m - target))
-    apart_deg: Floats = np.rad2deg(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
-    return apart_deg
+    return angles_deg(a, b)

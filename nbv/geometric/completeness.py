@@ -18,9 +18,9 @@ from nbv.evaluation.metric import (
 )
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld, resolution, resolved
+from nbv.geometry.frames import angles_deg
 from nbv.geometry.stereo_chance import (
     depth_probability,
-    pairwise_angles_deg,
     reconstruction_probability,
 )
 from nbv.types import Bools, Floats, Floats32, Ints
@@ -73,7 +73,7 @@ def coarse_depth(
     ``draws`` (S,) in [0, 1) decide: a place with less than a view's chance of a depth has one.
     """
     directions, incidence = _angles(world, camera_centers_m, config)
-    angle_deg = pairwise_angles_deg(directions)
+    angle_deg = angles_deg(directions, directions)
     chance = depth_probability(seen, incidence, world.sample_contrast, angle_deg, config.dense)
     view, sample = np.nonzero(chance > draws)
     return world.samples_m[sample], view

@@ -13,6 +13,7 @@ from nbv.geometric.completeness import coarse_depth, sample_probability
 from nbv.geometric.landmarks import Landmarks
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld, Point
+from nbv.geometry.frames import camera_centers_m
 from nbv.random_streams import keyed_rng
 from nbv.types import (
     Bools,
@@ -101,7 +102,8 @@ class GeometricReconstructor(Reconstructor):
         return seed.report
 
     def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
-        return self._landmarks.detected_from(capture.viewpoint, self._aim_m, capture.camera_center_m)
+        center_m = camera_centers_m(capture.camera_from_world)
+        return self._landmarks.detected_from(capture.viewpoint, self._aim_m, center_m)
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         sparse = self._config.sparse
@@ -178,7 +180,9 @@ class GeometricReconstructor(Reconstructor):
 
     def _centers_m(self) -> Floats:
         """(V, 3) of the registered cameras."""
-        return np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
+        return np.array([camera_centers_m(capture.camera_from_world) for capture in self._captures]).reshape(
+            -1, 3
+        )
 
     def _model(self) -> SparseModel:
         """Return the sparse model of the registered captures: tracks, and points with noise that falls with their rays' angle."""

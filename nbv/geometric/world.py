@@ -22,6 +22,7 @@ from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import observable_mask
 from nbv.geometry.frustum import in_frustum
+from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import (
@@ -33,7 +34,7 @@ from nbv.geometry.visibility import (
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
-from nbv.rocks.mesh import vertex_normals
+from nbv.scene.bake import direction_to_sun
 from nbv.terrain import Surroundings, joined_mesh, make_surroundings
 from nbv.types import Bools, Floats
 from nbv.viewpoints import camera_shell
@@ -287,8 +288,7 @@ class _Shading:
     """Light on the surface and the contrast that a detector finds in it."""
 
     def __init__(self, rock: Rock, config: MissionConfig, caster: RayCaster) -> None:
-        sun = np.array(config.scene.sun_travel)
-        self._to_sun = -sun / np.linalg.norm(sun)
+        self._to_sun = direction_to_sun(config.scene)
         self._ambient, self._irradiance = config.scene.ambient, config.scene.sun_irradiance
         self._caster = caster
         normals = vertex_normals(rock.vertices_m, rock.faces)

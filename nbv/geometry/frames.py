@@ -47,9 +47,39 @@ def look_at(position_m: Floats, target_m: Floats) -> Floats:
     return transform
 
 
-def camera_center_m(camera_from_world: Floats) -> Floats:
-    """(3,) camera centre in the world frame."""
-    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+def camera_centers_m(camera_from_world: Floats) -> Floats:
+    """(..., 3) camera centres of rigid transforms (..., 4, 4)."""
+    rotation, translation = camera_from_world[..., :3, :3], camera_from_world[..., :3, 3]
+    if camera_from_world.ndim == 2:
+        return -rotation.T @ translation  # its last bits are not einsum's, and earlier missions have them
+    return -np.einsum("...ji,...j->...i", rotation, translation)
+
+
+def angle_deg(a: Floats, b: Floats) -> float:
+    """Angle between two directions (3,), such as those from the target to two cameras."""
+    cosine = a @ b / (np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def angles_deg(a: Floats, b: Floats) -> Floats:
+    """(A, B) angles between unit vectors (A, 3) and (B, 3)."""
+    angles: Floats = np.rad2deg(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
+    return angles
+
+
+def azimuths_elevations_deg(directions: Floats) -> tuple[Floats, Floats]:
+    """(N,) azimuths, counter-clockwise from east and 0 to 360, and (N,) elevations of directions (N, 3)."""
+    azimuths = np.rad2deg(np.arctan2(directions[:, 1], directions[:, 0])) % 360.0
+    sines = directions[:, 2] / np.linalg.norm(directions, axis=1)
+    return azimuths, np.rad2deg(np.arcsin(np.clip(sines, -1.0, 1.0)))
+
+
+def unit_vectors(azimuth_deg: Floats, elevation_deg: Floats) -> Floats:
+    """(N, 3) directions with these azimuths, counter-clockwise from east, and elevations (N,)."""
+    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    return np.column_stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
 
 
 def invert_rigid(b_from_a: Floats) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
+from nbv.geometry.frames import angles_deg
 from nbv.geometry.matchability import usable_angles
 from nbv.types import Bools, Floats, Floats32
 
@@ -30,12 +31,6 @@ AGREEMENT = 0.893  # chance that a source view with a depth confirms
 CONFIRMING_INCIDENCE_DEG = 91.1  # at which this is half of that
 CONFIRMING_INCIDENCE_WIDTH_DEG = 25.6
 AGREEMENT_SD = 1.81  # of the number of confirming views about its expectation
-
-
-def pairwise_angles_deg(directions: Floats) -> Floats:
-    """(V, V) angles between unit vectors (V, 3)."""
-    angles: Floats = np.rad2deg(np.arccos(np.clip(directions @ directions.T, -1.0, 1.0)))
-    return angles
 
 
 def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Bools]:
@@ -76,7 +71,7 @@ def reconstruction_probability(
     if len(seen) < 2:
         return np.zeros(seen.shape[1], dtype=np.float32)
     incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
-    angle_deg = pairwise_angles_deg(directions)
+    angle_deg = angles_deg(directions, directions)
     depth = depth_probability(seen, incidence, contrast, angle_deg, dense)
 
     width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)

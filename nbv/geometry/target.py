@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Floats
 
@@ -56,31 +57,29 @@ def find_target(
     points = points[np.linalg.norm(points[:, :2] - aim[:2], axis=1) <= REACH_M]
     if len(points) < MIN_POINTS:
         return None
-    normal_offset = _ground(points)
-    if normal_offset is None:
+    ground = _ground(points)
+    if ground is None:
         return None
-    normal, offset_m = normal_offset
-    risen = points[points @ normal - offset_m > LOWEST_PART_M]
+    risen = points[ground.signed_distance_m(points) > LOWEST_PART_M]
     if len(risen) < MIN_POINTS:
         return None
     risen = risen[cKDTree(risen).query(risen, k=3)[0][:, -1] <= _COMPANION_M]
     if len(risen) < MIN_POINTS:
         return None
-    heights_m = risen @ normal - offset_m
-    members = _densest(risen[:, :2], heights_m, aim[:2])
+    members = _densest(risen[:, :2], ground.signed_distance_m(risen), aim[:2])
     if np.count_nonzero(members) < MIN_POINTS:
         return None
     low, high = np.percentile(risen[members], [1.0, 99.0], axis=0)
     center = (low + high) / 2
     if cameras_m is not None:
         center[:2] = _as_deep_as_wide(risen[members][:, :2], center[:2], cameras_m[:, :2])
-    ground_z_m = (offset_m - normal[:2] @ center[:2]) / normal[2]
+    ground_z_m = float((ground.offset_m - ground.normal[:2] @ center[:2]) / ground.normal[2])
     center[2] = (ground_z_m + high[2]) / 2
     half_m = max(float((high - low)[:2].max()) / 2, float(high[2] - ground_z_m) / 2)
     if not MIN_HALF_EXTENT_M <= half_m <= MAX_HALF_EXTENT_M:
         return None
     x, y, z = (float(v) for v in center)
-    return FoundTarget((x, y, z), half_m, float(ground_z_m))
+    return FoundTarget((x, y, z), half_m, ground_z_m)
 
 
 def _as_deep_as_wide(places_m: Floats, center_m: Floats, cameras_m: Floats) -> Floats:
@@ -143,28 +142,18 @@ def _most_votes(places_m: Floats, heights_m: Floats, aim_m: Floats) -> int:
     return best
 
 
-def _ground(points: Floats) -> tuple[Floats, float] | None:
-    """Unit normal (3,) that points up, and offset, of the ground; None where no plane is like one."""
-    rng = keyed_rng("target-ground", len(points))
-    triples = points[rng.integers(len(points), size=(_TRIALS, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals = normals / lengths[:, None]
-    normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
-    level = (lengths > 1e-6) & (normals[:, 2] >= np.cos(np.deg2rad(MAX_TILT_DEG)))
-    normals, anchors = normals[level], triples[level, 0]
+def _ground(points: Floats) -> Plane | None:
+    """The ground; None where no plane is like it."""
+    level = np.cos(np.deg2rad(MAX_TILT_DEG))
     best, plane = 0, None
-    for normal, anchor in zip(normals, anchors):
+    for normal, anchor in zip(*drawn_planes(points, _TRIALS, keyed_rng("target-ground", len(points)))):
+        if normal[2] < level:
+            continue
         height_m = (points - anchor) @ normal
         inliers = int(np.count_nonzero(np.abs(height_m) <= GROUND_BAND_M))
         if inliers > best and np.mean(height_m < -GROUND_BAND_M) <= MAX_BELOW:
-            best, plane = inliers, (normal, float(normal @ anchor))
+            best, plane = inliers, Plane(normal, float(normal @ anchor))
     if plane is None:
         return None
-    flat = points[np.abs(points @ plane[0] - plane[1]) <= GROUND_BAND_M]
-    normal = np.linalg.eigh(np.cov((flat - flat.mean(0)).T))[1][:, 0]
-    normal = normal if normal[2] >= 0 else -normal
-    if normal[2] < np.cos(np.deg2rad(MAX_TILT_DEG)):
-        return plane
-    return normal, float(normal @ flat.mean(0))
+    refined = fitted_plane(points[np.abs(plane.signed_distance_m(points)) <= GROUND_BAND_M])
+    return refined if refined.normal[2] >= level else plane

@@ -19,6 +19,7 @@ from nbv.dense.stereo import points_to_search, sgbm_depth_maps
 from nbv.dense.views import shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.cleaning import inlier_mask, select
+from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.target import GROUND_BAND_M
 from nbv.memory import give_back_freed_memory
@@ -33,7 +34,6 @@ from nbv.photographs.photograph_set import (
     read_mask,
 )
 from nbv.rocks import Rock
-from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.rocks.rock import make_rock
 from nbv.rocks.texture import linear_from_srgb
 from nbv.types import Floats, PointCloud
@@ -237,7 +237,7 @@ def surface_of(reference: Reference, name: str, height_m: float) -> Rock:
     if len(faces) < 100:
         raise UserError("the reference has too few points for a surface; give more photographs of the object")
     # Albedo rides along as three more coordinates.
-    albedo = linear_from_srgb(reference.colors[nearest] / 255.0)
+    albedo = linear_from_srgb((reference.colors[nearest] / 255.0).astype(np.float32))
     values, faces = drop_unused_vertices(np.hstack([vertices, albedo]), faces)
     return make_rock(
         name,

@@ -27,7 +27,7 @@ from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.convert import converted
 from nbv.errors import UserError
-from nbv.geometry.frames import camera_center_m
+from nbv.geometry.frames import azimuths_elevations_deg, camera_centers_m
 from nbv.rocks.catalogue import check_name
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text, write_atomic
 from nbv.types import Bools, Floats
@@ -77,7 +77,7 @@ class Photograph:
         """(3,) where it was taken; only of a registered one."""
         if self.camera_from_world is None:
             raise ValueError(f"{self.name} is not registered")
-        return camera_center_m(self.camera_from_world)
+        return camera_centers_m(self.camera_from_world)
 
 
 @dataclass(frozen=True)
@@ -179,14 +179,13 @@ class PhotographSet:
     def coverage(self) -> Coverage:
         """Azimuth, elevation and distance of the registered photographs about the object's centre."""
         offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
-        distances = np.linalg.norm(offsets, axis=1)
-        azimuths = np.rad2deg(np.arctan2(offsets[:, 1], offsets[:, 0])) % 360
-        elevations = np.rad2deg(np.arcsin(np.clip(offsets[:, 2] / distances, -1, 1)))
+        azimuths, elevations = azimuths_elevations_deg(offsets)
         around = np.sort(azimuths)
         steps = np.diff(np.append(around, around[0] + 360))
         wide = [i for i in np.argsort(-steps) if steps[i] > WIDE_GAP_DEG]
         gaps = tuple((float(around[i]), float((around[i] + steps[i]) % 360)) for i in wide)
-        return Coverage(tuple(p.name for p in self.registered), azimuths, elevations, distances, gaps)
+        names = tuple(p.name for p in self.registered)
+        return Coverage(names, azimuths, elevations, np.linalg.norm(offsets, axis=1), gaps)
 
     @property
     def target_m(self) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
-from nbv.geometry.frames import Similarity
+from nbv.geometry.frames import Similarity, camera_centers_m
 from nbv.photographs.import_source import ImportSource
 from nbv.sparse.colmap import CAMERA_ID, camera_from_world_poses, colmap_camera
 from nbv.types import Floats, Ints
@@ -37,7 +37,7 @@ class SolvedModel:
     @property
     def centers(self) -> Floats:
         """(M, 3) camera centres."""
-        return -np.einsum("mji,mj->mi", self.poses[:, :3, :3], self.poses[:, :3, 3])
+        return camera_centers_m(self.poses)
 
     @property
     def axes(self) -> Floats:

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import heading_to
+from nbv.geometry.frames import angles_deg, azimuths_elevations_deg, heading_to, unit_vectors
 from nbv.random_streams import keyed_rng
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
 from nbv.viewpoints import ViewpointSource, seed_viewpoints
@@ -40,8 +40,7 @@ class PhotographViewpoints(ViewpointSource):
         self.positions_m = np.asarray(positions_m, dtype=float).reshape(-1, 3)
         offset = self.positions_m - np.asarray(target_m)
         self.directions = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-        self.azimuths_deg = np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0])) % 360.0
-        self.elevations_deg = np.rad2deg(np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0)))
+        self.azimuths_deg, self.elevations_deg = azimuths_elevations_deg(offset)
         self.turn_deg = (
             float(keyed_rng("photographs-turn", key, replicate).uniform(0.0, 360.0)) if replicate else 0.0
         )
@@ -86,29 +85,23 @@ class PhotographViewpoints(ViewpointSource):
                 f"the configuration has {len(asked)} seeds, and {len(self.positions_m)} photographs may be taken; "
                 "lower seed.count",
             )
-        azimuth, elevation = (
-            np.deg2rad([getattr(v, name) for v in asked]) for name in ("azimuth_deg", "elevation_deg")
-        )
-        azimuth = azimuth - np.deg2rad(self.turn_deg)
-        wanted = np.column_stack(
-            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-        )
-        angle_deg = np.rad2deg(np.arccos(np.clip(wanted @ self.directions.T, -1.0, 1.0)))
+        azimuth_deg, elevation_deg = np.array([(v.azimuth_deg, v.elevation_deg) for v in asked]).T
+        angle_deg = angles_deg(unit_vectors(azimuth_deg - self.turn_deg, elevation_deg), self.directions)
         rows, columns = linear_sum_assignment(angle_deg**2)
         near = angle_deg[rows, columns] <= SEED_CAP_DEG
         if near.sum() < max(3, (1.0 - MOST_MISSING) * len(asked)):
             raise MissionFailure(
                 "not_photographed",
                 f"only {near.sum()} of the {len(asked)} seeds have a photograph within {SEED_CAP_DEG:g} degrees: "
-                f"they ask for elevations of {np.rad2deg(elevation.min()):.0f} to {np.rad2deg(elevation.max()):.0f} "
+                f"they ask for elevations of {elevation_deg.min():.0f} to {elevation_deg.max():.0f} "
                 f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
         found = []
         for number, column in enumerate(columns[near].tolist(), first):
             x, y, z = self.positions_m[column].tolist()
-            azimuth_deg, elevation_deg = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
-            found.append(Viewpoint(f"seed_{number:02d}", (x, y, z), azimuth_deg, elevation_deg, "seed"))
+            angles = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
+            found.append(Viewpoint(f"seed_{number:02d}", (x, y, z), *angles, "seed"))
         return found
 
     def _require_candidates(self, config: MissionConfig) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
-from nbv.rocks.mesh import weighted_normals
+from nbv.geometry.mesh import weighted_normals
 from nbv.types import Bools, Floats, Ints
 
 SPECK = 0.01  # of the surface

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from nbv.rocks.errors import UnusableMesh
 from nbv.rocks.gltf_numbers import MOVED, plain_gltf
-from nbv.rocks.mesh import UnusableMesh
 from nbv.safe_files import MIB, parse_json, require
 
 MAX_HEADER_BYTES = 64 * MIB

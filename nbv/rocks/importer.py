@@ -12,11 +12,11 @@ import lazy_loader
 import numpy as np
 
 from nbv.errors import UserError
+from nbv.geometry import mesh as meshes
 from nbv.geometry.frames import Similarity
-from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.bodies import check_keep, kept_bodies
-from nbv.rocks.mesh import UnusableMesh
+from nbv.rocks.errors import UnusableMesh
 from nbv.rocks.mesh_file import GLTF, FileMesh, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side

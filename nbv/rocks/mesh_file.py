@@ -15,8 +15,9 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from nbv.errors import UserError
+from nbv.geometry.mesh import drop_unused_vertices
+from nbv.rocks.errors import UnusableMesh
 from nbv.rocks.gltf import checked_gltf
-from nbv.rocks.mesh import UnusableMesh, drop_unused_vertices
 from nbv.rocks.texture import Linear, linear_from_srgb, linear_image
 from nbv.safe_files import read_bytes, require
 from nbv.types import Floats, Ints
@@ -242,7 +243,7 @@ class _Colors:
         if self._linear and own is not None:
             colors[:] = own
         elif own is not None and picture is None:
-            colors[:] = linear_from_srgb(own)
+            colors[:] = linear_from_srgb(own.astype(np.float32))
         uv: Any = getattr(part.visual, "uv", None)
         texture = -1
         if picture is not None and (uv is None or len(uv) != len(colors) or not np.isfinite(uv).all()):

@@ -8,11 +8,11 @@ import numpy as np
 from skimage.measure import marching_cubes
 
 from nbv.cache import Store
+from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.plugins import sources
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
 from nbv.rocks.kept import kept_rock
-from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock

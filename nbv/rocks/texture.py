@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +14,22 @@ from nbv.safe_files import require
 from nbv.types import Floats, Floats32
 
 Linear = Floats32
+Real = TypeVar("Real", np.float32, np.float64)
 FORMATS = ("PNG", "JPEG", "MPO", "WEBP", "TIFF", "BMP", "TGA", "GIF", "DDS", "JPEG2000")
 MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
 
 
-def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
-    """Linear reflectance 0..1 from sRGB-encoded values 0..1 (IEC 61966-2-1)."""
-    v = np.asarray(values, dtype=np.float32)
-    high = ((np.maximum(v, np.float32(0.04045)) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
-    return np.where(v <= 0.04045, v / np.float32(12.92), high).astype(np.float32)
+def linear_from_srgb(values: NDArray[Real]) -> NDArray[Real]:
+    """Linear reflectance 0..1 from sRGB-encoded values 0..1 (IEC 61966-2-1), in their precision."""
+    high = ((np.maximum(values, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.where(values <= 0.04045, values / 12.92, high)
+
+
+def srgb_from_linear(radiance: NDArray[Real]) -> NDArray[Real]:
+    """The inverse of `linear_from_srgb`, clipped to 0..1."""
+    r = np.clip(radiance, 0.0, 1.0)
+    return np.where(r <= 0.0031308, 12.92 * r, 1.055 * np.maximum(r, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def linear_image(image: Image.Image) -> Linear:
@@ -35,7 +43,7 @@ def linear_image(image: Image.Image) -> Linear:
     if image.mode[0] in "IF":
         raise ValueError("its pixels have 16 or 32 bits; export it with 8")
     require(image.width * image.height, MAX_PIXELS, "the texture's number of pixels")
-    table = linear_from_srgb(np.arange(256) / 255.0)
+    table = linear_from_srgb((np.arange(256) / 255.0).astype(np.float32))
     return table[np.asarray(image.convert("RGB"))]
 
 

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, cached, digest
 from nbv.config import RENDERERS, CameraConfig, SceneConfig
+from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
-from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.rock import Rock
+from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.ground import GroundSpec, synthesise_ground
-from nbv.scene.view import Renderer, linear_from_srgb
+from nbv.scene.view import Renderer
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined_mesh
 from nbv.types import Floats, Floats32
 
@@ -114,7 +115,7 @@ def build_scene(
         rock_light["radiance"],
         spec,
         tuple(levels),
-        linear_from_srgb(config.sky_grey),
+        float(linear_from_srgb(np.array(config.sky_grey))),
         camera,
         part_ends,
         relief,

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
+from nbv.rocks.texture import srgb_from_linear
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
-from nbv.scene.view import camera_position, grey_levels, srgb_from_linear
+from nbv.scene.view import camera_position, grey_levels
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nbv.cache import Store
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry.frames import look_at
+from nbv.geometry.frames import look_at, unit_vectors
 from nbv.rocks.rock import Rock
 from nbv.scene.bake import build_scene, make_renderer
 
@@ -24,10 +24,7 @@ def preview(rock: Rock, store: Store | None = None) -> NDArray[np.uint8]:
     renderer = make_renderer(build_scene(rock, config, camera, store=store), config.backend)
     target = np.array([0.0, 0.0, float(np.max(rock.vertices_m[:, 2])) / 2])
     cells = []
-    for azimuth, elevation in np.radians(VIEWS_DEG):
-        outward = np.array(
-            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-        )
+    for outward in unit_vectors(*np.array(VIEWS_DEG).T):
         picture = renderer.rgb(look_at(target + RADIUS_M * outward, target))
         cells.append(np.pad(picture, ((0, GAP_PX), (0, GAP_PX), (0, 0)), constant_values=255))
     renderer.close()

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig, SceneConfig
 from nbv.random_streams import keyed_rng
+from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.lens import Lens
-from nbv.scene.view import Renderer, grey_levels, linear_from_srgb
+from nbv.scene.view import Renderer, grey_levels
 from nbv.types import Floats, Floats32
 
-_RADIANCE = np.array([linear_from_srgb(level / 255) for level in range(256)], dtype=np.float32)
+_RADIANCE = linear_from_srgb(np.arange(256) / 255).astype(np.float32)
 _SAMPLES_PER_PX = 32  # along a streak
 NEAREST_M = 0.1  # a target nearer than this, or behind the camera, blurs as if it were there
 

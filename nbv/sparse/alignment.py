@@ -13,7 +13,7 @@ import numpy as np
 
 from nbv.config import TelemetryConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import Similarity, align_umeyama
+from nbv.geometry.frames import Similarity, align_umeyama, camera_centers_m
 from nbv.types import Floats, Ints
 
 MIN_CAMERAS = 3
@@ -49,12 +49,6 @@ class Alignment:
         return np.setdiff1d(np.arange(len(self.residuals_m)), self.inliers)
 
 
-def camera_centers(camera_from_frame: Floats) -> Floats:
-    """(M, 3) camera centres of (M, 4, 4) rigid transforms."""
-    rotation, translation = camera_from_frame[:, :3, :3], camera_from_frame[:, :3, 3]
-    return -np.einsum("mji,mj->mi", rotation, translation)
-
-
 def outlier_limit_m(rms_m: float, max_alignment_rms_m: float) -> float:
     """Residual (m) beyond which a camera is an outlier: 5 times the rest's, but never below the tolerance."""
     return max(OUTLIER_FACTOR * rms_m, max_alignment_rms_m)
@@ -76,7 +70,7 @@ def align_cameras(
     `MissionFailure` ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in agreement, or a
     residual beyond ``max_rms_m``.
     """
-    source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
+    source, target = camera_centers_m(camera_from_model), camera_centers_m(camera_from_world)
     count = len(source)
     if count < MIN_CAMERAS:
         raise MissionFailure("wrong_model", f"only {count} cameras are registered, alignment needs 3")
@@ -138,7 +132,7 @@ def turned_by_attitude(
     Least squares in the chordal metric, ``|R - R_i|^2 = 2 angle^2``: orthogonal Procrustes on the weighted sum of both
     kinds of residuals, at the scale of ``world_from_model``; then scale and translation for that rotation.
     """
-    source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
+    source, target = camera_centers_m(camera_from_model), camera_centers_m(camera_from_world)
     x, y = source - source.mean(0), target - target.mean(0)
     by_attitude = np.einsum("mji,mjk->ik", camera_from_world[:, :3, :3], camera_from_model[:, :3, :3])
     position_variance_m2 = sum(telemetry.covariance_m2) / 3

@@ -10,9 +10,9 @@ import numpy as np
 import pycolmap
 
 from nbv.config import CameraConfig
-from nbv.geometry.frames import Similarity
+from nbv.geometry.frames import Similarity, camera_centers_m
 from nbv.safe_files import require_whole, write_atomic
-from nbv.sparse.alignment import Alignment, camera_centers
+from nbv.sparse.alignment import Alignment
 from nbv.types import Floats, SparseModel
 
 CAMERA_ID = 1  # every photograph of a mission comes from one camera
@@ -72,7 +72,7 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
         reprojection_error_px=np.array([point.error for point in points]),
         track_offsets=np.cumsum([0, *map(len, tracks)], dtype=np.int64),
         track_cameras=np.searchsorted(image_ids, [image_id for track in tracks for image_id in track]),
-        camera_centers_m=camera_centers(poses),
+        camera_centers_m=camera_centers_m(poses),
         camera_names=registered_names(reconstruction),
         alignment_rms_m=alignment.rms_m,
         alignment_max_m=alignment.max_m,

@@ -1,4 +1,4 @@
-"""Which pairs to match, descriptor matching, and two-view verification: pure functions of two photographs."""
+"""Descriptor matching and two-view verification: pure functions of two photographs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.colmap import colmap_camera
 from nbv.sparse.features import Features
-from nbv.types import Floats
 
 MAX_DISTANCE_RAD = 0.7  # COLMAP's default largest angle between matching descriptors
 _NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512 as uint8
@@ -30,13 +29,6 @@ class VerifiedPair:
 
     def __len__(self) -> int:
         return len(self.matches)
-
-
-def pair_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> float:
-    """Angle (deg) at the target between two camera centres, i.e. between their viewing directions."""
-    a = np.asarray(center_a_m, float) - np.asarray(target_m, float)
-    b = np.asarray(center_b_m, float) - np.asarray(target_m, float)
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
 def nearest_two(

@@ -11,7 +11,8 @@ import pycolmap
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
-from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
+from nbv.geometry.frames import angle_deg, camera_centers_m
+from nbv.sparse.alignment import Alignment, align_cameras, outlier_limit_m, turns_deg
 from nbv.sparse.colmap import (
     camera_from_model_poses,
     camera_from_world_poses,
@@ -24,7 +25,6 @@ from nbv.sparse.colmap import (
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.features import Features
 from nbv.sparse.mapper import IncrementalModel
-from nbv.sparse.matching import pair_angle_deg
 from nbv.types import Capture, Floats, UpdateReport
 
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
@@ -193,8 +193,9 @@ class SparseReconstructor:
 
     def _partners(self, capture: Capture) -> list[int]:
         """Ids of the earlier captures to match with: nearest viewing directions first, ties by age."""
+        sight = camera_centers_m(capture.camera_from_world) - self.target_m
         angles_deg = [
-            pair_angle_deg(old.camera_center_m, capture.camera_center_m, self.target_m)
+            angle_deg(camera_centers_m(old.camera_from_world) - self.target_m, sight)
             for old in self._captures
         ]
         near = [i for i, angle in enumerate(angles_deg) if angle <= self.config.max_pair_angle_deg]
@@ -235,7 +236,7 @@ class SparseReconstructor:
             prior = pycolmap.PosePrior()
             prior.pose_prior_id = image_id
             prior.corr_data_id = reconstruction.image(image_id).data_id
-            prior.position = self._captures[image_id - 1].camera_center_m
+            prior.position = camera_centers_m(self._captures[image_id - 1].camera_from_world)
             prior.position_covariance = np.diag(self.telemetry.covariance_m2)
             prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
             priors.append(prior)
@@ -251,8 +252,9 @@ class SparseReconstructor:
     def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
         """Whether a pose just found agrees with telemetry as the other cameras do."""
         pose = reconstruction.image(image_id).cam_from_world().matrix()[None]
-        center = self.alignment.world_from_model.apply(camera_centers(pose))[0]
-        residual_m = float(np.linalg.norm(center - self._captures[image_id - 1].camera_center_m))
+        center = self.alignment.world_from_model.apply(camera_centers_m(pose))[0]
+        told = camera_centers_m(self._captures[image_id - 1].camera_from_world)
+        residual_m = float(np.linalg.norm(center - told))
         limit_m = outlier_limit_m(self.alignment.rms_m, self.tolerance_m)
         if residual_m <= limit_m:
             return ""

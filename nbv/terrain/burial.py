@@ -8,8 +8,8 @@ import numpy as np
 
 from nbv.config import GroundConfig, MissionConfig
 from nbv.errors import UserError
+from nbv.geometry.mesh import drop_unused_vertices
 from nbv.rocks import Rock
-from nbv.rocks.mesh import drop_unused_vertices
 from nbv.rocks.rock import make_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import Floats, Ints

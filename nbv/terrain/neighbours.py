@@ -11,10 +11,10 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import GroundConfig, canonical
 from nbv.errors import UserError
+from nbv.geometry.mesh import vertex_normals
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.terrain.relief import Relief, relief_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
-from nbv.geometry.frames import intrinsic_matrix, look_at
+from nbv.geometry.frames import camera_centers_m, intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
 from nbv.stopwatch import Stopwatch
@@ -59,7 +59,7 @@ class LabelledPoints:
             in_camera = self.points_m @ capture.camera_from_world[:3, :3].T + capture.camera_from_world[:3, 3]
             pixels = in_camera @ matrix.T
             pixels = pixels[:, :2] / pixels[:, 2:]
-            towards = capture.camera_center_m - self.points_m
+            towards = camera_centers_m(capture.camera_from_world) - self.points_m
             towards /= np.linalg.norm(towards, axis=1, keepdims=True)
             seen = (
                 ((towards * outward).sum(1) > threshold)
@@ -71,7 +71,7 @@ class LabelledPoints:
             noise = np.random.default_rng(100 + index).normal(0, noise_px, (len(labels), 2))
             self.labels[index] = labels
             self.pixels[index] = pixels[labels] + noise
-            self.centers[index] = capture.camera_center_m
+            self.centers[index] = camera_centers_m(capture.camera_from_world)
 
     def features(self, image: np.ndarray) -> Features:
         index = int(image[0, 0, 0])

@@ -12,7 +12,7 @@ from nbv.dense.stereo import (
     sgbm_depth_maps,
 )
 from nbv.dense.views import PosedViews
-from nbv.geometry.frames import camera_center_m, look_at
+from nbv.geometry.frames import camera_centers_m, look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)
@@ -68,7 +68,9 @@ def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
         true = scene.depths[name]
         v, u = np.indices(true.shape)
         on_sphere = np.hypot(u - 159.5, v - 119.5) < 35
-        baseline = np.linalg.norm(camera_center_m(scene.poses[name]) - camera_center_m(scene.poses[partner]))
+        baseline = np.linalg.norm(
+            camera_centers_m(scene.poses[name]) - camera_centers_m(scene.poses[partner])
+        )
         error = (scene.camera.focal_px * baseline * np.abs(1 / depth - 1 / true))[on_sphere]
         known = np.isfinite(error)
         assert known.mean() > completeness, name

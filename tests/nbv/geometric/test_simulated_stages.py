@@ -11,9 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import PosedViews
 from nbv.geometric.tracks import Tracks
-from nbv.geometry.frames import look_at
+from nbv.geometry.frames import angles_deg, look_at
 from nbv.geometry.stereo_chance import (
-    pairwise_angles_deg,
     reconstruction_probability,
     source_view_mask,
     stereo_partners,
@@ -59,7 +58,7 @@ def test_partners_and_source_views_are_those_of_the_dense_stage(seed, n):
     poses = {f"{i:02d}": look_at(target + 3.5 * d, target) for i, d in enumerate(directions)}
     config = DenseConfig(consistency_views=6)
     views = PosedViews({}, poses, CameraConfig(), target, config)
-    angles = pairwise_angles_deg(directions)
+    angles = angles_deg(directions, directions)
     partner, usable = stereo_partners(angles, config)
     sources = source_view_mask(angles, config.consistency_views)
     for i in range(n):

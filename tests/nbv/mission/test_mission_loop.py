@@ -10,6 +10,7 @@ from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
 from nbv.geometric.mission import PoseCamera
+from nbv.geometry.frames import camera_centers_m
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.stopwatch import Stopwatch
@@ -47,7 +48,7 @@ class CountingReconstructor:
 
     def partial_model(self, captures):
         self.partial_captures = [capture.name for capture in captures]
-        self.centers = [capture.camera_center_m for capture in captures]
+        self.centers = [camera_centers_m(capture.camera_from_world) for capture in captures]
         model, self.centers = self._model(), []
         return model
 
@@ -66,7 +67,7 @@ class CountingReconstructor:
 
     def _take(self, capture):
         self.names.append(capture.name)
-        self.centers.append(capture.camera_center_m)
+        self.centers.append(camera_centers_m(capture.camera_from_world))
 
 
 class LoopResult(NamedTuple):

@@ -8,6 +8,7 @@ from test_mission_loop import CountingReconstructor, made
 
 from nbv.config import MissionConfig, preset
 from nbv.flight import Flight
+from nbv.geometry.frames import camera_centers_m
 from nbv.mission.target_prior import with_target_error, with_target_found
 from nbv.types import SparseModel
 
@@ -54,7 +55,7 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     for capture in mission.captures[24:]:  # 3.5 m from where the target was found, and aimed at it
         delta_m = np.array(mission.config.target_m) - capture.viewpoint.position_m
         assert np.linalg.norm(delta_m) == pytest.approx(3.5)
-        aim = np.array(mission.config.target_m) - capture.camera_center_m
+        aim = np.array(mission.config.target_m) - camera_centers_m(capture.camera_from_world)
         assert capture.camera_from_world[2, :3] @ aim == pytest.approx(np.linalg.norm(aim))
     assert mission.recorder.notes == []
 
@@ -70,7 +71,7 @@ def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     for k, capture in enumerate(mission.captures):
         about_m = np.array(config.target_m) if k < 6 else found_m
         assert np.linalg.norm(about_m - capture.viewpoint.position_m) == pytest.approx(4.0)
-        aim_m = about_m - capture.camera_center_m
+        aim_m = about_m - camera_centers_m(capture.camera_from_world)
         assert capture.camera_from_world[2, :3] @ aim_m == pytest.approx(np.linalg.norm(aim_m))
     mission.look_for_target(model)  # with all of them it is found again
     np.testing.assert_allclose(mission.config.target_m, found_m, atol=0.05)

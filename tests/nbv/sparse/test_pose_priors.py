@@ -11,8 +11,7 @@ from sparse_world import LabelledPoints, mission, ring_captures
 
 from nbv.config import TELEMETRY_LEVELS, SparseConfig, TelemetryConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import align_umeyama
-from nbv.sparse.alignment import camera_centers
+from nbv.geometry.frames import align_umeyama, camera_centers_m
 from nbv.sparse.colmap import camera_from_model_poses
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture
@@ -50,9 +49,9 @@ def test_half_a_metre_of_noise_is_no_wrong_model() -> None:
 def test_priors_put_the_model_where_telemetry_says() -> None:
     captures = reported(0.02)
     sparse = bootstrapped(captures, TELEMETRY_LEVELS["rtk"])
-    own = camera_centers(camera_from_model_poses(sparse.reconstruction))  # COLMAP's frame, nothing aligned
-    told = np.array([c.camera_center_m for c in captures])
-    true = np.array([c.camera_center_m for c in SEEDS])
+    own = camera_centers_m(camera_from_model_poses(sparse.reconstruction))  # COLMAP's frame, nothing aligned
+    told = np.array([camera_centers_m(c.camera_from_world) for c in captures])
+    true = np.array([camera_centers_m(c.camera_from_world) for c in SEEDS])
     assert np.sqrt(((own - told) ** 2).sum(axis=1).mean()) < 0.05
     # Pixels hold the shape: it is far better than the positions that were told.
     shape_m = np.linalg.norm(align_umeyama(true, own).apply(own) - true, axis=1)
@@ -94,5 +93,7 @@ def test_few_shared_points_join_a_later_photograph(level, turned_deg, joins):
     assert report.registered == joins
     assert report.model.camera_names == (*before.camera_names, *[SEEDS[15].name] * joins)
     if joins:
-        errors_m = report.model.camera_centers_m - np.array([c.camera_center_m for c in SEEDS])
+        errors_m = report.model.camera_centers_m - np.array(
+            [camera_centers_m(c.camera_from_world) for c in SEEDS]
+        )
         assert np.linalg.norm(errors_m, axis=1).max() < 0.02

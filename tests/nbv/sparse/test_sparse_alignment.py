@@ -7,7 +7,8 @@ from sparse_world import ring_captures
 
 from nbv.config import TELEMETRY_LEVELS
 from nbv.errors import MissionFailure
-from nbv.sparse.alignment import align_cameras, camera_centers
+from nbv.geometry.frames import camera_centers_m
+from nbv.sparse.alignment import align_cameras
 from nbv.sparse.colmap import camera_from_world_poses
 
 TELEMETRY = np.array([c.camera_from_world for c in ring_captures(24)])
@@ -90,7 +91,7 @@ def test_attitudes_hold_the_turn_that_drift_would_give():
     errors_deg = {False: [], True: []}
     for _ in range(20):
         reported = TELEMETRY.copy()
-        centers = camera_centers(TELEMETRY) + rng.normal(0, 0.5, (len(TELEMETRY), 3))
+        centers = camera_centers_m(TELEMETRY) + rng.normal(0, 0.5, (len(TELEMETRY), 3))
         turns = Rotation.from_rotvec(np.deg2rad(rng.normal(0, 1.0, (len(TELEMETRY), 3)))).as_matrix()
         reported[:, :3, :3] = turns @ TELEMETRY[:, :3, :3]
         reported[:, :3, 3] = -np.einsum("mij,mj->mi", reported[:, :3, :3], centers)

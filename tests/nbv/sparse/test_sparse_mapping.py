@@ -11,6 +11,7 @@ import pytest
 from sparse_world import CAMERA, CONFIG, LabelledPoints, mission, ring_captures
 
 from nbv.errors import MissionFailure, UserError
+from nbv.geometry.frames import camera_centers_m
 from nbv.sparse.colmap import to_sparse_model
 from nbv.sparse.reconstructor import SparseReconstructor
 
@@ -35,7 +36,7 @@ def reconstructed():
 
 
 def camera_errors_m(model, captures):
-    truth = {c.name: c.camera_center_m for c in captures}
+    truth = {c.name: camera_centers_m(c.camera_from_world) for c in captures}
     return np.array(
         [np.linalg.norm(c - truth[n]) for c, n in zip(model.camera_centers_m, model.camera_names)]
     )

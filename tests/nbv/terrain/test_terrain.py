@@ -9,7 +9,7 @@ import trimesh
 from nbv.config import GroundConfig, MissionConfig
 from nbv.errors import UserError
 from nbv.evaluation.ground_truth import build_ground_truth
-from nbv.rocks.mesh import face_areas
+from nbv.geometry.mesh import face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
 from nbv.terrain import buried_rock, make_relief, neighbour_cylinders

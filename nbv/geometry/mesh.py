@@ -1,4 +1,4 @@
-"""What trimesh does otherwise, or too slowly: normals weighted by area, bodies joined by any edge, placement."""
+"""What trimesh does otherwise, or too slowly: areas, normals weighted by area, bodies joined by any edge, placement."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from nbv.types import Floats, Ints
-
-
-class UnusableMesh(Exception):
-    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
 
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
