@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from nbv.config import MissionConfig, preset
-from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.result import MissionResult
-from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 from nbv.types import Capture, Cloud, SparseModel, UpdateReport
 from research.other_shapes import SHAPES, load_shape

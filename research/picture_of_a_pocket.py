@@ -17,7 +17,7 @@ import trimesh
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.gates.ground_truth import GroundTruthOracle
-from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.planner import Planner
 from nbv.rocks import load_coarse_rock
 from nbv.scorers.prediction import predict, predict_carved

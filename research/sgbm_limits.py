@@ -27,7 +27,7 @@ from nbv.dense.stereo import sgbm_depth_maps
 from nbv.dense.views import PosedViews
 from nbv.evaluation import evaluate_cloud
 from nbv.mission.function import no_log
-from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.stopwatch import Stopwatch
 from tuner.campaign.settings_file import QUICK
 from tuner.problem.baselines import BASELINES

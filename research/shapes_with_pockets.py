@@ -18,7 +18,7 @@ import numpy as np
 
 import nbv.geometric.reconstructor as geometric
 from nbv.config import MissionConfig, load_conditions, under
-from nbv.geometric.curve import run_curve_mission
+from nbv.geometric.curve_fidelity import run_curve_mission
 from nbv.photogrammetric import PhotogrammetricReconstructor, run_photogrammetric_mission
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES
 from tuner.comparison.curves import Suite, comparison_plans

@@ -5,6 +5,6 @@ replaced by ray-cast visibility, simulated tracks and a predicted completeness. 
 its numbers are not those of a photogrammetric mission.
 """
 
-from nbv.geometric.mission import run_geometric_mission
+from nbv.geometric.geometric_fidelity import run_geometric_mission
 
 __all__ = ["run_geometric_mission"]

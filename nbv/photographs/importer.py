@@ -97,7 +97,7 @@ def import_photographs(
     model, source, solved_notes = solve(source, options.model)
     scale = find_scale(model, source, options.height_m, marked)
     frame = find_object(model, source, scale.up)
-    model = model.moved(frame.set_from_model)
+    model = model.moved(frame.frame_from_model)
     pinhole = common_pinhole(model.cameras)
     sets_folder().mkdir(parents=True, exist_ok=True)
     for left in sets_folder().glob(f".{name}.*"):  # by an import that was killed; no name has a full stop
@@ -134,7 +134,7 @@ def import_photographs(
             photographs=_records(source, model, folder),
             height_m=height,
             extents_m=(width, depth, height),
-            metres_per_unit=scale.metres_per_unit(frame.set_from_model.scale * placed.scale, height),
+            metres_per_unit=scale.metres_per_unit(frame.frame_from_model.scale * placed.scale, height),
             scale_source=scale.source,
             reference_error_m=float(np.median(error_m)),
             halves=agreement,

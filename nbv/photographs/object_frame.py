@@ -1,4 +1,4 @@
-"""Where the object is, which way is up and how large it is: from a sparse model to the set's frame."""
+"""Where the object is, which way is up and how large it is: from a sparse model to a frame for the dense stage, and on to the set's."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _ROUNDS = 30
 
 @dataclass(frozen=True)
 class ObjectFrame:
-    """What `find_object` found."""
+    """What `find_object` found: a frame with z up whose origin the cameras look at, the median camera at 3.5 from it."""
 
-    set_from_model: Similarity
-    low_m: Floats  # (3,) of the object's box in the set's frame
+    frame_from_model: Similarity
+    low_m: Floats  # (3,) of the object's box in that frame
     high_m: Floats  # (3,)
     notes: tuple[str, ...]
     # The box stands on ground that was seen; else it begins where the object is seen to.
@@ -60,7 +60,7 @@ class ObjectFrame:
 
 
 def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
-    """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
+    """A frame from where the cameras look and how they are held, and the box of what rises from the ground there.
 
     ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks mark the object. `UserError` where
     the cameras look at no common place, or the masks are white or black everywhere, inverted, or of another size.
@@ -83,16 +83,15 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
     turn = Rotation.align_vectors(np.eye(3)[[2, 0]], [up, model.centers[0] - center], weights=[np.inf, 1])[0]
     rotation = turn.as_matrix()
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
-    rough = Similarity(scale, rotation, -scale * rotation @ center)
+    frame_from_model = Similarity(scale, rotation, -scale * rotation @ center)
     in_mask = _in_masks(model, source, center) if source.masks else None
-    low, high, grounded, word = _box(model.moved(rough), in_mask)
+    low, high, grounded, word = _box(model.moved(frame_from_model), in_mask)
     notes.append(f"object: {word}")
-    placed = placement(low, high, rough.apply(model.centers))
-    return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes), grounded)
+    return ObjectFrame(frame_from_model, low, high, tuple(notes), grounded)
 
 
 def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
-    """The shift and scale that put a box (3,), (3,) on the ground about the origin, the median camera at 3.5 from its centre."""
+    """To the set's frame: the shift and scale that put a box (3,), (3,) on the ground about the origin, the median camera at 3.5 from its centre."""
     center = (low + high) / 2
     scale = MEDIAN_DISTANCE_M / float(np.median(np.linalg.norm(cameras - center, axis=1)))
     return Similarity(scale, np.eye(3), -scale * np.array([center[0], center[1], low[2]]))
@@ -135,7 +134,7 @@ def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
 
 
 def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, bool, str]:
-    """Corners (3,), (3,) of the object's box in the rough frame, whether it stands on ground, and how it was found."""
+    """Corners (3,), (3,) of the object's box in the model's frame, whether it stands on ground, and how it was found."""
     points = model.xyz
     if in_mask is not None:
         seen = np.maximum(np.bincount(model.points, minlength=len(points)), 1)

@@ -117,8 +117,8 @@ def test_lens_orientation_and_masks(
             true = true[:, ::-1] if orientation in MIRRORED else true
         assert (source.mask(photograph.name) == true).all()
     frame = find_object(model, source)
-    assert frame.set_from_model.scale * ball.RADIUS_M == pytest.approx(SET_RADIUS, rel=0.01)
-    assert frame.grounded and frame.high_m[2] == pytest.approx(2 * SET_RADIUS, rel=0.02)
+    assert frame.frame_from_model.scale * ball.RADIUS_M == pytest.approx(SET_RADIUS, rel=0.01)
+    assert frame.grounded and (frame.high_m - frame.low_m)[2] == pytest.approx(2 * SET_RADIUS, rel=0.02)
 
 
 def tagged(folder: Path, index: int, tags: dict[int, object]) -> None:

@@ -11,7 +11,7 @@ from nbv.config import Weights
 from nbv.dense.stereo import sgbm_depth_maps
 from nbv.evaluation.metric import Metric
 from nbv.gates import Gate
-from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.rocks import sdf
 from nbv.scene.raycast import RaycastRenderer
 from nbv.scorers import Scorer

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from nbv.cache import Store
-from nbv.geometric.curve import run_curve_mission
+from nbv.geometric.curve_fidelity import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
 from tuner.comparison.advice import CEILING, LITTLE

@@ -100,7 +100,7 @@ GEOMETRIC = MissionKind(
     loads=("open3d",),
 )
 CURVE = MissionKind(
-    "nbv.geometric.curve:run_curve_mission",
+    "nbv.geometric.curve_fidelity:run_curve_mission",
     targets="rocks",
     predicts=True,
     every_number=True,
@@ -110,12 +110,12 @@ CURVE = MissionKind(
     loads=("open3d",),
 )
 PHOTOGRAPHS = MissionKind(
-    "nbv.photographs.mission:run_photographs_mission",
+    "nbv.photographs.photograph_fidelity:run_photographs_mission",
     targets="photographs",
     flies=is_photographed,
     photographs="taken",
     truth="the set's own reference",
-    refuses="nbv.photographs.mission:require_expressible",
+    refuses="nbv.photographs.photograph_fidelity:require_expressible",
     numbers_are="measured against the set's own dense reference; missions over real photographs",
     loads=("open3d",),
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from nbv.config import preset
-from nbv.geometric.mission import GeometricFidelity, run_geometric_mission
+from nbv.geometric.geometric_fidelity import GeometricFidelity, run_geometric_mission
 from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
 from nbv.rocks import load_coarse_rock
 

@@ -14,10 +14,10 @@ import nbv
 from nbv.config import MissionConfig, preset
 from nbv.config.mission_config import parameters
 from nbv.errors import UserError
-from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.mission.fidelity import require_noticed
-from nbv.photogrammetric.mission import PhotogrammetricFidelity
-from nbv.photographs.mission import _FIXED, PhotographFidelity, require_expressible
+from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
+from nbv.photographs.photograph_fidelity import _FIXED, PhotographFidelity, require_expressible
 
 NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"

@@ -9,7 +9,7 @@ from nbv.config import preset
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
-from nbv.geometric.mission import PoseCamera
+from nbv.geometric.geometric_fidelity import PoseCamera
 from nbv.geometry.frames import camera_centers_m
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder

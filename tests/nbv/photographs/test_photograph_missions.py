@@ -18,7 +18,7 @@ from nbv.evaluation.metric import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
-from nbv.photographs.mission import config_for_set, require_expressible, run_photographs_mission
+from nbv.photographs.photograph_fidelity import config_for_set, require_expressible, run_photographs_mission
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud

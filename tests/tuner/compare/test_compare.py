@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.geometric.curve import run_curve_mission
+from nbv.geometric.curve_fidelity import run_curve_mission
 from tuner.cli import app
 from tuner.comparison.curves import (
     BASE,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from nbv.geometric.completeness import predicted_metrics
-from nbv.geometric.mission import GeometricFidelity
+from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.mission.fidelity import MissionContext
 from nbv.scorers.prediction import predict
