@@ -50,6 +50,6 @@ def matchable_views_with(partners: Counts, pairs: Bools, seen: Bools) -> Counts:
     ``seen`` (S, C) whether the candidate sees the sample.
     """
     helped = (partners[:, None, :] + pairs).max(axis=2, initial=-1)
-    own = np.where(seen, pairs.sum(axis=2), -1)
-    views: Counts = np.maximum(helped, own) + 1
+    of_candidate = np.where(seen, pairs.sum(axis=2), -1)
+    views: Counts = np.maximum(helped, of_candidate) + 1
     return views

@@ -83,9 +83,9 @@ def reconstruction_probability(
     agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
     # The logistic curve nearest to the normal distribution's.
     agreeing *= np.float32(1.702 / AGREEMENT_SD)
-    kept = logistic(agreeing)
-    kept *= depth
-    lost = np.prod(np.subtract(np.float32(1.0), kept, out=kept), axis=0)
+    confirmed = logistic(agreeing)
+    confirmed *= depth
+    lost = np.prod(np.subtract(np.float32(1.0), confirmed, out=confirmed), axis=0)
     return np.subtract(np.float32(1.0), lost)
 
 

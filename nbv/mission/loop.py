@@ -42,14 +42,14 @@ class AdaptiveMission:
         self.planner = Planner(config, gate, viewpoints)
         self.captures: list[Capture] = []
         self._target_is_uncertain = target_must_be_found(config) and viewpoints.follows_target
-        self._found = not self._target_is_uncertain
+        self._target_found = not self._target_is_uncertain
 
     def run(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.run_seed_phase()
         self.look_for_target(model)
         self.run_adaptive_phase(model)
-        if not self._found:
+        if not self._target_found:
             self.recorder.located(None)
         return self.finish()
 
@@ -82,10 +82,10 @@ class AdaptiveMission:
     def retry_with_interleaved_seeds(self, failure: MissionFailure) -> bool:
         """Photograph seeds between those that made no model, in place of planned views; return whether there were any."""
         budget = self.config.adaptive_budget
-        views = self.planner.viewpoints.second_turn(self.config)[:budget]
+        views = self.planner.viewpoints.interleaved_seeds(self.config)[:budget]
         if not views:
             return False
-        self.recorder.second_turn(f"no seed model ({failure.message})", len(views))
+        self.recorder.interleaved_seeds(f"no seed model ({failure.message})", len(views))
         for view in views:
             self._fly_and_photograph(view)
         self._plan_by(self.config.changed(stop={"adaptive_budget": budget - len(views)}))
@@ -97,7 +97,7 @@ class AdaptiveMission:
         missing = len(seeds) - len(report.model.camera_names)
         if not missing:
             return report
-        views, left = list(self.planner.viewpoints.second_turn(self.config)), budget
+        views, left = list(self.planner.viewpoints.interleaved_seeds(self.config)), budget
         while left and (view := next_between(views, seeds, report.model, self.config)) is not None:
             views.remove(view)
             capture = self._fly_and_photograph(view)
@@ -105,7 +105,7 @@ class AdaptiveMission:
                 report = self.reconstructor.add(capture)
             left -= 1
         if left < budget:
-            self.recorder.second_turn(f"{missing} of {len(seeds)} seeds not registered", budget - left)
+            self.recorder.interleaved_seeds(f"{missing} of {len(seeds)} seeds not registered", budget - left)
             self._plan_by(self.config.changed(stop={"adaptive_budget": left}))
         return report
 
@@ -128,9 +128,9 @@ class AdaptiveMission:
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""
         with self.recorder.stopwatch.timed("target"):
-            config = None if self._found else with_target_found(self.config, model)
+            config = None if self._target_found else with_target_found(self.config, model)
         if config is not None:
-            self._found = True
+            self._target_found = True
             self._turn_to_target(config)
             self.recorder.located(config)
 

@@ -58,10 +58,10 @@ class Recorder:
         )
         self._log(f"target {found}")
 
-    def second_turn(self, why: str, seeds: int) -> None:
+    def interleaved_seeds(self, reason: str, seeds: int) -> None:
         """The seeds have made no model, or not all are in it: so many further seeds between them."""
         self.notes.append("second_turn")
-        self._log(f"{why}: {seeds} seeds between them")
+        self._log(f"{reason}: {seeds} seeds between them")
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""

@@ -159,17 +159,19 @@ def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> Poin
     inside = frame.in_box(cloud.points_m)
     if not masked:
         inside &= cloud.points_m[:, 2] > frame.low_m[2] + GROUND_BAND_M
-    kept = select(cloud, inside)
+    cleaned = select(cloud, inside)
     config = EvaluationConfig()
-    if len(kept) > config.sor_neighbours:
-        distances = nearest_neighbours(kept.points_m, kept.points_m, k=config.sor_neighbours + 1)[0][:, 1:]
-        kept = select(kept, inlier_mask(distances, config.sor_std_ratio))
-    if len(kept) < FEWEST_POINTS:
+    if len(cleaned) > config.sor_neighbours:
+        distances = nearest_neighbours(cleaned.points_m, cleaned.points_m, k=config.sor_neighbours + 1)[0][
+            :, 1:
+        ]
+        cleaned = select(cleaned, inlier_mask(distances, config.sor_std_ratio))
+    if len(cleaned) < FEWEST_POINTS:
         raise UserError(
-            f"only {len(kept)} points of the object could be reconstructed: too few photographs overlap, or they show "
+            f"only {len(cleaned)} points of the object could be reconstructed: too few photographs overlap, or they show "
             "nothing but plain surfaces; give more photographs of it, or masks of the object (--masks)"
         )
-    return kept
+    return cleaned
 
 
 def halves_agreement(

@@ -241,11 +241,11 @@ class _Images:
     @property
     def inputs(self) -> list[object]:
         """What decides features and matches."""
-        told = [
+        calibrations = [
             f"{c.model_name} {c.params_to_string()} {c.has_prior_focal_length}" for c in self.cameras.values()
         ]
         files = [(name, self.source.by_name[name].sha256, *self.source.size_px(name)) for name in self.names]
-        return [list(map(list, files)), self.source.upright, told, self.camera_ids]
+        return [list(map(list, files)), self.source.upright, calibrations, self.camera_ids]
 
     @contextmanager
     def matched(self) -> Iterator[Path]:
@@ -255,13 +255,13 @@ class _Images:
             path, listed = Path(folder) / "database.db", Path(folder) / "pairs.txt"
             if store is not None:
                 key = cache_key(__name__, *self.inputs)
-                kept = store.root / "photograph-matches" / key[:2] / key
+                stored = store.root / "photograph-matches" / key[:2] / key
                 with suppress(OSError):  # nobody may write there
-                    kept.parent.mkdir(parents=True, exist_ok=True)
-                    if kept.exists() and not _is_sound(kept):
-                        kept.unlink()
-                    kept.touch()
-                    path = kept
+                    stored.parent.mkdir(parents=True, exist_ok=True)
+                    if stored.exists() and not _is_sound(stored):
+                        stored.unlink()
+                    stored.touch()
+                    path = stored
             with pycolmap.Database.open(path) as database:
                 self._write_features(database)
                 pairs = self._pairs(database)

@@ -231,8 +231,8 @@ def _transforms(tree: Mapping[str, Any]) -> pycolmap.Reconstruction:
 
 def _values(tree: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
     """What holds for a frame: its focal length is its own or the file's, never a mixture, and pixels are of its size."""
-    own = _FOCAL & frame.keys()
-    values = {key: value for key, value in tree.items() if not (own and key in _FOCAL)} | dict(frame)
+    frames_focal = _FOCAL & frame.keys()
+    values = {key: value for key, value in tree.items() if not (frames_focal and key in _FOCAL)} | dict(frame)
     if any(values.get(side) != tree.get(side, values.get(side)) for side in ("w", "h")):
         for key in ("fl_x", "fl_y", "cx", "cy"):
             if key in values and key not in frame:
@@ -261,8 +261,8 @@ def _camera(values: Mapping[str, Any]) -> pycolmap.Camera:
     for key in focal.keys() & angles.keys():
         if abs(focal[key] / angles[key] - 1) > _SAME_FOCAL:
             raise ValueError(f"{key} is {focal[key]:g}, but camera_angle_{key[-1]} says {angles[key]:g}")
-    told = focal or angles
-    focal_x, focal_y = told["fl_x"], told.get("fl_y", told["fl_x"])
+    lengths = focal or angles
+    focal_x, focal_y = lengths["fl_x"], lengths.get("fl_y", lengths["fl_x"])
     camera = pycolmap.Camera.create_from_model_name(1, kind, focal_x, int(width), int(height))
     names = camera.params_info.replace(" ", "").split(",")
     if "f" in names and focal_x != focal_y:

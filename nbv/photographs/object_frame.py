@@ -117,18 +117,18 @@ def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
     mean = (x * right + y * down).mean(axis=0)
     mean /= np.linalg.norm(mean)
     sides = -y * right + x * down
-    level, kept = mean, np.ones(len(sides), dtype=bool)
+    level, inliers = mean, np.ones(len(sides), dtype=bool)
     for _ in range(5):
-        spread, axes = np.linalg.eigh(sides[kept].T @ sides[kept])
+        spread, axes = np.linalg.eigh(sides[inliers].T @ sides[inliers])
         if spread[1] < 4 * spread[0]:
             break
         level = axes[:, 0] * np.sign(axes[:, 0] @ mean)
-        kept = np.abs(sides @ level) < np.sin(np.deg2rad(LEVEL_DEG))
-        if kept.mean() < 0.5:
+        inliers = np.abs(sides @ level) < np.sin(np.deg2rad(LEVEL_DEG))
+        if inliers.mean() < 0.5:
             break
     else:
         if level @ mean > 0.5:
-            rest = np.rad2deg(np.arcsin(np.sqrt(np.mean((sides[kept] @ level) ** 2))))
+            rest = np.rad2deg(np.arcsin(np.sqrt(np.mean((sides[inliers] @ level) ** 2))))
             return level, f"photographs are held level to {rest:.1f}° rms"
     return mean, "the mean of the photographs' ups, since they are not held level"
 

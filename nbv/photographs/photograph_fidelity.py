@@ -120,11 +120,11 @@ def require_expressible(config: MissionConfig, name: str) -> None:
     usual = MissionConfig()
     paths: list[str] = []
     for section in _FIXED:
-        asked, default = getattr(config, section), getattr(usual, section)
-        if is_dataclass(asked):
-            names = [f.name for f in fields(asked)]
-            paths += [f"{section}.{n}" for n in names if getattr(asked, n) != getattr(default, n)]
-        elif asked != default:
+        chosen, default = getattr(config, section), getattr(usual, section)
+        if is_dataclass(chosen):
+            names = [f.name for f in fields(chosen)]
+            paths += [f"{section}.{n}" for n in names if getattr(chosen, n) != getattr(default, n)]
+        elif chosen != default:
             paths.append(section)
     if paths:
         condition = "" if config.condition == usual.condition else f" (condition {config.condition})"

@@ -164,10 +164,10 @@ def _from_gps(model: SolvedModel, source: ImportSource) -> Scale:
         fit, rms_m, off = _fitted(model.centers[list(gps)], _metres(CRS(GEOGRAPHIC), places)[0])
     except ValueError as error:
         return Scale("none", notes=(f"scale: none; the places of the photographs by GPS {error}",))
-    told = f"GPS, {rms_m:.2f} m rms to the cameras, scale to about {_percent(off)}"
+    quality = f"GPS, {rms_m:.2f} m rms to the cameras, scale to about {_percent(off)}"
     if off > WORST_ERROR:
-        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
-    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
+        return Scale("none", notes=(f"scale: none; {quality} is too coarse",))
+    return Scale("gps", None, fit.scale, None, (f"scale: {quality}",))
 
 
 def _percent(error: float) -> str:
@@ -215,10 +215,10 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
     reading = "metres of your own"
     if points.crs is not None:
         reading = f"{points.system} ({points.crs.name}), heights in {_height_unit(points.crs)[0]}"
-    told = f"{rms_m:.3f} m rms, scale to about {_percent(off)}; read as {reading}"
+    quality = f"{rms_m:.3f} m rms, scale to about {_percent(off)}; read as {reading}"
     if off > WORST_ERROR:
         raise UserError(
-            f"{path} does not fit the model: {told}; check that reading and that the marks are in pixels of these photographs, "
+            f"{path} does not fit the model: {quality}; check that reading and that the marks are in pixels of these photographs, "
             "or give --height-m in place of the control points"
         )
     up_in_model, sight = fit.rotation.T @ up, model.centers.mean(axis=0) - np.mean(found, axis=0)
@@ -229,7 +229,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             "X is east (longitude), Y north, Z up"
         )
     sure = off < SURE_ERROR
-    note = f"scale{' and up' if sure else ''}: {len(found)} control points, {told}"
+    note = f"scale{' and up' if sure else ''}: {len(found)} control points, {quality}"
     return Scale("control points", None, fit.scale, up_in_model if sure else None, (note,))
 
 
@@ -274,6 +274,7 @@ def _fitted(found: Floats, places_m: Floats) -> tuple[Similarity, float, float]:
         raise ValueError("lie on one line")
     fit = align_umeyama(places_m, found)
     squares, free = float(((fit.apply(found) - places_m) ** 2).sum()), 3 * len(found) - 7
-    own = np.sqrt(squares / free) * student.ppf(0.975, free)
-    rest = np.sqrt(squares)
-    return fit, float(rest / np.sqrt(len(found))), float(max(own, rest) / np.linalg.norm(extent[1]))
+    interval_m = np.sqrt(squares / free) * student.ppf(0.975, free)
+    residual_m = np.sqrt(squares)
+    error = max(interval_m, residual_m) / np.linalg.norm(extent[1])
+    return fit, float(residual_m / np.sqrt(len(found))), float(error)

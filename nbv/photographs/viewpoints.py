@@ -68,31 +68,31 @@ class PhotographViewpoints(ViewpointSource):
         self._require_candidates(config)
         return self._nearest_to(seed_viewpoints(config), 0)
 
-    def second_turn(self, config: MissionConfig) -> Sequence[Viewpoint]:
-        """The same of a second turn, less what the first has taken; empty where too few photographs are near it."""
+    def interleaved_seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """The same of the interleaved seeds, less what the seeds have taken; empty where too few photographs are near them."""
         first = {view.position_m for view in self.seeds(config)}
         try:
-            found = self._nearest_to(seed_viewpoints(config, second_turn=True), config.seed.total)
+            found = self._nearest_to(seed_viewpoints(config, interleaved=True), config.seed.total)
         except MissionFailure:
             return []
         return [view for view in found if view.position_m not in first]
 
-    def _nearest_to(self, asked: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
+    def _nearest_to(self, wanted: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
         """The photographs for these viewpoints, named from number ``first`` on."""
-        if len(asked) > len(self.positions_m):
+        if len(wanted) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",
-                f"the configuration has {len(asked)} seeds, and {len(self.positions_m)} photographs may be taken; "
+                f"the configuration has {len(wanted)} seeds, and {len(self.positions_m)} photographs may be taken; "
                 "lower seed.count",
             )
-        azimuth_deg, elevation_deg = np.array([(v.azimuth_deg, v.elevation_deg) for v in asked]).T
+        azimuth_deg, elevation_deg = np.array([(v.azimuth_deg, v.elevation_deg) for v in wanted]).T
         angle_deg = angles_deg(unit_vectors(azimuth_deg - self.turn_deg, elevation_deg), self.directions)
         rows, columns = linear_sum_assignment(angle_deg**2)
         near = angle_deg[rows, columns] <= SEED_CAP_DEG
-        if near.sum() < max(3, (1.0 - MOST_MISSING) * len(asked)):
+        if near.sum() < max(3, (1.0 - MOST_MISSING) * len(wanted)):
             raise MissionFailure(
                 "not_photographed",
-                f"only {near.sum()} of the {len(asked)} seeds have a photograph within {SEED_CAP_DEG:g} degrees: "
+                f"only {near.sum()} of the {len(wanted)} seeds have a photograph within {SEED_CAP_DEG:g} degrees: "
                 f"they ask for elevations of {elevation_deg.min():.0f} to {elevation_deg.max():.0f} "
                 f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",

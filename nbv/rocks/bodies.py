@@ -67,7 +67,7 @@ def kept_bodies(vertices: Floats, faces: Ints, labels: Ints, keep: str, notes: l
     around = [k for k, b in enumerate(largest[:LOOKED_AT]) if kept[b] and not small[b] and not far[b]]
     for k in around:
         inside[largest[k]] = any(looked[k].lies_inside(looked[other]) for other in around if other < k)
-    for dropped, why in (
+    for dropped, reason in (
         (far, "out of reach"),
         (small & ~far, "under 1 % of the surface each"),
         (inside, "inside others"),
@@ -76,7 +76,7 @@ def kept_bodies(vertices: Floats, faces: Ints, labels: Ints, keep: str, notes: l
         if dropped.any():
             sizes = (high - low)[dropped].max(axis=1)
             size = f"{sizes.max():.3g} in the file's unit" + (", the largest" if len(sizes) > 1 else "")
-            notes.append(f"dropped {_counted(dropped, shares)}, {size}: {why}; --keep all keeps them")
+            notes.append(f"dropped {_counted(dropped, shares)}, {size}: {reason}; --keep all keeps them")
     if kept.sum() > 1:
         notes.append(f"kept {_counted(kept, shares)}, as one object; --keep largest keeps one")
     return kept

@@ -21,10 +21,10 @@ import numpy as np
 from nbv.cache import Recent, Store, home
 from nbv.errors import UserError
 from nbv.rocks.families import ANY, FAMILIES, generated_name
-from nbv.rocks.kept import kept_import
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock
+from nbv.rocks.stored import stored_import
 from nbv.safe_files import expanded, is_file, read_npz, write_atomic
 
 log = logging.getLogger(__name__)
@@ -53,9 +53,9 @@ def list_rocks() -> list[RockInfo]:
     rocks = [RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()]
     imported = sorted(imported_path("NAME").parent.glob("*.npz"))
     sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
-    kept: list[tuple[str, Path, RockSource]] = [(path.stem, path, "imported") for path in imported]
-    kept += [(p.parent.name, p, "photographs") for p in sets if is_photographed(p.parent.name)]
-    for name, path, source in kept:
+    files: list[tuple[str, Path, RockSource]] = [(path.stem, path, "imported") for path in imported]
+    files += [(p.parent.name, p, "photographs") for p in sets if is_photographed(p.parent.name)]
+    for name, path, source in files:
         try:
             data = read_npz(path, _LABELS)
             rocks.append(RockInfo(name, _split(path, data), source, str(data["difficulty"])))
@@ -76,7 +76,7 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     named = () if os.sep in name else (imported_path(name), surface_path(name))
     for file in (*named, path):
         if is_file(file):
-            make = partial(_read_kept, file) if file.suffix == KEPT else partial(kept_import, file, store)
+            make = partial(read_rock, file) if file.suffix == KEPT else partial(stored_import, file, store)
             return LOADED.get((str(file.resolve()), file.stat().st_mtime_ns), make)
     if os.sep in name or path.suffix:
         raise UserError(f"there is no mesh file {name!r}; check the path")
@@ -96,13 +96,6 @@ def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
     if generated_name(name) is None:
         return load_rock(name, store)
     return LOADED.get((name, COARSE_GRID_M), lambda: generate_rock(name, store, grid_m=COARSE_GRID_M))
-
-
-def _read_kept(path: Path) -> Rock:
-    try:
-        return read_rock(path)
-    except UserError as error:
-        raise UserError(f"{error}; import the rock again with --force") from error
 
 
 def imported_path(name: str) -> Path:
@@ -182,21 +175,24 @@ def write_rock(rock: Rock, path: Path) -> None:
 
 def read_rock(path: Path) -> Rock:
     """Read a rock back; `UserError` where there is none, or one that is not as it was written."""
-    data = read_npz(path, {**_LABELS, **_CONTENT})
-    if int(data["format"]) != _FORMAT:
-        raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
-    rock = make_rock(
-        str(data["name"]),
-        data["vertices_m"],
-        data["faces"],
-        data["albedo"],
-        split=_split(path, data),
-        difficulty=str(data["difficulty"]),
-        notes=tuple(str(note) for note in data["notes"]),
-    )
-    if rock.sha256 != str(data["sha256"]):
-        raise UserError(f"{path} does not have the content it was written with")
-    return rock
+    try:
+        data = read_npz(path, {**_LABELS, **_CONTENT})
+        if int(data["format"]) != _FORMAT:
+            raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
+        rock = make_rock(
+            str(data["name"]),
+            data["vertices_m"],
+            data["faces"],
+            data["albedo"],
+            split=_split(path, data),
+            difficulty=str(data["difficulty"]),
+            notes=tuple(str(note) for note in data["notes"]),
+        )
+        if rock.sha256 != str(data["sha256"]):
+            raise UserError(f"{path} does not have the content it was written with")
+        return rock
+    except UserError as error:
+        raise UserError(f"{error}; import the rock again with --force") from error
 
 
 def _split(path: Path, data: dict[str, np.ndarray]) -> Split:

@@ -49,7 +49,7 @@ def import_mesh(
     height_m: float = DEFAULT_HEIGHT_M,
     split: Split = "train",
     up: Up = "auto",
-    asked: list[str] | None = None,
+    side_files: list[str] | None = None,
     keep: str = "auto",
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, glTF, PLY, STL or OFF).
@@ -59,7 +59,7 @@ def import_mesh(
     mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say all that was done. ``up`` is the file's
     upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything else. Of several bodies ``keep`` takes
     ``all``, the ``largest``, a number of them, or with ``auto`` those that are the object: not specks, what lies far away or
-    inside it, nor the ground, a plinth or a wall. ``name`` is the file's by default. ``asked`` gets the names of the files that
+    inside it, nor the ground, a plinth or a wall. ``name`` is the file's by default. ``side_files`` gets the names of the files that
     the mesh file names.
 
     `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
@@ -73,7 +73,7 @@ def import_mesh(
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     check_keep(keep)
     notes: list[str] = []
-    mesh, _ = _placed(path, height_m, up, keep, notes, [] if asked is None else asked)
+    mesh, _ = _placed(path, height_m, up, keep, notes, [] if side_files is None else side_files)
     area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
@@ -88,18 +88,18 @@ def import_mesh(
     welded = welded.reshape(-1)
     faces = welded[faces]
     if colors is not None and colors.std(0).max() > ONE_COLOR:
-        own = "texture" if mesh.textures else "colours"
-        linear = own == "colours" and path.suffix.lower() in GLTF
+        source = "texture" if mesh.textures else "colours"
+        linear = source == "colours" and path.suffix.lower() in GLTF
         notes.append(
-            f"albedo: the mesh's own {own}, {'linear in glTF' if linear else 'converted from sRGB to linear'}"
+            f"albedo: the mesh's own {source}, {'linear in glTF' if linear else 'converted from sRGB to linear'}"
         )
         sums = np.stack([np.bincount(welded, weights=colors[:, c]) for c in range(3)], axis=1)
         albedo = (sums / np.bincount(welded)[:, None]).astype(np.float32)
     else:
-        why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
+        reason = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
         if any(note.startswith("not read") for note in notes):
-            why = "the mesh's own was not read"
-        notes.append(f"albedo: procedural, since {why}")
+            reason = "the mesh's own was not read"
+        notes.append(f"albedo: procedural, since {reason}")
         coarse = np.unique(mesh.values[:, :3], axis=0)
         seed = zlib.crc32(np.round(coarse * 1e4).astype("<i8").tobytes()) & 0xFFFF
         albedo = procedural_albedo(vertices, meshes.vertex_normals(vertices, faces), seed)
@@ -121,7 +121,7 @@ def frame_of_file(path: str | Path) -> Similarity:
 
 
 def _placed(
-    path: Path, height_m: float, up: Up, keep: str, notes: list[str], asked: list[str]
+    path: Path, height_m: float, up: Up, keep: str, notes: list[str], side_files: list[str]
 ) -> tuple[FileMesh, Similarity]:
     """The file's object upright on the ground, and how it got there."""
     if not path.is_file():
@@ -130,7 +130,7 @@ def _placed(
     if up == "auto":
         axis = "y" if path.suffix.lower() in GLTF else "z"
     try:
-        mesh = _clean(read_mesh_file(path, notes, asked), _UP[axis], keep, notes)
+        mesh = _clean(read_mesh_file(path, notes, side_files), _UP[axis], keep, notes)
         if axis != "z":
             notes.append(
                 f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else "")
@@ -210,14 +210,14 @@ def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMes
 def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
     """Tell of coordinates that were rounded; raise where it matters and is because they are far from the origin."""
     size = float(np.ptp(vertices, axis=0).max())
-    told = f"coordinates in steps of {step:.3g}, {100 * step / size:.2g} % of its size"
+    steps = f"coordinates in steps of {step:.3g}, {100 * step / size:.2g} % of its size"
     if step > MAX_STEP * size and np.abs(vertices).max() > FAR * size:
         raise UnusableMesh(
-            f"has {told}: they were rounded so far from the origin, as single precision does it; subtract an offset "
+            f"has {steps}: they were rounded so far from the origin, as single precision does it; subtract an offset "
             "before you export, or export in double precision"
         )
     if step > 0.05 * MAX_STEP * size:
-        notes.append(f"has {told}")
+        notes.append(f"has {steps}")
 
 
 def _own_colors(mesh: FileMesh, values: Floats, spacing_m: float, notes: list[str]) -> Floats | None:

@@ -44,10 +44,10 @@ class FileMesh:
     step: float  # the coarsest, between neighbouring values of a coordinate, in the file's unit; 0 where there is none
 
 
-def read_mesh_file(path: Path, notes: list[str], asked: list[str]) -> FileMesh:
+def read_mesh_file(path: Path, notes: list[str], side_files: list[str]) -> FileMesh:
     """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
 
-    ``asked`` gets the names of the files beside it that it names (materials, textures, buffers), also of missing ones.
+    ``side_files`` gets the names of the files beside it that it names (materials, textures, buffers), also of missing ones.
 
     `UnusableMesh` where the file is unreadable, empty, without faces, not finite or far too large; `UserError` for an archive or a
     texture that is far too large.
@@ -61,7 +61,7 @@ def read_mesh_file(path: Path, notes: list[str], asked: list[str]) -> FileMesh:
         raise UnusableMesh("is not of a format that is read; export the mesh as GLB, OBJ, PLY, STL or OFF")
     if path.suffix.lower() in _PACKED or zipfile.is_zipfile(path):
         raise UnusableMesh("is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL")
-    scene, colors = _load(path, notes, asked)
+    scene, colors = _load(path, notes, side_files)
     placed = [
         (scene.geometry[name], transform)
         for transform, name in map(scene.graph.get, scene.graph.nodes_geometry)
@@ -127,10 +127,10 @@ def coarsest_step(points: Floats) -> float:
     return max(steps)
 
 
-def _load(path: Path, notes: list[str], asked: list[str]) -> tuple[Any, _Colors]:
+def _load(path: Path, notes: list[str], side_files: list[str]) -> tuple[Any, _Colors]:
     """The file's scene as trimesh reads it, and what reads the colours of its parts."""
     kind, content = path.suffix.lower(), path.read_bytes()
-    files = _SideFiles(path.parent, asked, pictures=kind not in GLTF)
+    files = _SideFiles(path.parent, side_files, pictures=kind not in GLTF)
     unread, textures, repeats = "", 0, True
     if kind in GLTF:
         content, unread, textures, repeats = checked_gltf(content, str(path), notes, files.get)
@@ -155,7 +155,7 @@ def _load(path: Path, notes: list[str], asked: list[str]) -> tuple[Any, _Colors]
         kind == ".obj"
         and b"mtllib" in content
         and not files.missing
-        and any(_own_colors(part) is None for part in plain)
+        and any(_plain_colors(part) is None for part in plain)
     ):
         files.missing.append("materials: faces name none (usemtl), or one that the MTL file does not have")
     notes += [f"not read: {name}" for name in files.missing[:MAX_TOLD]]
@@ -187,14 +187,14 @@ def _unread_in_ply(content: bytes) -> str:
 class _SideFiles:
     """Where trimesh finds what the mesh names: regular files of a size, in the mesh's folder or below."""
 
-    def __init__(self, folder: Path, asked: list[str], *, pictures: bool) -> None:
-        self.folder, self._asked = folder.resolve(), asked
+    def __init__(self, folder: Path, side_files: list[str], *, pictures: bool) -> None:
+        self.folder, self._side_files = folder.resolve(), side_files
         self.missing: list[str] = []  # what could not be read, and why
         self._pictures = pictures  # whether what is no MTL file must be a picture
 
     def get(self, name: str) -> bytes:
         """The content of a file; raises where there is none that may be read, or no picture."""
-        self._asked.append(name)
+        self._side_files.append(name)
         try:
             content = read_side_file(self.folder, name)
             if name.lower().endswith(".mtl"):
@@ -239,11 +239,11 @@ class _Colors:
     def of_vertices(self, part: Any) -> Floats:
         """(V, 6) a linear colour or NaN, u, v, index of the texture or -1."""
         colors, picture = np.full((len(part.vertices), 3), np.nan), None if self._unread else _picture(part)
-        own = None if self._unread else _own_colors(part)
-        if self._linear and own is not None:
-            colors[:] = own
-        elif own is not None and picture is None:
-            colors[:] = linear_from_srgb(own.astype(np.float32))
+        plain = None if self._unread else _plain_colors(part)
+        if self._linear and plain is not None:
+            colors[:] = plain
+        elif plain is not None and picture is None:
+            colors[:] = linear_from_srgb(plain.astype(np.float32))
         uv: Any = getattr(part.visual, "uv", None)
         texture = -1
         if picture is not None and (uv is None or len(uv) != len(colors) or not np.isfinite(uv).all()):
@@ -277,18 +277,18 @@ def _picture(part: Any) -> Any:
     return picture if getattr(picture, "format", None) else None  # trimesh makes some up
 
 
-def _own_colors(part: Any) -> Floats | None:
+def _plain_colors(part: Any) -> Floats | None:
     """Colours of vertices (V, 3), of the material (3,), or in glTF their product; None where there are none."""
     kind, material = part.visual.kind, getattr(part.visual, "material", None)
     if kind in ("vertex", "face"):
         colors = _shares(getattr(part.visual, f"{kind}_colors"))
         return np.repeat(colors, 3, axis=0) if kind == "face" else colors  # no two faces share a vertex
     raw = getattr(part.visual, "vertex_attributes", {}).get("color", part.vertex_attributes.get("color"))
-    own = None if raw is None else _shares(raw)
+    plain = None if raw is None else _shares(raw)
     if (factor := getattr(material, "baseColorFactor", None)) is not None:
-        own = _shares(factor) * (1.0 if own is None else own)
+        plain = _shares(factor) * (1.0 if plain is None else plain)
     kd: Any = getattr(material, "kwargs", {}).get("kd")  # an MTL file's
-    return np.array(kd) if own is None and np.shape(kd) == (3,) else own
+    return np.array(kd) if plain is None and np.shape(kd) == (3,) else plain
 
 
 def _shares(array: Any) -> Floats:

@@ -12,10 +12,10 @@ from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas, res
 from nbv.plugins import sources
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
-from nbv.rocks.kept import kept_rock
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
+from nbv.rocks.stored import stored_rock
 from nbv.types import Floats, Floats32, Ints
 
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
@@ -25,21 +25,16 @@ _HALF_WIDTH_M, _TOP_M = 1.2, 1.92
 _LEVELS = 3  # blocks of 8, 4, 2 cells
 
 
-def recipe_of(name: str) -> Recipe:
-    """The recipe of a catalogue name, or of ``FAMILY-SEED``. ``KeyError`` where there is none."""
-    drawn = generated_name(name)
-    return RECIPES[name] if drawn is None else generated_recipe(*drawn)
-
-
 def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID_M) -> Rock:
-    """The procedural rock ``name``, as `recipe_of` knows it, from ``store`` if it is there: a pure function of name and grid.
+    """The procedural rock ``name``, of the catalogue or ``FAMILY-SEED``, from ``store`` if it is there: a pure function of name and grid.
 
-    It takes a few seconds to make.
+    It takes a few seconds to make. ``KeyError`` where there is none.
     """
-    recipe = recipe_of(name)
-    inputs = [name, grid_m, *sources("families", *(generated_name(name) or ())[:1])]
+    drawn = generated_name(name)
+    recipe = RECIPES[name] if drawn is None else generated_recipe(*drawn)
+    inputs = [name, grid_m, *sources("families", *(drawn or ())[:1])]
     about: Any = {"split": recipe.split, "difficulty": recipe.difficulty}
-    return kept_rock(
+    return stored_rock(
         store, lambda: make_rock(name, **_made(recipe, grid_m), **about), code=__name__, inputs=inputs
     )
 

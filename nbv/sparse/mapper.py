@@ -40,14 +40,6 @@ Judge = Callable[[pycolmap.Reconstruction, int], str]
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """An attempt to register an image, and why it failed where it did."""
-
-    registered: bool
-    reason: str = ""
-
-
-@dataclass(frozen=True)
 class GrowthOptions:
     """COLMAP's options for growing a model."""
 
@@ -197,9 +189,7 @@ class IncrementalModel:
         while True:
             with self.stopwatch.timed("sparse.mapping"):
                 candidates = mapper.find_next_images(options.mapper, False)
-            if not any(
-                self._register(mapper, image_id, options, judge).registered for image_id in candidates
-            ):
+            if all(self._register(mapper, image_id, options, judge) for image_id in candidates):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
                 self._refine_globally(mapper, options)
@@ -294,27 +284,24 @@ class IncrementalModel:
         while waiting and progress:
             progress = False
             for image_id in list(waiting):
-                attempt = self._try(mapper, image_id, options, judge)
-                if attempt.registered:
-                    reasons.pop(image_id, None)
+                reasons[image_id] = self._try(mapper, image_id, options, judge)
+                if not reasons[image_id]:
                     waiting.remove(image_id)
                     progress = True
-                else:
-                    reasons[image_id] = attempt.reason
-        return reasons
+        return {image_id: reasons[image_id] for image_id in waiting}
 
     def _try(
         self, mapper: pycolmap.IncrementalMapper, image_id: int, options: GrowthOptions, judge: Judge
-    ) -> Attempt:
-        """Register one image where it sees points enough, and say why it was left out."""
+    ) -> str:
+        """Register one image where it sees points enough; why it was left out, or "" where it is registered."""
         visible = mapper.observation_manager.num_visible_points3D(image_id)
         needed = options.mapper.abs_pose_min_num_inliers
         if visible < needed:
-            return Attempt(False, f"sees {visible} points of the model, registration needs {needed}")
-        attempt = self._register(mapper, image_id, options, judge)
-        if attempt.registered and not mapper.reconstruction.image(image_id).has_pose:
-            return Attempt(False, "lost its points in the adjustment")
-        return attempt
+            return f"sees {visible} points of the model, registration needs {needed}"
+        reason = self._register(mapper, image_id, options, judge)
+        if not reason and not mapper.reconstruction.image(image_id).has_pose:
+            return "lost its points in the adjustment"
+        return reason
 
     def _register(
         self,
@@ -322,15 +309,15 @@ class IncrementalModel:
         image_id: int,
         options: GrowthOptions,
         judge: Judge | None,
-    ) -> Attempt:
-        """Register one image and adjust locally about it."""
+    ) -> str:
+        """Register one image and adjust locally about it; returns as `_try`."""
         with self.stopwatch.timed("sparse.mapping"):
             visible = mapper.observation_manager.num_visible_points3D(image_id)
             if not mapper.register_next_image(options.mapper, image_id):
-                return Attempt(False, f"no consistent pose from {visible} visible points")
+                return f"no consistent pose from {visible} visible points"
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
                 mapper.observation_manager.deregister_frame(image_id)
-                return Attempt(False, reason)
+                return reason
             mapper.triangulate_image(options.triangulation, image_id)
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_local_refinement(
@@ -341,7 +328,7 @@ class IncrementalModel:
                 options.triangulation,
                 image_id,
             )
-        return Attempt(True)
+        return ""
 
     def _refine_globally(self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions) -> None:
         with self.stopwatch.timed("sparse.ba"):
@@ -393,8 +380,8 @@ def pairs_near(
     observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
     pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
     """
-    own = set(image_ids)
-    near = own | {i for ids in pairs if not own.isdisjoint(ids) for i in ids}
+    images = set(image_ids)
+    near = images | {i for ids in pairs if not images.isdisjoint(ids) for i in ids}
     chosen = {ids: pair for ids, pair in pairs.items() if not near.isdisjoint(ids)}
     held = {i for ids in chosen for i in ids}
     for ids, pair in pairs.items():

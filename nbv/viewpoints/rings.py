@@ -34,17 +34,17 @@ def _viewpoint(target_m: tuple[float, float, float], at: RingPosition, band: str
     return Viewpoint(name, position, (90.0 - bearing_deg) % 360.0, elevation_deg, band)
 
 
-def seed_viewpoints(config: MissionConfig, *, second_turn: bool = False) -> list[Viewpoint]:
+def seed_viewpoints(config: MissionConfig, *, interleaved: bool = False) -> list[Viewpoint]:
     """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn, two rings, or as many on the rings.
 
     One turn: even azimuths, clockwise from ``seed.start_bearing_deg``, elevations in turn: neighbours differ in both.
     Two rings (``seed.upper_share``): each with even azimuths from that bearing, the lower one first.
 
-    ``second_turn``: as many again between these, named after them: the same rings, each turned by half the step of its
+    ``interleaved``: as many again between these, named after them: the same rings, each turned by half the step of its
     seeds.
     """
-    first = config.seed.total if second_turn else 0
-    ring_positions = _seed_positions(config.seed, 180.0 if second_turn else 0.0)
+    first = config.seed.total if interleaved else 0
+    ring_positions = _seed_positions(config.seed, 180.0 if interleaved else 0.0)
     return _seeds(config.target_m, ring_positions, first)
 
 

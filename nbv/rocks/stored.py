@@ -1,4 +1,4 @@
-"""Rocks in the store, by what they are made from: name and hash are there at once, the mesh is read when it is asked for."""
+"""Rocks in the store, by what they are made from: name and hash are there at once, the mesh is read when it is used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class UnreadRock(Rock):
         return getattr(self._read(), name)
 
 
-def kept_rock(store: Store | None, make: Callable[[], Rock], *, code: str, inputs: Sequence[Any]) -> Rock:
+def stored_rock(store: Store | None, make: Callable[[], Rock], *, code: str, inputs: Sequence[Any]) -> Rock:
     """The rock that ``make`` makes, from ``store`` where it is there; ``code`` and ``inputs`` as `nbv.cache.cached` has them."""
     if store is None:
         return make()
@@ -70,7 +70,7 @@ def kept_rock(store: Store | None, make: Callable[[], Rock], *, code: str, input
     return rock
 
 
-def kept_import(path: Path, store: Store | None) -> Rock:
+def stored_import(path: Path, store: Store | None) -> Rock:
     """`import_mesh` with its defaults, from ``store`` where the mesh file and those that it names are as they were then."""
     if store is None or path.stat().st_size > MAX_FILE_BYTES:
         return import_mesh(path)
@@ -80,13 +80,13 @@ def kept_import(path: Path, store: Store | None) -> Rock:
     beside = {} if entry is None else dict(zip(*(entry[part].tolist() for part in ("names", "digests"))))
     made: list[Rock] = []
     if entry is None or beside != _digests(path.parent, beside):
-        asked: list[str] = []
-        made.append(import_mesh(path, asked=asked))
-        beside = _digests(path.parent, asked)
+        side_files: list[str] = []
+        made.append(import_mesh(path, side_files=side_files))
+        beside = _digests(path.parent, side_files)
         parts = {"names": list(beside), "digests": list(beside.values())}
         store.put("rocks", key, {name: np.array(part, dtype=np.str_) for name, part in parts.items()})
     inputs = [path.name, content, beside]
-    return kept_rock(store, lambda: made.pop() if made else import_mesh(path), code=__name__, inputs=inputs)
+    return stored_rock(store, lambda: made.pop() if made else import_mesh(path), code=__name__, inputs=inputs)
 
 
 def _digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
