@@ -19,11 +19,9 @@ class _MeasuredReconstructor(GeometricReconstructor):
     fidelity: CurveFidelity
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
-        """See `nbv.types.Reconstructor`."""
         return self.fidelity.note(super().bootstrap(captures), len(captures))
 
     def add(self, capture: Capture) -> UpdateReport:
-        """See `nbv.types.Reconstructor`."""
         return self.fidelity.note(super().add(capture), self.fidelity.curve[-1][0] + 1)
 
 
@@ -56,7 +54,6 @@ class CurveFidelity(GeometricFidelity):
         return report
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """See `nbv.mission.fidelity.Fidelity`."""
         metrics = super().measure(cloud)
         if self.context.config.adaptive_budget == 0:
             self.curve = [(self.curve[-1][0], metrics["observable"]["f_score_48mm"], 0.0)]

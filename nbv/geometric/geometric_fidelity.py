@@ -26,12 +26,10 @@ class PoseCamera(Camera):
         self._target_m = target_m
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        """See `nbv.types.Camera`."""
         pose = look_at(position_m, np.array(self._target_m))
         return Capture(f"{viewpoint.id}.png", viewpoint, pose, None)
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
-        """See `nbv.types.Camera`."""
         self._target_m = target_m
 
 
@@ -60,7 +58,6 @@ class GeometricFidelity(Fidelity):
 
     @staticmethod
     def simulated(config: MissionConfig) -> MissionConfig:
-        """See `nbv.mission.fidelity.Fidelity`."""
         known = replace(config.target, horizontal_sd_m=0.0, vertical_sd_m=0.0)
         return config.changed(telemetry=TelemetryConfig(), target=known)
 

@@ -132,15 +132,10 @@ class GeometricWorld:
 
         return lru_cache(MAX_VIEWS)(visible)
 
-    def reach_counts(self, t_m: float) -> NDArray[np.intp]:
-        """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
-        if t_m not in self._reach_counts:
-            self._reach_counts[t_m] = (self.sample_distances_m < t_m).sum(axis=1)
-        return self._reach_counts[t_m]
-
     @cached_property
-    def _reach_counts(self) -> dict[float, NDArray[np.intp]]:
-        return {}
+    def reach_counts(self) -> Callable[[float], NDArray[np.intp]]:
+        """(S,) how many of each sample's listed neighbours, itself included, are nearer than a distance in metres."""
+        return cache(lambda t_m: (self.sample_distances_m < t_m).sum(axis=1))
 
     @cached_property
     def neighbours_by_rank(self) -> NDArray[np.intp]:
@@ -153,19 +148,12 @@ WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campa
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     """The rock's world: from memory, from the store, or made."""
-    key = (
-        rock.sha256,
-        config.camera,
-        config.scene,
-        config.ground,
-        config.target_m,
-        config.shared.box_half_extent_m,
-    )
-    return WORLDS.get(key, lambda: load_world(rock, config, store))
+    scale = (config.target_m, config.shared.box_half_extent_m)
+    key = (rock.sha256, config.camera, config.scene, config.ground, *scale)
+    return WORLDS.get(key, lambda: _stored_world(rock, config, store))
 
 
-def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:
-    """The world from the store, or a fresh one that is put there."""
+def _stored_world(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     scene = config.scene
     inputs = [
         rock.sha256,
@@ -175,7 +163,10 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
     ]
-    if (around := _neighbours(rock, config, store)) is not None:
+    around: Surroundings | None = None
+    if config.ground.neighbours > 0:
+        around = make_surroundings(config.ground, scene.ground_seed, rock.sha256, store)
+    if around is not None:
         inputs.append(list(around.key))
 
     @cache
@@ -267,12 +258,6 @@ def _far_ground(inner_m: float) -> Floats:
     xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
     xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _neighbours(rock: Rock, config: MissionConfig, store: Store | None) -> Surroundings | None:
-    if config.ground.neighbours == 0:
-        return None
-    return make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
 
 
 def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Bools:

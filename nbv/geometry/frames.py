@@ -90,6 +90,12 @@ def invert_rigid(b_from_a: Floats) -> Floats:
     return out
 
 
+def rotation_angles_deg(rotations: Floats) -> Floats:
+    """(...) angles of rotations (..., 3, 3)."""
+    cosines = (np.trace(rotations, axis1=-2, axis2=-1) - 1.0) / 2.0
+    return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+
 def heading_to(position_m: Floats, target_m: Floats) -> Floats:
     """Heading (rad, counter-clockwise from east) from each position (..., 3) towards the target."""
     delta = np.asarray(target_m, dtype=float) - np.asarray(position_m, dtype=float)
@@ -112,7 +118,7 @@ class Similarity:
     @property
     def turn_deg(self) -> float:
         """Angle of the rotation."""
-        return float(np.rad2deg(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1.0, 1.0))))
+        return float(rotation_angles_deg(self.rotation))
 
     def apply(self, points: Floats) -> Floats:
         """(..., 3) points of the source frame in the target frame."""

@@ -39,7 +39,6 @@ class PhotogrammetricFidelity(CloudFidelity):
         return evaluate_cloud(cloud, self.context.rock, self.context.config, self.context.store)
 
     def evaluation_inputs(self) -> list[Any]:
-        """See `CloudFidelity`."""
         config = self.context.config
         return [
             self.context.rock.sha256,

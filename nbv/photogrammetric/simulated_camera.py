@@ -58,13 +58,11 @@ class SimulatedCamera(Camera):
         give_back_freed_memory()
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        """See `nbv.types.Camera`."""
         reported = look_at(position_m, np.asarray(self._target_m))
         image = self.photograph(viewpoint, self._errors.true_pose(reported, viewpoint.id, time_s))
         return Capture(f"{viewpoint.id}.png", viewpoint, reported, image)
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
-        """See `nbv.types.Camera`."""
         self._target_m = target_m
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:

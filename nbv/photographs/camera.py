@@ -27,7 +27,6 @@ class PhotographCamera(Camera):
         self.taken: list[str] = []  # names, in order
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        """See `nbv.types.Camera`."""
         photograph = self._set.registered[self._viewpoints.index(viewpoint)]
         assert photograph.camera_from_world is not None
         reported = self._errors.true_pose(photograph.camera_from_world, viewpoint.id, time_s)

@@ -19,6 +19,7 @@ from nbv.dense.stereo import points_to_search, sgbm_depth_maps
 from nbv.dense.views import shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.cleaning import inlier_mask, select
+from nbv.evaluation.metric import azimuth_sectors
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.target import GROUND_BAND_M
@@ -198,8 +199,7 @@ def halves_agreement(
 
 def weak_sectors(reference: Reference, height_m: float) -> tuple[str, ...]:
     """Sentences on the sides of the object where the halves disagree or hardly a point is."""
-    x, y, _ = reference.points_m.T
-    sector = (np.rad2deg(np.arctan2(y, x)) % 360 // (360 / SECTORS)).astype(int)
+    sector = azimuth_sectors(reference.points_m, (0.0, 0.0, 0.0), SECTORS)
     counts = np.bincount(sector, minlength=SECTORS)
     weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
     thin = counts < SPARSE_SHARE * np.median(counts)

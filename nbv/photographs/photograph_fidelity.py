@@ -101,7 +101,6 @@ class PhotographFidelity(CloudFidelity):
         return Evaluation({**metrics, "cleaning": cleaning}, cleaning, cleaned)
 
     def evaluation_inputs(self) -> list[Any]:
-        """See `CloudFidelity`."""
         return [self.context.rock.sha256, self.vehicle_config.evaluation]
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:

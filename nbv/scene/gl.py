@@ -51,7 +51,6 @@ class GLRenderer:
             raise UserError(_no_gl(error)) from error
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
-        """See ``Renderer.rgb``."""
         camera_position(camera_from_world)
         gl_from_cv = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along -z with y up
         pose = np.linalg.inv(np.asarray(camera_from_world, dtype=float)) @ gl_from_cv

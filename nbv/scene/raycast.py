@@ -43,7 +43,6 @@ class RaycastRenderer:
         self._corners = [_box_corners(part) for part in parts]
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
-        """See ``Renderer.rgb``."""
         matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
         rays = _PixelRays(matrix[:3, :3], self._k)
         boxes = [box for corners in self._corners if (box := self._rock_box(matrix, corners)) is not None]

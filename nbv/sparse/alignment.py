@@ -13,7 +13,7 @@ import numpy as np
 
 from nbv.config import TelemetryConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import Similarity, align_umeyama, camera_centers_m
+from nbv.geometry.frames import Similarity, align_umeyama, camera_centers_m, rotation_angles_deg
 from nbv.types import Floats, Ints
 
 MIN_CAMERAS = 3
@@ -168,8 +168,7 @@ def _rotation_errors_deg(
     """(M,) angle between each aligned camera's orientation and its telemetry."""
     aligned = camera_from_model[:, :3, :3] @ world_from_model.rotation.T
     relative = np.einsum("mij,mkj->mik", aligned, camera_from_world[:, :3, :3])
-    cosine = (np.trace(relative, axis1=1, axis2=2) - 1.0) / 2.0
-    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return rotation_angles_deg(relative)
 
 
 def _agreeing(source: Floats, target: Floats, max_rms_m: float) -> Ints:

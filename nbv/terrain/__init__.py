@@ -9,7 +9,7 @@ from nbv.terrain.neighbours import (
     make_surroundings,
     neighbour_cylinders,
 )
-from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief, make_relief
+from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief, relief_of
 
 __all__ = [
     "RELIEF_HALF_EXTENT_M",
@@ -19,7 +19,7 @@ __all__ = [
     "Surroundings",
     "buried_rock",
     "joined_mesh",
-    "make_relief",
     "make_surroundings",
     "neighbour_cylinders",
+    "relief_of",
 ]

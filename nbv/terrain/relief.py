@@ -64,9 +64,14 @@ class Relief:
         return heights
 
 
+def relief_of(ground: GroundConfig, seed: int) -> Relief | None:
+    """The height field of a ``ground``, drawn from ``seed``; None where the ground is flat."""
+    return _drawn_relief(ground.relief_m, ground.relief_length_m, seed) if ground.relief_m > 0 else None
+
+
 @lru_cache(maxsize=4)
-def make_relief(relief_m: float, length_m: float, seed: int) -> Relief:
-    """The relief of one ground: a Gaussian random field with autocorrelation ``exp(-(d / length_m)**2)``.
+def _drawn_relief(relief_m: float, length_m: float, seed: int) -> Relief:
+    """A Gaussian random field with autocorrelation ``exp(-(d / length_m)**2)``.
 
     White noise smoothed by a Gaussian of ``length_m / 2``, scaled to ``relief_m`` rms over the square of half side
     ``FULL_M`` and shifted so that its mean over the target's footprint is 0. Near the target dips are filled: regolith
@@ -88,8 +93,3 @@ def make_relief(relief_m: float, length_m: float, seed: int) -> Relief:
     height *= smooth_step((RELIEF_HALF_EXTENT_M - edge) / (RELIEF_HALF_EXTENT_M - FULL_M))
     height.setflags(write=False)
     return Relief(height)
-
-
-def relief_of(ground: GroundConfig, seed: int) -> Relief | None:
-    """The height field of a ``ground``, drawn from ``seed``; None where the ground is flat."""
-    return make_relief(ground.relief_m, ground.relief_length_m, seed) if ground.relief_m > 0 else None

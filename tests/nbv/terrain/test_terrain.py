@@ -12,7 +12,7 @@ from nbv.evaluation.ground_truth import build_ground_truth
 from nbv.geometry.mesh import face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
-from nbv.terrain import buried_rock, make_relief, neighbour_cylinders
+from nbv.terrain import buried_rock, neighbour_cylinders, relief_of
 from nbv.terrain.neighbours import CROP_M
 from nbv.terrain.relief import FILLED_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
 
@@ -27,7 +27,7 @@ def rock() -> Rock:
 def test_relief_has_the_rms_and_slope_that_is_asked() -> None:
     rms, slopes = [], []
     for seed in range(8):
-        relief = make_relief(0.08, 1.0, seed)
+        relief = relief_of(GroundConfig(relief_m=0.08, relief_length_m=1.0), seed)
         n = len(relief.heights_m)
         nodes = np.linspace(-RELIEF_HALF_EXTENT_M, RELIEF_HALF_EXTENT_M, n)
         x, y = np.meshgrid(nodes, nodes)
