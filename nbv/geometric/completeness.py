@@ -61,8 +61,8 @@ def sample_probability(
 ) -> Floats:
     """(S,) `reconstruction_probability` of a world's samples, which the views (V, S) ``seen`` from (V, 3) see."""
     directions, incidence = _angles(world, camera_centers_m, config)
-    found = reconstruction_probability(seen, incidence, world.sample_contrast, directions, config.dense)
-    return resolved(found.astype(np.float64), world.camera, RESOLVED)
+    chance = reconstruction_probability(seen, incidence, world.sample_contrast, directions, config.dense)
+    return resolved(chance.astype(np.float64), world.camera, RESOLVED)
 
 
 def coarse_depth(

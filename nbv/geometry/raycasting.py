@@ -61,8 +61,8 @@ class RayCaster:
 
     def nearest(self, points_m: NDArray[np.floating]) -> tuple[Floats32, Floats]:
         """(N, 3) the place of the surface nearest to each point (N, 3), and (N, 3) its unit normal there."""
-        found = self._scene.compute_closest_points(_tensor(points_m, np.float32), nthreads=1)
-        return found["points"].numpy(), found["primitive_normals"].numpy().astype(float)
+        closest = self._scene.compute_closest_points(_tensor(points_m, np.float32), nthreads=1)
+        return closest["points"].numpy(), closest["primitive_normals"].numpy().astype(float)
 
 
 def _tensor(values: NDArray[Any], dtype: type = np.float32) -> Any:

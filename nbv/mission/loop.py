@@ -119,9 +119,9 @@ class AdaptiveMission:
             model = self.reconstructor.partial_model(self.captures)
         target_m = None
         if model is not None:
-            found = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
-            if found is not None:
-                target_m = found.center_m
+            target = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
+            if target is not None:
+                target_m = target.center_m
                 self._turn_to_target(self.config.changed(target_m=target_m))
         self.recorder.retargeted(target_m)
 

@@ -83,12 +83,12 @@ def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfi
 
     Where telemetry errs altitudes count from the ground in the model: what telemetry calls zero is off by its drift.
     """
-    found = find_target(model.points_m, config.target_m)
-    if found is None:
+    target = find_target(model.points_m, config.target_m)
+    if target is None:
         return None
-    half_m = found.half_extent_m
+    half_m = target.half_extent_m
     if not config.telemetry.is_exact:
-        pool, flight, ground_m = config.pool, config.flight, found.ground_m
+        pool, flight, ground_m = config.pool, config.flight, target.ground_m
         config = config.changed(
             pool={
                 "min_altitude_m": pool.min_altitude_m + ground_m,
@@ -101,7 +101,7 @@ def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfi
         )
     return reaching_a_ring(
         config.changed(
-            target_m=found.center_m,
+            target_m=target.center_m,
             shared={"box_half_extent_m": max(config.shared.box_half_extent_m, half_m + BOX_MARGIN_M)},
             dense={"crop_half_width_m": max(config.dense.crop_half_width_m, half_m + CROP_MARGIN_M)},
         )

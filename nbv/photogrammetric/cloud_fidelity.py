@@ -49,10 +49,10 @@ class CloudFidelity(Fidelity):
             *sources("metrics", *sorted(plugins("metrics"))),
         ]
         with self.context.stopwatch.timed("evaluation"):
-            found: dict[str, Any] = cached_json(
+            metrics: dict[str, Any] = cached_json(
                 self.context.store, "evaluations", evaluated, code=self.evaluation_code, inputs=inputs
             )
-        return found
+        return metrics
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The cleaned cloud, how it was cleaned, and the sparse model."""

@@ -50,8 +50,8 @@ def measure_cloud(
     cleaned, report = clean_cloud(cloud, no_ground, photographs.target_m)
     low, high = low - [margin_m, margin_m, 0.0], high + margin_m
     reaches_m = tuple(reach * photographs.height_m for reach in REACHES)
-    found = register_cloud(_within(cleaned, low, high).points_m, truth_m, reaches_m)
-    cleaned = _within(moved(cleaned, found), low, high)
+    registration = register_cloud(_within(cleaned, low, high).points_m, truth_m, reaches_m)
+    cleaned = _within(moved(cleaned, registration), low, high)
     cleaned = select(cleaned, in_masks(cleaned.points_m, photographs))
     if len(cleaned) == 0:
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
@@ -61,7 +61,7 @@ def measure_cloud(
     scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
     metrics["reference"] = {
-        "registration": {"scale": found.scale, "turn_deg": found.turn_deg},
+        "registration": {"scale": registration.scale, "turn_deg": registration.turn_deg},
         "ceiling": ceiling(photographs),
     }
     return metrics, report, cleaned
@@ -70,13 +70,13 @@ def measure_cloud(
 def ceiling(photographs: PhotographSet) -> dict[str, float]:
     """One half of the photographs against the other, by the names of the metrics: the reference cannot tell better scores apart."""
     halves = photographs.halves
-    found = {}
+    scores = {}
     for k, fraction in enumerate(THRESHOLD_FRACTIONS):
         name = f"{1000 * fraction * DEFAULT_HEIGHT_M:.0f}mm"
-        found[f"f_score_{name}"] = halves.f_score[k]
-        found[f"completeness_{name}"] = halves.completeness[k]
-        found[f"accuracy_{name}"] = halves.precision[k]
-    return found
+        scores[f"f_score_{name}"] = halves.f_score[k]
+        scores[f"completeness_{name}"] = halves.completeness[k]
+        scores[f"accuracy_{name}"] = halves.precision[k]
+    return scores
 
 
 def _within(cloud: Cloud, low_m: Floats, high_m: Floats) -> PointCloud:

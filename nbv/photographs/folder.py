@@ -102,12 +102,12 @@ def read_folder(
     """
     folder = expanded(folder)
     paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
-    found: list[SourcePhotograph] = []
+    photographs: list[SourcePhotograph] = []
     damaged: list[str] = []
     for index, path in enumerate(paths):
         progress("reading photographs", index, len(paths))
         try:
-            found.append(_read(path))
+            photographs.append(_read(path))
         except UserError as error:
             damaged.append(f"{_readable(path.name)} ({error})")
     if damaged:
@@ -115,9 +115,9 @@ def read_folder(
             f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
             f"{', ...' if len(damaged) > 3 else ''}; repair them, or move them out of the folder"
         )
-    unique = {photograph.sha256: photograph for photograph in reversed(found)}
-    if len(unique) < len(found):
-        notes.append(f"left out {len(found) - len(unique)} files that are copies of others")
+    unique = {photograph.sha256: photograph for photograph in reversed(photographs)}
+    if len(unique) < len(photographs):
+        notes.append(f"left out {len(photographs) - len(unique)} files that are copies of others")
     if len(unique) < FEWEST:
         raise UserError(f"{folder} has {len(unique)} photographs; a set needs {FEWEST} or more that overlap")
     photographs = sorted(unique.values(), key=lambda p: (p.time or "", p.path))
@@ -306,29 +306,31 @@ def files_of_photographs(
     those belong together whose paths have most names in common, counted from the end. `UserError` where two files of ``what`` fit
     one photograph equally well, or one file fits two.
     """
-    of_file = {file: _parts(file) for file in files}
-    of_mine = {p.name: _parts(str(p.path.absolute())) for p in photographs}
+    file_parts = {file: _parts(file) for file in files}
+    photograph_parts = {p.name: _parts(str(p.path.absolute())) for p in photographs}
     common = {
         (a, b): len(list(takewhile(lambda pair: pair[0] == pair[1], zip(a[::-1], b[::-1]))))
-        for a in {path[:-1] for path in of_file.values()}
-        for b in {path[:-1] for path in of_mine.values()}
+        for a in {path[:-1] for path in file_parts.values()}
+        for b in {path[:-1] for path in photograph_parts.values()}
     }
     most: dict[tuple[int, tuple[str, ...]], int] = defaultdict(int)
     for pair, count in common.items():
         for side in enumerate(pair):
             most[side] = max(most[side], count)
     by_key: dict[str, list[str]] = defaultdict(list)
-    for file, path in of_file.items():
+    for file, path in file_parts.items():
         for key in {path[-1], path[-1].rpartition(".")[0]} if path else ():
             by_key[key].append(file)
-    found: dict[str, str] = {}
+    file_of: dict[str, str] = {}
     for whole in (True, False):
         new: dict[str, str] = {}
-        for name, (*folder, base) in of_mine.items():
+        for name, (*folder, base) in photograph_parts.items():
             key = base if whole else base.rpartition(".")[0]
-            pairs = ((file, (of_file[file][:-1], tuple(folder))) for file in by_key[key] if name not in found)
+            pairs = (
+                (file, (file_parts[file][:-1], tuple(folder))) for file in by_key[key] if name not in file_of
+            )
             fit = [f for f, pair in pairs if all(common[pair] == most[side] for side in enumerate(pair))]
-            fit = [file for file in fit if file not in found.values()]
+            fit = [file for file in fit if file not in file_of.values()]
             if len(fit) > 1 or (fit and fit[0] in new.values()):
                 other = fit[1] if len(fit) > 1 else next(n for n, f in new.items() if f == fit[0])
                 raise UserError(
@@ -336,8 +338,8 @@ def files_of_photographs(
                     "give the photographs' folders the names that they have there"
                 )
             new.update(dict.fromkeys([name] if fit else [], fit[0] if fit else ""))
-        found |= new
-    return found
+        file_of |= new
+    return file_of
 
 
 def _parts(path: str) -> tuple[str, ...]:
@@ -373,16 +375,16 @@ def find_masks(folder: str | Path, photographs: Sequence[SourcePhotograph]) -> d
     paths = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() == ".png" and p.resolve() not in taken]
     # Without "_mask", unless there is such a file, too.
     files = {re.sub("_mask.png$", ".png", str(p.relative_to(folder)), flags=re.I): p for p in reversed(paths)}
-    found = files_of_photographs(files, photographs, str(folder))
-    if not found:
+    file_of = files_of_photographs(files, photographs, str(folder))
+    if not file_of:
         raise UserError(
             f"no mask in {folder} is of a photograph; call them like the photographs: {photographs[0].path.stem}.png"
         )
     for photograph in photographs:
         same_sides = photograph.upright_size_px == photograph.size_px
-        if photograph.name in found and photograph.orientation != 1 and same_sides:
+        if photograph.name in file_of and photograph.orientation != 1 and same_sides:
             raise UserError(
                 f"{photograph.path.name} is turned by EXIF (orientation {photograph.orientation}), and nothing tells whether "
                 "its mask is; turn photographs and masks upright: mogrify -auto-orient"
             )
-    return {name: files[file] for name, file in found.items()}
+    return {name: files[file] for name, file in file_of.items()}

@@ -1,4 +1,8 @@
-"""The sparse model of all photographs: COLMAP's incremental mapper on them, or another program's, with points if it has none."""
+"""The sparse model of all photographs: COLMAP's incremental mapper on them, or another program's, with points if it has none.
+
+COLMAP's pipeline drives its mapper here, since all photographs are there and their lenses are to be calibrated. In a mission they
+come one by one, from a known camera, and every pose is compared with telemetry: `nbv.sparse.mapper` drives it there.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ from nbv.photographs.folder import shrunk_size
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
-from nbv.sparse.colmap import files_of, model_of
+from nbv.sparse.colmap import files_of, model_of, pipeline_options
 from nbv.sparse.features import extract_features
 from nbv.sparse.matching import match_pair
 
@@ -158,8 +162,10 @@ def _triangulated(source: ImportSource, model: SolvedModel) -> SolvedModel:
     images = _Images(source, names, cameras, list(cameras))
     with images.matched() as database, tempfile.TemporaryDirectory() as out:
         source.progress("triangulating points", 0, 1)
-        found = pycolmap.triangulate_points(posed, database, out, out, options=_options(1))
-    return solved_from_colmap(found, images.photographs, source)
+        model_with_points = pycolmap.triangulate_points(
+            posed, database, out, out, options=pipeline_options(1)
+        )
+    return solved_from_colmap(model_with_points, images.photographs, source)
 
 
 def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int]]:
@@ -186,11 +192,9 @@ def _cameras(source: ImportSource) -> tuple[dict[int, pycolmap.Camera], list[int
 
 def _largest_model(images: _Images) -> Arrays:
     """The largest model as COLMAP's files, and how many pairs match and photographs each model has, most first."""
-    options, registered, total = _options(WORKERS), 0, len(images.names)
+    options, registered, total = pipeline_options(WORKERS), 0, len(images.names)
     options.extract_colors = False
     options.min_model_size = SMALLEST_MODEL
-    # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
-    options.ba_global_function_tolerance = options.ba_local_function_tolerance = 1e-6
 
     def one_more() -> None:
         nonlocal registered
@@ -204,9 +208,9 @@ def _largest_model(images: _Images) -> Arrays:
         models = pycolmap.incremental_mapping(
             database, out, out, options, initial_image_pair_callback=one_more, next_image_callback=one_more
         )
-    found = sorted(models.values(), key=lambda m: m.num_reg_images(), reverse=True)
-    files = {name: np.frombuffer(data, np.uint8) for m in found[:1] for name, data in files_of(m).items()}
-    return {"counts": np.array([pairs, *(m.num_reg_images() for m in found)], dtype=np.int64), **files}
+    ranked = sorted(models.values(), key=lambda m: m.num_reg_images(), reverse=True)
+    files = {name: np.frombuffer(data, np.uint8) for m in ranked[:1] for name, data in files_of(m).items()}
+    return {"counts": np.array([pairs, *(m.num_reg_images() for m in ranked)], dtype=np.int64), **files}
 
 
 def _is_sound(database: Path) -> bool:
@@ -216,12 +220,6 @@ def _is_sound(database: Path) -> bool:
             return bool(opened.execute("pragma quick_check").fetchone() == ("ok",))
     except sqlite3.Error:
         return False
-
-
-def _options(workers: int) -> pycolmap.IncrementalPipelineOptions:
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads, options.random_seed = workers, 0
-    return options
 
 
 @dataclass(frozen=True)
@@ -289,17 +287,17 @@ class _Images:
             self.source.progress("finding features", number - 1, len(self.names))
             if database.exists_image(number):
                 continue
-            found = extract_features(self.source.pixels(name), SparseConfig(max_features=MAX_FEATURES))
+            features = extract_features(self.source.pixels(name), SparseConfig(max_features=MAX_FEATURES))
             # COLMAP's limit keeps the scale that reaches it whole.
-            largest = np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES]
+            largest = np.argsort(-features.keypoints[:, 2], kind="stable")[:MAX_FEATURES]
             image = pycolmap.Image(name=str(number), camera_id=camera_id, image_id=number)
             frame = pycolmap.Frame(frame_id=number, rig_id=camera_id)
             frame.add_data_id(image.data_id)
-            descriptors = pycolmap.FeatureDescriptors(kind, found.descriptors[largest])
+            descriptors = pycolmap.FeatureDescriptors(kind, features.descriptors[largest])
             with pycolmap.DatabaseTransaction(database):
                 database.write_image(image, use_image_id=True)
                 database.write_frame(frame, use_frame_id=True)
-                database.write_keypoints(number, found.keypoints[largest])
+                database.write_keypoints(number, features.keypoints[largest])
                 database.write_descriptors(number, descriptors)
 
     def _pairs(self, database: pycolmap.Database) -> list[tuple[int, int]]:

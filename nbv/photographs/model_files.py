@@ -74,17 +74,17 @@ def _of_photographs(
 ) -> list[tuple[SolvedModel, ImportSource]]:
     """What the model says of the photographs, turned as EXIF says or not, as their sizes allow."""
     images = {model.image(i).name: model.image(i) for i in sorted(model.reg_image_ids())}
-    found = files_of_photographs(images, source.photographs, str(path))
-    if not found:
+    file_of = files_of_photographs(images, source.photographs, str(path))
+    if not file_of:
         raise UserError(
             f"{path} is a model of other photographs: none of its {len(images)} images "
             f"({', '.join(list(images)[:2])}{', ...' if len(images) > 2 else ''}) is in the folder"
         )
-    name_of = {file: name for name, file in found.items()}
+    name_of = {file: name for name, file in file_of.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
     for name, camera in cameras.items():
         if wrong := _wrong(camera):
-            raise UserError(f"{path} cannot be read: {wrong} (of {found[name]}); export it again")
+            raise UserError(f"{path} cannot be read: {wrong} (of {file_of[name]}); export it again")
     turns = {source.by_name[name].orientation for name in cameras}
     answers = []
     for upright in (True, False) if turns != {1} else (True,):
@@ -99,9 +99,9 @@ def _of_photographs(
                 raise UserError(f"{path} has poses or points that are not finite; export it again")
             mirrored = not upright and turns <= set(MIRRORED)
             answers.append((solved.mirrored() if mirrored else solved, seen))
-    if answers and len(found) < FEWEST_POSES:
+    if answers and len(file_of) < FEWEST_POSES:
         raise UserError(
-            f"{path} has the poses of {len(found)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
+            f"{path} has the poses of {len(file_of)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
             "needed: export it again, or leave --model out"
         )
     if answers:
@@ -194,11 +194,11 @@ def _with_sizes(tree: Mapping[str, Any], path: Path, source: ImportSource) -> Ma
     bare = [str(frame["file_path"]) for frame in tree["frames"] if not {"w", "h"} <= {*tree, *frame}]
     if not bare:
         return tree
-    found = files_of_photographs(bare, source.photographs, str(path))
-    if not found:
+    file_of = files_of_photographs(bare, source.photographs, str(path))
+    if not file_of:
         raise ValueError("it has no 'w' and 'h', and names none of the photographs")
     sizes: dict[str, Any] = dict.fromkeys(bare)
-    sizes |= {file: source.by_name[name].upright_size_px for name, file in found.items()}
+    sizes |= {file: source.by_name[name].upright_size_px for name, file in file_of.items()}
     frames = [{**dict(zip("wh", sizes.get(str(f["file_path"])) or ())), **f} for f in tree["frames"]]
     return {
         **tree,

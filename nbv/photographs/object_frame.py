@@ -152,15 +152,15 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
             word = "no ground is seen beside it, it is measured from its lowest point"
         low[2] = low[2] if ground is None else ground
         return low, high, ground is not None, f"{len(members)} sparse points inside the masks; {word}"
-    if (found := find_target(points, np.zeros(3), model.centers)) is not None:
-        near = (np.abs(points[:, :2] - found.center_m[:2]) <= 1.1 * found.half_extent_m).all(axis=1)
-        height = points[:, 2] - found.ground_m
+    if (target := find_target(points, np.zeros(3), model.centers)) is not None:
+        near = (np.abs(points[:, :2] - target.center_m[:2]) <= 1.1 * target.half_extent_m).all(axis=1)
+        height = points[:, 2] - target.ground_m
         members = _without_isolated(
-            points[near & (height > GROUND_BAND_M) & (height < 2.2 * found.half_extent_m)]
+            points[near & (height > GROUND_BAND_M) & (height < 2.2 * target.half_extent_m)]
         )
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
-            low[2] = found.ground_m
+            low[2] = target.ground_m
             word = f"{len(members)} sparse points that rise from the ground where the cameras look"
             return low, high, True, word
     members = _without_isolated(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])

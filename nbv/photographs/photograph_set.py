@@ -253,12 +253,12 @@ def read_set(folder: Path) -> PhotographSet:
             raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")
         for name in ("width_px", "height_px", "focal_px"):  # a camera of the program has defaults
             tree["camera"][name]
-        found = converted({**tree, "folder": str(folder)}, PhotographSet, "a record", dec_hook=_decoded)
-        check_name(found.name)
+        photographs = converted({**tree, "folder": str(folder)}, PhotographSet, "a record", dec_hook=_decoded)
+        check_name(photographs.name)
     except (UserError, KeyError, TypeError, ValueError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(f"{path} is damaged ({reason}); import the photographs again with --force") from error
-    return found
+    return photographs
 
 
 def _decoded(kind: type, value: Any) -> Any:

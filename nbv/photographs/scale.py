@@ -77,8 +77,8 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
     crs = _system(lines[0], path)
     texts = (line.split()[5:] for line in lines[1:] if not line.startswith("#"))  # names may have spaces
     names = {" ".join(words[:end]).lower() for words in texts for end in range(len(words), 0, -1)}
-    found = files_of_photographs(names, source.photographs, str(path))
-    of_file = {file: source.by_name[name] for name, file in found.items()}
+    file_of = files_of_photographs(names, source.photographs, str(path))
+    photograph_of = {file: source.by_name[name] for name, file in file_of.items()}
     marks: dict[Position, list[tuple[str, float, float]]] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not line or line.startswith("#"):
@@ -94,7 +94,9 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
         if not np.isfinite([x, y, z, x_px, y_px]).all():
             raise UserError(f"{path} line {number}: every number must be finite; leave points without Z out")
         named = (" ".join(words[5:end]).lower() for end in range(len(words), 5, -1))  # the longest
-        if (photograph := next((of_file[name] for name in named if name in of_file), None)) is None:
+        if (
+            photograph := next((photograph_of[name] for name in named if name in photograph_of), None)
+        ) is None:
             continue
         sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
         if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):
@@ -177,7 +179,7 @@ def _percent(error: float) -> str:
 def _from_control_points(model: SolvedModel, source: ImportSource, points: ControlPoints) -> Scale:
     path = points.path
     row = {name: index for index, name in enumerate(model.names)}
-    found, expected, misses_deg = [], [], []
+    points_in_model, expected, misses_deg = [], [], []
     for position, seen in points.marks.items():
         views, rays = [], []
         for name, x_px, y_px in seen:
@@ -195,7 +197,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             toward = poses @ [*point, 1.0]
             cosines = (toward * rays).sum(axis=1) / np.linalg.norm(toward, axis=1)
             misses_deg.append(float(np.rad2deg(np.median(np.arccos(cosines.clip(-1, 1))))))
-            found.append(point)
+            points_in_model.append(point)
             expected.append(position)
     if len(misses_deg) < FEWEST_POINTS:
         raise UserError(
@@ -209,7 +211,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
         )
     try:
         places_m, up = _metres(points.crs, expected)
-        fit, rms_m, off = _fitted(np.array(found), places_m)
+        fit, rms_m, off = _fitted(np.array(points_in_model), places_m)
     except ValueError as error:
         raise UserError(f"{path}: the control points {error}") from error
     reading = "metres of your own"
@@ -221,7 +223,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             f"{path} does not fit the model: {quality}; check that reading and that the marks are in pixels of these photographs, "
             "or give --height-m in place of the control points"
         )
-    up_in_model, sight = fit.rotation.T @ up, model.centers.mean(axis=0) - np.mean(found, axis=0)
+    up_in_model, sight = fit.rotation.T @ up, model.centers.mean(axis=0) - np.mean(points_in_model, axis=0)
     heights_m, extent_m = (places_m @ up).std(), np.linalg.norm(places_m.std(axis=0))
     if heights_m < LEVEL * extent_m and up_in_model @ sight < 0:
         raise UserError(
@@ -229,7 +231,7 @@ def _from_control_points(model: SolvedModel, source: ImportSource, points: Contr
             "X is east (longitude), Y north, Z up"
         )
     sure = off < SURE_ERROR
-    note = f"scale{' and up' if sure else ''}: {len(found)} control points, {quality}"
+    note = f"scale{' and up' if sure else ''}: {len(points_in_model)} control points, {quality}"
     return Scale("control points", None, fit.scale, up_in_model if sure else None, (note,))
 
 
@@ -253,28 +255,28 @@ def _metres(crs: CRS | None, places: Sequence[Position]) -> tuple[Floats, Floats
             x, y = Transformer.from_crs(crs.to_2d(), "EPSG:4326", always_xy=True).transform(x, y)
             z = z * _height_unit(crs)[1]
         to_metres = Transformer.from_crs(GEOGRAPHIC, GEOCENTRIC, always_xy=True)
-        found, above = (np.column_stack(to_metres.transform(x, y, z + up_m)) for up_m in (0.0, 1.0))
+        places_m, above = (np.column_stack(to_metres.transform(x, y, z + up_m)) for up_m in (0.0, 1.0))
     except ProjError as error:  # of `inf` as well, which stands for no place
         raise ValueError("are no places") from error
-    if not np.isfinite(found).all():
+    if not np.isfinite(places_m).all():
         raise ValueError("are no places")
-    return found, above[0] - found[0]
+    return places_m, above[0] - places_m[0]
 
 
-def _fitted(found: Floats, places_m: Floats) -> tuple[Similarity, float, float]:
-    """The similarity from ``found`` (N, 3) to their places (N, 3), its rms in metres, and the relative error of its scale.
+def _fitted(points: Floats, places_m: Floats) -> tuple[Similarity, float, float]:
+    """The similarity from ``points`` (N, 3) to their places (N, 3), its rms in metres, and the relative error of its scale.
 
     That is the larger one of its 95 % interval, were residuals independent, and of residuals over extent, which holds the rest:
     heights that are all wrong by one factor shrink a model by less. `ValueError` where the points coincide or lie on one line.
     """
-    extent = [np.linalg.svd(points - points.mean(axis=0), compute_uv=False) for points in (found, places_m)]
+    extent = [np.linalg.svd(part - part.mean(axis=0), compute_uv=False) for part in (points, places_m)]
     if min(singular[0] for singular in extent) < 1e-9:
         raise ValueError("coincide")
     if extent[1][1] < 0.02 * extent[1][0]:
         raise ValueError("lie on one line")
-    fit = align_umeyama(places_m, found)
-    squares, free = float(((fit.apply(found) - places_m) ** 2).sum()), 3 * len(found) - 7
+    fit = align_umeyama(places_m, points)
+    squares, free = float(((fit.apply(points) - places_m) ** 2).sum()), 3 * len(points) - 7
     interval_m = np.sqrt(squares / free) * student.ppf(0.975, free)
     residual_m = np.sqrt(squares)
     error = max(interval_m, residual_m) / np.linalg.norm(extent[1])
-    return fit, float(residual_m / np.sqrt(len(found))), float(error)
+    return fit, float(residual_m / np.sqrt(len(points))), float(error)

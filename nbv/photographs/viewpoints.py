@@ -72,10 +72,10 @@ class PhotographViewpoints(ViewpointSource):
         """The same of the interleaved seeds, less what the seeds have taken; empty where too few photographs are near them."""
         first = {view.position_m for view in self.seeds(config)}
         try:
-            found = self._nearest_to(seed_viewpoints(config, interleaved=True), config.seed.total)
+            views = self._nearest_to(seed_viewpoints(config, interleaved=True), config.seed.total)
         except MissionFailure:
             return []
-        return [view for view in found if view.position_m not in first]
+        return [view for view in views if view.position_m not in first]
 
     def _nearest_to(self, wanted: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
         """The photographs for these viewpoints, named from number ``first`` on."""
@@ -97,12 +97,12 @@ class PhotographViewpoints(ViewpointSource):
                 f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
-        found = []
+        seeds = []
         for number, column in enumerate(columns[near].tolist(), first):
             x, y, z = self.positions_m[column].tolist()
             angles = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
-            found.append(Viewpoint(f"seed_{number:02d}", (x, y, z), *angles, "seed"))
-        return found
+            seeds.append(Viewpoint(f"seed_{number:02d}", (x, y, z), *angles, "seed"))
+        return seeds
 
     def _require_candidates(self, config: MissionConfig) -> None:
         allowed = int(self.within_altitudes.sum())

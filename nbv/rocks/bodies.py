@@ -128,8 +128,8 @@ class _Body:
             flat = np.abs(self.normals @ axis) > 0.9
             left &= ~flat
             for out in (axis, -axis):
-                if out[2] > -0.5 and (found := self._before(out, flat, others)).sum() > carried.sum():
-                    carried, depth = found, np.ptp(self.points @ out)
+                if out[2] > -0.5 and (before := self._before(out, flat, others)).sum() > carried.sum():
+                    carried, depth = before, np.ptp(self.points @ out)
                     thin = depth < 0.25 * np.ptp(self.points, axis=0).max()
                     kind = "a wall" if out[2] < 0.7 else "the ground" if thin else "a plinth"
         return carried, kind
@@ -188,11 +188,11 @@ def _across(out: Floats, points: Floats) -> Floats:
 
 def _supports(bodies: Sequence[_Body], areas: NDArray[Any]) -> list[tuple[int, str]]:
     """Bodies on or before which the largest that is no support stands, by index, and what they are."""
-    found = [body.carries(bodies) for body in bodies]
-    supports = np.array([carried.any() for carried, _ in found])
+    loads = [body.carries(bodies) for body in bodies]
+    supports = np.array([carried.any() for carried, _ in loads])
     if supports.all() or not supports.any():
         return []
     others = ~supports & (areas >= SPECK * areas.max(where=~supports, initial=0))
     low, high = (np.array([getattr(body, end) for body in bodies]) for end in ("low", "high"))
     others &= _near(low, high, others, int(others.argmax()))  # the largest and what belongs to it
-    return [(k, kind) for k, (carried, kind) in enumerate(found) if supports[k] and carried[others].all()]
+    return [(k, kind) for k, (carried, kind) in enumerate(loads) if supports[k] and carried[others].all()]

@@ -215,13 +215,13 @@ def family_generator(family: str) -> tuple[Callable[[Floats, np.random.Generator
 
 def generated_recipe(family: str, seed: int) -> Recipe:
     """The rock that ``seed`` draws from ``family``; `UserError` where there is no such family or seed."""
-    found = family_generator(family)
-    if found is None:
+    generator = family_generator(family)
+    if generator is None:
         named = ", ".join((*EVERY, *plugins("families")))
         raise UserError(f"there is no family {family!r} of rocks; choose from {named}")
     if not 0 <= seed < SEED_LIMIT:
         raise UserError(f"seed {seed} of family {family!r} is not from 0 to {SEED_LIMIT - 1}")
-    draw, difficulty = found
+    draw, difficulty = generator
     # The seed's own stream in each family: families of one seed have nothing in common.
     rng = np.random.default_rng([seed, *family.encode()])
     is_shape = family in SHAPES
@@ -245,8 +245,8 @@ def generated_recipe(family: str, seed: int) -> Recipe:
 
 def generated_name(name: str) -> tuple[str, int] | None:
     """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
-    found = _NAME.fullmatch(name)
-    return (found[1], int(found[2])) if found and family_generator(found[1]) else None
+    match = _NAME.fullmatch(name)
+    return (match[1], int(match[2])) if match and family_generator(match[1]) else None
 
 
 def _split_of(seed: int) -> Split:

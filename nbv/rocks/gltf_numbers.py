@@ -82,15 +82,15 @@ class _Buffers:
         """(N, K) numbers of an accessor, normalised where it says so."""
         accessor = self._header["accessors"][index]
         width, count = _WIDTHS[accessor["type"]], int(accessor["count"])
-        found = self._rows(accessor, accessor["componentType"], width, count)
+        rows = self._rows(accessor, accessor["componentType"], width, count)
         if sparse := accessor.get("sparse"):
             some = int(sparse["count"])
             which = self._rows(sparse["indices"], sparse["indices"]["componentType"], 1, some)[:, 0]
-            found = found.copy()
-            found[which] = self._rows(sparse["values"], accessor["componentType"], width, some)
-        values = found.astype(float)
-        if accessor.get("normalized") and found.dtype.kind in "iu":
-            values = np.maximum(values / np.iinfo(found.dtype).max, -1.0)
+            rows = rows.copy()
+            rows[which] = self._rows(sparse["values"], accessor["componentType"], width, some)
+        values = rows.astype(float)
+        if accessor.get("normalized") and rows.dtype.kind in "iu":
+            values = np.maximum(values / np.iinfo(rows.dtype).max, -1.0)
         return values
 
     def _rows(self, where: Mapping[str, Any], kind: int, width: int, count: int) -> Any:

@@ -80,9 +80,9 @@ def sample_near_surface(shape: Shape, grid_m: float) -> tuple[Floats32, Floats]:
             for axis in range(3):
                 values, active = np.repeat(values, 2, axis), np.repeat(active, 2, axis)
         index = np.argwhere(active)
-        found = shape(origin + (index + 0.5) * size)
-        values[active] = found
-        active[active] = np.abs(found) <= LIPSCHITZ * size * np.sqrt(3) / 2
+        distances = shape(origin + (index + 0.5) * size)
+        values[active] = distances
+        active[active] = np.abs(distances) <= LIPSCHITZ * size * np.sqrt(3) / 2
         if level == 0:  # the grid shrinks to the blocks around the surface
             low, high = index[active[tuple(index.T)]].min(0), index[active[tuple(index.T)]].max(0) + 1
             window = tuple(slice(a, b) for a, b in zip(low, high))
@@ -99,7 +99,7 @@ def sample_near_surface(shape: Shape, grid_m: float) -> tuple[Floats32, Floats]:
                 corner = tuple(slice(1 + d, 1 + d + 2 * n, 2) for d, n in zip((dx, dy, dz), active.shape))
                 nodes[corner][active] = True
     origin = origin - grid_m
-    found = shape(origin + np.argwhere(nodes) * grid_m)
+    distances = shape(origin + np.argwhere(nodes) * grid_m)
     # An exact zero would put several vertices on one node.
-    distance[nodes] = np.where(np.abs(found) < 1e-7, 1e-7, found)
+    distance[nodes] = np.where(np.abs(distances) < 1e-7, 1e-7, distances)
     return distance, origin

@@ -45,13 +45,13 @@ def stored_rock(store: Store | None, make: Callable[[], Rock], *, code: str, inp
 
     @functools.cache
     def read() -> Rock:
-        found: dict[str, Any] = dict(cached(store, "rocks", arrays, code=code, inputs=inputs))
+        mesh: dict[str, Any] = dict(cached(store, "rocks", arrays, code=code, inputs=inputs))
         if made:
             return made[0]
-        found["faces"] = found["faces"].astype(np.int64)
-        for array in found.values():
+        mesh["faces"] = mesh["faces"].astype(np.int64)
+        for array in mesh.values():
             array.setflags(write=False)
-        both: dict[str, Any] = {**found, **facts}
+        both: dict[str, Any] = {**mesh, **facts}
         return Rock(**both)
 
     facts = cached_json(
@@ -91,8 +91,8 @@ def stored_import(path: Path, store: Store | None) -> Rock:
 
 def _digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """What the files beside a mesh hold; "" where one cannot be read."""
-    found = dict.fromkeys(names, "")
-    for name in found:
+    digests = dict.fromkeys(names, "")
+    for name in digests:
         with contextlib.suppress(UserError):
-            found[name] = digest(read_side_file(folder.resolve(), name))
-    return found
+            digests[name] = digest(read_side_file(folder.resolve(), name))
+    return digests

@@ -31,6 +31,15 @@ def colmap_camera(camera: CameraConfig) -> pycolmap.Camera:
     return out
 
 
+def pipeline_options(threads: int) -> pycolmap.IncrementalPipelineOptions:
+    """Options of COLMAP's incremental mapper, with a fixed seed."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = threads, 0
+    # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
+    options.ba_global_function_tolerance = options.ba_local_function_tolerance = 1e-6
+    return options
+
+
 def registered_names(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
     """Names of the registered images, by ascending image id."""
     return tuple(reconstruction.image(i).name for i in sorted(reconstruction.reg_image_ids()))

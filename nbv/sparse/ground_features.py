@@ -45,20 +45,20 @@ def extract_ground_features(
     above = cv2.remap(grey, u_px - 0.5, v_px - 0.5, cv2.INTER_LINEAR)
     above[~inside] = 0
     sparse = config.sparse
-    found = sift(above, sparse.ground_features, 0, sparse.peak_threshold, upright=True)
-    if len(found) == 0:
-        return found
+    features = sift(above, sparse.ground_features, 0, sparse.peak_threshold, upright=True)
+    if len(features) == 0:
+        return features
     width = 2 * _BORDER_PX + 1
     inner = cv2.erode(inside.astype(np.uint8), np.ones((width, width), np.uint8))
-    column, row = (found.keypoints[:, axis].astype(int).clip(0, len(inside) - 1) for axis in (0, 1))
+    column, row = (features.keypoints[:, axis].astype(int).clip(0, len(inside) - 1) for axis in (0, 1))
     keep = inner[row, column] > 0
-    keypoints = found.keypoints[keep]
+    keypoints = features.keypoints[keep]
     at_column, at_row = (keypoints[None, :, axis] - np.float32(0.5) for axis in (0, 1))
     for axis, pixels in enumerate((u_px, v_px)):
         keypoints[:, axis] = (
             cv2.remap(pixels, at_column, at_row, cv2.INTER_LINEAR)[0] if len(keypoints) else 0
         )
-    return Features(keypoints, found.descriptors[keep])
+    return Features(keypoints, features.descriptors[keep])
 
 
 @lru_cache(maxsize=2)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, SparseConfig
 from nbv.errors import MissionFailure
-from nbv.sparse.colmap import CAMERA_ID, colmap_camera, files_of, model_of
+from nbv.sparse.colmap import CAMERA_ID, colmap_camera, files_of, model_of, pipeline_options
 from nbv.sparse.matching import VerifiedPair
 from nbv.stopwatch import Stopwatch
 
@@ -49,9 +49,7 @@ class GrowthOptions:
 
 def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions:
     """COLMAP's options for one thread, a fixed seed and known intrinsics."""
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = 1
-    options.random_seed = _SEED
+    options = pipeline_options(1)
     options.ba_refine_focal_length = False
     options.ba_refine_principal_point = False
     options.ba_refine_extra_params = False
@@ -62,9 +60,6 @@ def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions
     options.mapper.abs_pose_refine_extra_params = False
     options.mapper.ba_local_num_images = config.local_ba_images
     options.min_num_matches = config.min_inliers
-    # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
-    options.ba_global_function_tolerance = 1e-6
-    options.ba_local_function_tolerance = 1e-6
     return options
 
 
@@ -159,18 +154,18 @@ class IncrementalModel:
         invalid = -1
         options = self._usual.mapper
         with self.stopwatch.timed("sparse.mapping"):
-            found = None
+            initial_pair = None
             for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
                 relaxed = self._options.get_mapper()
                 relaxed.init_min_num_inliers = int(options.init_min_num_inliers * inlier_factor)
                 relaxed.init_min_tri_angle = options.init_min_tri_angle * angle_factor
-                found = mapper.find_initial_image_pair(relaxed, invalid, invalid)
-                if found is not None:
+                initial_pair = mapper.find_initial_image_pair(relaxed, invalid, invalid)
+                if initial_pair is not None:
                     break
                 mapper.reset_initialization_stats()
-            if found is None:
+            if initial_pair is None:
                 return False
-            (first, second), second_from_first = found
+            (first, second), second_from_first = initial_pair
             mapper.register_initial_image_pair(options, first, second, second_from_first)
             for image_id in (first, second):
                 mapper.triangulate_image(self._usual.triangulation, image_id)

@@ -56,24 +56,28 @@ def neighbour_cylinders(ground: GroundConfig, ground_seed: int, rock_sha256: str
     """
     relief = relief_of(ground, ground_seed)
     rng = keyed_rng("neighbours", ground_seed, rock_sha256)
-    found: list[Cylinder] = []
+    cylinders: list[Cylinder] = []
     for _ in range(_TRIES):
-        if len(found) == ground.neighbours:
+        if len(cylinders) == ground.neighbours:
             break
         height_m = rng.uniform(*ground.neighbour_height_m)
         radius_m = height_m * rng.uniform(0.4, 0.7)
         outward = np.array([np.cos(bearing := rng.uniform(0, 2 * np.pi)), np.sin(bearing)])
         away_m = (CROP_M + rng.uniform(*ground.neighbour_gap_m) + radius_m) / np.abs(outward).max()
         center = away_m * outward
-        if all(np.hypot(*(center - other.center_m)) > radius_m + other.radius_m + APART_M for other in found):
+        if all(
+            np.hypot(*(center - other.center_m)) > radius_m + other.radius_m + APART_M for other in cylinders
+        ):
             base_m = 0.0 if relief is None else _lowest(relief, center, radius_m)
-            found.append(Cylinder((float(center[0]), float(center[1])), radius_m, base_m, base_m + height_m))
-    if len(found) < ground.neighbours:
+            cylinders.append(
+                Cylinder((float(center[0]), float(center[1])), radius_m, base_m, base_m + height_m)
+            )
+    if len(cylinders) < ground.neighbours:
         raise UserError(
-            f"there is room for {len(found)} of ground.neighbours {ground.neighbours}; ask for fewer, or a wider "
+            f"there is room for {len(cylinders)} of ground.neighbours {ground.neighbours}; ask for fewer, or a wider "
             "ground.neighbour_gap_m"
         )
-    return tuple(found)
+    return tuple(cylinders)
 
 
 def _bodies(

@@ -32,7 +32,7 @@ class ViewpointSource:
     ) -> CandidatePool:
         """The feasible candidates of one iteration, in the order in which ties are broken; may be empty.
 
-        ``vehicle_position_m`` (3,) is where the vehicle is, ``visited_m`` (V, 3) the commanded positions of all photographs so far, of which
+        ``vehicle_position_m`` (3,) is where the vehicle estimates to be, ``visited_m`` (V, 3) the commanded positions of all photographs so far, of which
         the first ``n_seeds`` are seeds.
         """
         return candidate_pool(config, vehicle_position_m, visited_m[n_seeds:])
@@ -46,7 +46,7 @@ def candidate_pool(
 ) -> CandidatePool:
     """The feasible candidates of one iteration, in the order in which ties are broken; possibly none.
 
-    ``vehicle_position_m`` (3,) is where the vehicle really is, ``adaptive_visited_m`` (K, 3) the commanded positions of the adaptive
+    ``vehicle_position_m`` (3,) is where the vehicle estimates to be, ``adaptive_visited_m`` (K, 3) the commanded positions of the adaptive
     captures so far. ``counts`` of the pool are the survivors after each step: raw, altitude_travel, spacing, revisit,
     azimuth_balance.
     """
