@@ -12,6 +12,7 @@ from nbv.config import DenseConfig
 from nbv.dense.stereo import backproject, depth_normals
 from nbv.dense.views import DepthMaps, PosedViews
 from nbv.errors import MissionFailure
+from nbv.geometry.voxels import sums_by_voxel
 from nbv.types import Floats, Floats32, Ints, PointCloud
 
 SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
@@ -114,10 +115,7 @@ def _average_voxels(
     """Points (V, 3), colours (V, 3) and unit normals (V, 3) of the V occupied voxels of some views' points."""
     cell = np.concatenate([part.cells for part in parts]) - low
     key = (cell[:, 0] * extent[1] + cell[:, 1]) * extent[2] + cell[:, 2]
-    order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    counts = np.diff(np.append(starts, len(order)))[:, None]
-    values = np.concatenate([part.values for part in parts]).take(order, axis=0).astype(np.float64)
-    point, normal, color = np.split(np.add.reduceat(values, starts, axis=0), 3, axis=1)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return point / counts, np.rint(color / counts).astype(np.uint8), normal / np.maximum(length, 1e-12)
+    sums, counts = sums_by_voxel(key, np.concatenate([part.values for part in parts]))
+    point, normal, color = np.split(sums, 3, axis=1)
+    length, count = np.linalg.norm(normal, axis=1, keepdims=True), counts[:, None]
+    return point / count, np.rint(color / count).astype(np.uint8), normal / np.maximum(length, 1e-12)

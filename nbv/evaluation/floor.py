@@ -15,6 +15,7 @@ from nbv.geometry.mesh import face_areas
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
+from nbv.geometry.voxels import sums_by_voxel
 from nbv.rocks import Rock
 from nbv.types import Floats
 from nbv.viewpoints import camera_shell
@@ -80,6 +81,5 @@ def _voxel_means(points_m: Floats, voxel_m: float) -> Floats:
     """(V, 3) means of the points (N, 3) in each occupied voxel of the size ``voxel_m``, the origin a corner of one."""
     x, y, z = np.floor(points_m / voxel_m).astype(np.int64).T + (1 << _BITS - 1)
     keys = x << 2 * _BITS | y << _BITS | z
-    _, voxel_of, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(voxel_of, weights=points_m[:, k]) for k in range(3)], axis=1)
+    sums, counts = sums_by_voxel(keys, points_m)
     return sums / counts[:, None]

@@ -35,6 +35,13 @@ def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple
     return distances, indices
 
 
+def without_isolated(points_m: Floats, within_m: float) -> Floats:
+    """Of points (N, 3) those with two others within ``within_m``; all of fewer than three."""
+    if len(points_m) < 3:
+        return points_m
+    return np.asarray(points_m[cKDTree(points_m).query(points_m, k=3)[0][:, -1] <= within_m])
+
+
 def neighbour_distances(points_m: Floats, k: int) -> Floats:
     """(N, k) distances from each of the N > k points to its ``k`` nearest others, nearest first (read-only).
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Floats
@@ -63,7 +64,7 @@ def find_target(
     risen = points[ground.signed_distance_m(points) > LOWEST_PART_M]
     if len(risen) < MIN_POINTS:
         return None
-    risen = risen[cKDTree(risen).query(risen, k=3)[0][:, -1] <= _COMPANION_M]
+    risen = without_isolated(risen, _COMPANION_M)
     if len(risen) < MIN_POINTS:
         return None
     members = _densest(risen[:, :2], ground.signed_distance_m(risen), aim[:2])

@@ -20,31 +20,12 @@ def no_log(line: str) -> None:
 class MissionFunction(Protocol):
     """A function that runs one mission and measures it; it may take further options.
 
-    The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these.
+    The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these. ``rock`` is a catalogue
+    name or the path of a mesh, ``replicate`` the index of the draws. Into ``directory`` the run directory is written, nothing for
+    None; of it ``keep`` ``"summary"`` leaves the configuration and ``mission.json``. The result of a mission that failed says so.
+    `UserError` for an unknown rock, a bad mesh, an unwritable directory, a missing backend.
     """
 
     def __call__(
         self, config: MissionConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep
-    ) -> MissionResult:
-        """Run the mission and return its outcome.
-
-        `UserError` for an unknown rock, a bad mesh, an unwritable directory, a missing backend.
-
-        Parameters
-        ----------
-        config
-            The mission's configuration.
-        rock
-            A catalogue name or the path of a mesh.
-        replicate
-            Index of the draw of arrival errors and sensor noise.
-        directory
-            Where the run directory is written; ``None`` writes nothing.
-        keep
-            ``"all"`` leaves everything in ``directory``; ``"summary"`` the configuration and ``mission.json``.
-
-        Returns
-        -------
-        MissionResult
-            Also for a mission that failed: ``status`` and ``reason`` say so.
-        """
+    ) -> MissionResult: ...

@@ -19,7 +19,7 @@ from nbv.dense.stereo import points_to_search, sgbm_depth_maps
 from nbv.dense.views import shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.cleaning import inlier_mask, select
-from nbv.evaluation.metric import azimuth_sectors
+from nbv.evaluation.metric import azimuth_sectors, f_score
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.target import GROUND_BAND_M
@@ -193,7 +193,7 @@ def halves_agreement(
         )
         for both in (missing, wrong)
     )
-    scores = tuple(2 * p * r / max(p + r, 1e-9) for p, r in zip(precision, completeness, strict=True))
+    scores = tuple(map(f_score, precision, completeness))
     return HalvesAgreement(completeness, precision, scores), np.maximum(*missing)
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
+from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.target import GROUND_BAND_M, find_target
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
@@ -27,7 +26,7 @@ MASK_CONTRAST = 0.05
 BESIDE = 1.6  # the ground is seen to so many half widths of the object from its middle
 GROUND_SHARE = 0.3  # of the points beside the object that lie in one band where there is ground
 BOX_MARGIN = 0.05  # about the object's box, as a share of its largest side
-_ISOLATED_M = 0.1
+ISOLATED_M = 0.1  # a point without two others so near is taken for a wrong match
 _ROUNDS = 30
 
 
@@ -139,7 +138,7 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
     if in_mask is not None:
         seen = np.maximum(np.bincount(model.points, minlength=len(points)), 1)
         share = np.bincount(model.points, weights=in_mask, minlength=len(points)) / seen
-        members = _without_isolated(points[share >= IN_MASK])
+        members = without_isolated(points[share >= IN_MASK], ISOLATED_M)
         if len(members) < MIN_POINTS:
             raise UserError(
                 f"only {len(members)} points of the model lie inside the masks; are they of these photographs, and white "
@@ -155,15 +154,14 @@ def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, boo
     if (target := find_target(points, np.zeros(3), model.centers)) is not None:
         near = (np.abs(points[:, :2] - target.center_m[:2]) <= 1.1 * target.half_extent_m).all(axis=1)
         height = points[:, 2] - target.ground_m
-        members = _without_isolated(
-            points[near & (height > GROUND_BAND_M) & (height < 2.2 * target.half_extent_m)]
-        )
+        above = (height > GROUND_BAND_M) & (height < 2.2 * target.half_extent_m)
+        members = without_isolated(points[near & above], ISOLATED_M)
         if len(members) >= MIN_POINTS:
             low, high = np.percentile(members, [0.5, 99.5], axis=0)
             low[2] = target.ground_m
             word = f"{len(members)} sparse points that rise from the ground where the cameras look"
             return low, high, True, word
-    members = _without_isolated(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
+    members = without_isolated(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2], ISOLATED_M)
     if len(members) < MIN_POINTS:
         raise UserError(
             "hardly a point of the model lies where the cameras look; give masks of the object (--masks)"
@@ -207,10 +205,3 @@ def _in_masks(model: SolvedModel, source: ImportSource, center: Floats) -> Bools
             f"the masks in {folder} are black where the cameras look and white around it; invert them: white is the object"
         )
     return inside
-
-
-def _without_isolated(points: NDArray[np.float64]) -> Floats:
-    """Those with two others within 0.1: the rest are taken for wrong matches."""
-    if len(points) < 3:
-        return points
-    return np.asarray(points[cKDTree(points).query(points, k=3)[0][:, -1] <= _ISOLATED_M])

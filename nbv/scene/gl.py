@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
+from nbv.geometry.frames import look_at
 from nbv.rocks.texture import srgb_from_linear
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
@@ -36,7 +37,14 @@ class GLRenderer:
     def __init__(self, scene: Scene) -> None:
         camera = scene.camera
         self._pyrender = pyrender = _import_pyrender()
-        self._gl_scene = self._build(scene)
+        sky = float(srgb_from_linear(np.array(scene.sky_radiance)))
+        self._gl_scene = pyrender.Scene(bg_color=(sky, sky, sky, 0.0))
+        self._gl_scene.add(self._rock_mesh(scene))
+        for level in range(scene.ground_spec.levels):
+            self._gl_scene.add(self._ground_mesh(scene, level))
+        vertices, faces = square_frame(scene.ground_spec.reach_m, HORIZON_M)
+        tint = srgb_from_linear(scene.ground_mean_radiance * GROUND_TINT)
+        self._gl_scene.add(self._flat_mesh(vertices, faces, None, None, (*map(float, tint), 0.0)))
         self._camera_node = self._gl_scene.add(
             pyrender.IntrinsicsCamera(
                 camera.focal_px, camera.focal_px, camera.width_px / 2, camera.height_px / 2, NEAR_M, FAR_M
@@ -44,7 +52,8 @@ class GLRenderer:
         )
         try:
             self._offscreen: Any = pyrender.OffscreenRenderer(camera.width_px, camera.height_px)
-            self.rgb(_above_the_ground())  # uploads everything and finds a broken driver now
+            above = look_at(np.array([0.0, 0.0, 50.0]), np.zeros(3))
+            self.rgb(above)  # uploads everything and finds a broken driver now
         except UserError:
             raise
         except Exception as error:  # PyOpenGL and the drivers raise what they like
@@ -64,15 +73,6 @@ class GLRenderer:
         if self._offscreen is not None:
             self._offscreen.delete()
             self._offscreen = None
-
-    def _build(self, scene: Scene) -> Any:
-        sky = float(srgb_from_linear(np.array(scene.sky_radiance)))
-        gl_scene = self._pyrender.Scene(bg_color=(sky, sky, sky, 0.0))
-        gl_scene.add(self._rock_mesh(scene))
-        for level in range(scene.ground_spec.levels):
-            gl_scene.add(self._ground_mesh(scene, level))
-        gl_scene.add(self._plain_mesh(scene))
-        return gl_scene
 
     def _rock_mesh(self, scene: Scene) -> Any:
         colors = np.ones((len(scene.vertices_m), 4), dtype=np.float32)
@@ -107,11 +107,6 @@ class GLRenderer:
             vertices, faces = relief_within(scene.relief, half)
         return self._flat_mesh(vertices, faces, texture, (vertices[:, :2] + half) / (2 * half))
 
-    def _plain_mesh(self, scene: Scene) -> Any:
-        vertices, faces = square_frame(scene.ground_spec.reach_m, HORIZON_M)
-        tint = srgb_from_linear(scene.ground_mean_radiance * GROUND_TINT)
-        return self._flat_mesh(vertices, faces, None, None, (*map(float, tint), 0.0))
-
     def _flat_mesh(
         self,
         vertices: np.ndarray,
@@ -130,12 +125,6 @@ class GLRenderer:
             material=material,
         )
         return self._pyrender.Mesh([primitive])
-
-
-def _above_the_ground() -> Floats:
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = 50.0
-    return pose
 
 
 def _import_pyrender() -> Any:
