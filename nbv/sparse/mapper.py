@@ -10,7 +10,8 @@ state, and lets a seed model be kept and continued bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,15 +141,6 @@ class IncrementalModel:
             return
         raise failure
 
-    def _limit_iterations(self) -> None:
-        """For all adjustments after the seed model, which begin close to where they end."""
-        for ba, limit in (
-            (self._local_ba, self.config.local_ba_iterations),
-            (self.global_ba, self.config.global_ba_iterations),
-        ):
-            if limit:
-                ba.ceres.solver_options.max_num_iterations = limit
-
     def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
@@ -227,45 +219,52 @@ class IncrementalModel:
         it is registered. Local adjustment after each registration, a global one every
         ``config.global_ba_interval`` captures.
         """
-        pycolmap.set_random_seed(_SEED)
-        self._limit_iterations()
         registered = set(self.reconstruction.reg_image_ids())
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
         is_global = self.captures_since_global + 1 >= self.config.global_ba_interval
         pairs = (
             self.pairs if is_global or self.config.update_pairs == "all" else pairs_near(self.pairs, waiting)
         )
-        with self.stopwatch.timed("sparse.mapping"):
-            mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
-            mapper.begin_reconstruction(self.reconstruction)
-        reasons = self._try_all(mapper, waiting, self._usual, judge)
-        if reasons and judge_turn:
-            left = [image_id for image_id in waiting if image_id in reasons]
-            reasons = self._try_all(
-                mapper,
-                left,
-                self._for_judged_poses(),
-                lambda model, i: judge(model, i) or judge_turn(model, i),
-            )
-        self.captures_since_global += 1
-        if is_global:
-            self._refine_globally(mapper, self._usual)
-            self.captures_since_global = 0
-        with self.stopwatch.timed("sparse.mapping"):
-            mapper.end_reconstruction(False)
+        with self._mapper_of_model(pairs) as mapper:
+            reasons = self._try_all(mapper, waiting, self._usual, judge)
+            if reasons and judge_turn:
+                left = [image_id for image_id in waiting if image_id in reasons]
+                reasons = self._try_all(
+                    mapper,
+                    left,
+                    self._for_judged_poses(),
+                    lambda model, i: judge(model, i) or judge_turn(model, i),
+                )
+            self.captures_since_global += 1
+            if is_global:
+                self._refine_globally(mapper, self._usual)
+                self.captures_since_global = 0
         return reasons
 
     def refine(self) -> None:
         """Global adjustment of the model as it stands, e.g. before the dense stage."""
+        with self._mapper_of_model(self.pairs) as mapper:
+            self._refine_globally(mapper, self._usual)
+        self.captures_since_global = 0
+
+    @contextmanager
+    def _mapper_of_model(
+        self, pairs: Mapping[tuple[int, int], VerifiedPair]
+    ) -> Iterator[pycolmap.IncrementalMapper]:
+        """COLMAP's mapper on the model as it stands, whose adjustments begin close to where they end."""
         pycolmap.set_random_seed(_SEED)
-        self._limit_iterations()
+        for ba, limit in (
+            (self._local_ba, self.config.local_ba_iterations),
+            (self.global_ba, self.config.global_ba_iterations),
+        ):
+            if limit:
+                ba.ceres.solver_options.max_num_iterations = limit
         with self.stopwatch.timed("sparse.mapping"):
-            mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
+            mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
-        self._refine_globally(mapper, self._usual)
+        yield mapper
         with self.stopwatch.timed("sparse.mapping"):
             mapper.end_reconstruction(False)
-        self.captures_since_global = 0
 
     def _try_all(
         self,
