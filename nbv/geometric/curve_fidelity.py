@@ -46,9 +46,8 @@ class CurveFidelity(GeometricFidelity):
         """Measure what the photographs so far make of the target."""
         if self.context.config.adaptive_budget > 0:
             scores = predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
-            model = report.model
-            told = predict(model, self.vehicle_config).f_score_percent
-            self.curve.append((photographs, scores["observable"]["f_score_48mm"], told))
+            predicted = predict(report.model, self.vehicle_config).f_score_percent
+            self.curve.append((photographs, scores["observable"]["f_score_48mm"], predicted))
         else:
             self.curve.append((photographs, 0.0, 0.0))
         return report

@@ -84,11 +84,11 @@ class ReferenceMaker:
         clouds = []
         for part in range(parts):
             members = views[part::parts]
-            said = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
+            label = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
             entry = cached(
                 self.source.store,
                 "photograph-clouds",
-                partial(self._fused, members, config, near_m, said),
+                partial(self._fused, members, config, near_m, label),
                 code=__name__,
                 inputs=[
                     [(v.name, v.sha256, v.masked) for v in members],

@@ -118,8 +118,8 @@ class _Buffers:
         start = len(self.added) + (len(self._chunk) if self._binary else 0)
         tree["bufferViews"].append({"buffer": into, "byteOffset": start, "byteLength": len(data)})
         self.added += data
-        told = {"bufferView": len(tree["bufferViews"]) - 1, "componentType": _FLOAT, "count": len(values)}
-        tree["accessors"].append({**told, "type": f"VEC{values.shape[1]}"})
+        accessor = {"bufferView": len(tree["bufferViews"]) - 1, "componentType": _FLOAT, "count": len(values)}
+        tree["accessors"].append({**accessor, "type": f"VEC{values.shape[1]}"})
         return len(tree["accessors"]) - 1
 
     def written(self, tree: dict[str, Any]) -> bytes:

@@ -253,8 +253,8 @@ class SparseReconstructor:
         """Whether a pose just found agrees with telemetry as the other cameras do."""
         pose = reconstruction.image(image_id).cam_from_world().matrix()[None]
         center = self.alignment.world_from_model.apply(camera_centers_m(pose))[0]
-        told = camera_centers_m(self._captures[image_id - 1].camera_from_world)
-        residual_m = float(np.linalg.norm(center - told))
+        reported = camera_centers_m(self._captures[image_id - 1].camera_from_world)
+        residual_m = float(np.linalg.norm(center - reported))
         limit_m = outlier_limit_m(self.alignment.rms_m, self.tolerance_m)
         if residual_m <= limit_m:
             return ""
