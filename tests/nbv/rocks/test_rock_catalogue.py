@@ -12,7 +12,7 @@ from PIL import Image
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.photograph_set import set_folder
-from nbv.rocks import import_mesh, importer, kept, list_rocks, load_rock, procedural, save_imported
+from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported, stored
 from nbv.rocks.catalogue import LOADED, surface_path
 from nbv.rocks.recipes import RECIPES
 
@@ -65,7 +65,7 @@ def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypa
     first = load_rock(str(path), Store())
     LOADED.clear()
     with monkeypatch.context() as patch:
-        patch.setattr(kept, "import_mesh", lambda *_, **__: pytest.fail("imported twice"))
+        patch.setattr(stored, "import_mesh", lambda *_, **__: pytest.fail("imported twice"))
         again = load_rock(str(path), Store())
     assert (again.sha256, again.name, again.notes) == (first.sha256, first.name, first.notes)
     assert "_read" in vars(again) and "vertices_m" not in vars(again)  # nothing was read but that
