@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, lifted, seen_from
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, in_frustum, lifted, seen_from
 from nbv.types import Bools, CandidatePool, Floats, PlanningState, Ranking
 
 SAMPLE_SEED = 42

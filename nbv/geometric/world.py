@@ -21,13 +21,13 @@ from scipy.spatial import cKDTree
 from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import observable_mask
-from nbv.geometry.frustum import in_frustum
 from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import (
     LANDMARK_MAX_INCIDENCE_DEG,
     OBSERVABLE_MAX_INCIDENCE_DEG,
+    in_frustum,
     lifted,
     seen_from,
 )

@@ -1,14 +1,15 @@
-"""The one visibility test: which places of a surface a camera sees.
+"""Which places a camera sees: what lies in its image (`in_frustum`), and what of a surface it sees (`seen_from`).
 
-A camera sees a place whose front faces it at no more than a largest incidence and which the mesh does not hide.
-Whether it also lies in the image is a question of its own (`nbv.geometry.frustum`), since some askers let the
-camera turn.
+A camera sees a place whose front faces it at no more than a largest incidence and which the mesh does not hide. Whether
+that also lies in the image is a question of its own, since some let the camera turn. Of sparse points all that lies in the
+image counts, as in the paper: inside the image of an exact zero-roll camera aimed at the target, so also behind the rock.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from nbv.config import CameraConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.types import Bools, Floats
 
@@ -17,6 +18,42 @@ SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
 MATCHABLE_MAX_INCIDENCE_DEG = 75.0  # to plan views by: beyond this a photograph says little about the surface
 OBSERVABLE_MAX_INCIDENCE_DEG = 80.0  # to evaluate on: beyond this it is foreshortened more than 5.8 times
 LANDMARK_MAX_INCIDENCE_DEG = 86.0  # of the simulator's landmarks; detection has limits of its own
+BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
+
+
+def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig) -> Bools:
+    """(P, C): is each point (P, 3) in the image of the camera at each position (C, 3), aimed at the target (3,)?
+
+    The principal point is the image's centre: a point is inside where neither of its scaled coordinates across the line of
+    sight exceeds its depth.
+    """
+    right, down, forward = camera_axes(positions_m, target_m)
+    x, y, z = (
+        scale * np.concatenate([axis.T, -np.einsum("ij,ij->i", axis, positions_m)[None]])
+        for axis, scale in (
+            (right, camera.focal_px / (camera.width_px / 2.0)),
+            (down, camera.focal_px / (camera.height_px / 2.0)),
+            (forward, 1.0),
+        )
+    )
+    homogeneous = np.column_stack([points_m, np.ones(len(points_m))])
+    visible = np.empty((len(points_m), len(positions_m)), dtype=bool)
+    for start in range(0, len(points_m), BLOCK):
+        block = homogeneous[start : start + BLOCK]
+        off_axis = np.maximum(np.abs(block @ x), np.abs(block @ y))
+        visible[start : start + BLOCK] = off_axis <= block @ z
+    return visible
+
+
+def camera_axes(positions_m: Floats, target_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """(C, 3) each: right, down and forward of `nbv.geometry.frames.look_at` for every position at once."""
+    forward = target_m - positions_m
+    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    straight = np.linalg.norm(right, axis=1) < 1e-9  # up or down: the image's up is north
+    right[straight] = np.cross(forward[straight], (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return right, np.cross(forward, right), forward
 
 
 def lifted(points_m: Floats, normals: Floats, offset_m: float = SURFACE_OFFSET_M) -> Floats:

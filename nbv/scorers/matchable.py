@@ -15,10 +15,9 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, in_frustum
 from nbv.scorers.scorer import Scorer, SharedTerms
 from nbv.types import Bools, CandidatePool, Floats, Floats32
 

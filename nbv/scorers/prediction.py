@@ -20,10 +20,9 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.carving import Solid, carved, carved_top
-from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.stereo_chance import good_view, reconstruction_probability
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum
 from nbv.random_streams import keyed_rng
 from nbv.scorers.matchable import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock, sample_hull
 from nbv.scorers.scorer import Scorer, SharedTerms

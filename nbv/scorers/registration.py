@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import expit
 
 from nbv.config import MissionConfig
-from nbv.geometry.frustum import camera_axes
+from nbv.geometry.visibility import camera_axes
 from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
 
 MOST_POINTS = 800  # evenly chosen; more change no chance and take time

@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import wrap_angle
-from nbv.geometry.frustum import in_frustum
+from nbv.geometry.visibility import in_frustum
 from nbv.random_streams import keyed_rng
 from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
