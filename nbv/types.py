@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Point = tuple[float, float, float]  # x, y, z in metres
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Viewpoint:
     """A commanded camera position (world frame, ENU, metres); the gimbal aims at the target from it."""
 
     id: str  # "seed_00" ... or "cand_000" ...; the same id is the same place in every mission
-    position_m: tuple[float, float, float]
+    position_m: Point
     azimuth_deg: float  # of the viewpoint seen from the target, counter-clockwise from east
     elevation_deg: float
     band: str  # "seed", "lateral" or "upper"
@@ -206,8 +207,12 @@ class Camera:
         """
         raise NotImplementedError
 
-    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+    def __init__(self, target_m: Point) -> None:
+        self.target_m = target_m
+
+    def aim_at(self, target_m: Point) -> None:
         """From now on: the target has been found there."""
+        self.target_m = target_m
 
     def close(self) -> None:
         """Free memory; called after the last photograph."""
@@ -228,7 +233,7 @@ class Reconstructor:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
         raise NotImplementedError
 
-    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
+    def retarget(self, target_m: Point, half_width_m: float) -> None:
         """From now on: the target has been found there, in a cube of twice ``half_width_m``."""
 
     def finish(self) -> Cloud:

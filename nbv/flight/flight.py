@@ -16,7 +16,7 @@ from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
 from nbv.terrain import Cylinder, neighbour_cylinders
-from nbv.types import Floats, Viewpoint
+from nbv.types import Floats, Point, Viewpoint
 
 SIGMAS_IN_TOLERANCE = 3.0
 CLEARANCE_M = 0.3  # from a neighbour: half of an X500 with its propellers
@@ -57,7 +57,7 @@ class Flight:
         self.energy_wh = 0.0
         self.events: list[FlightEvent] = []
 
-    def face(self, target_m: tuple[float, float, float], limits: FlightConfig) -> None:
+    def face(self, target_m: Point, limits: FlightConfig) -> None:
         """Head for a target there from now on and keep out of its cylinder; the limits may have other heights."""
         self._space = replace(self._space, target_m=target_m, limits=limits)
 

@@ -13,7 +13,7 @@ from nbv.config import FlightConfig
 from nbv.errors import MissionFailure
 from nbv.flight.wind import CALM, ground_speed_m_s
 from nbv.geometry.frames import wrap_angle
-from nbv.types import Floats
+from nbv.types import Floats, Point
 
 SAMPLE_RATE_HZ = 5.0
 
@@ -22,7 +22,7 @@ SAMPLE_RATE_HZ = 5.0
 class Pose:
     """Where the vehicle hovers."""
 
-    position_m: tuple[float, float, float]
+    position_m: Point
     heading_rad: float  # counter-clockwise from east
 
 

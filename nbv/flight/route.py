@@ -14,7 +14,7 @@ from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.flight.wind import CALM
 from nbv.geometry.frames import heading_to
 from nbv.terrain import Cylinder
-from nbv.types import Floats
+from nbv.types import Floats, Point
 
 MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for
 
@@ -42,9 +42,7 @@ class Airspace:
     """How a vehicle flies, and what it keeps out of."""
 
     limits: FlightConfig
-    target_m: tuple[
-        float, float, float
-    ]  # on the axis of the keep-out cylinder, whose size is among the limits
+    target_m: Point  # on the axis of the keep-out cylinder, whose size is among the limits
     wind_m_s: tuple[float, float] = CALM  # east and north
     obstacles: tuple[Cylinder, ...] = ()  # other cylinders
 

@@ -22,15 +22,9 @@ from nbv.types import Camera, Capture, Cloud, Floats, Viewpoint
 class PoseCamera(Camera):
     """No images: a photograph is where it was taken from."""
 
-    def __init__(self, target_m: tuple[float, float, float]) -> None:
-        self._target_m = target_m
-
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        pose = look_at(position_m, np.array(self._target_m))
+        pose = look_at(position_m, np.array(self.target_m))
         return Capture(f"{viewpoint.id}.png", viewpoint, pose, None)
-
-    def aim_at(self, target_m: tuple[float, float, float]) -> None:
-        self._target_m = target_m
 
 
 class GeometricFidelity(Fidelity):

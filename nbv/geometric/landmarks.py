@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.geometric.world import GeometricWorld, Point, resolved
+from nbv.geometric.world import GeometricWorld, resolved
 from nbv.random_streams import keyed_rng
-from nbv.types import Floats, Floats32, Ints, Viewpoint
+from nbv.types import Floats, Floats32, Ints, Point, Viewpoint
 
 ROCK_RATE = 0.7  # share of views in which a strong, well-lit landmark is detected
 GROUND_RATE = 0.9

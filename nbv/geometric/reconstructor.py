@@ -12,7 +12,7 @@ from nbv.errors import MissionFailure
 from nbv.geometric.completeness import coarse_depth, sample_probability
 from nbv.geometric.landmarks import Landmarks
 from nbv.geometric.tracks import Tracks
-from nbv.geometric.world import GeometricWorld, Point
+from nbv.geometric.world import GeometricWorld
 from nbv.geometry.frames import camera_centers_m
 from nbv.random_streams import keyed_rng
 from nbv.types import (
@@ -21,6 +21,7 @@ from nbv.types import (
     Floats,
     Floats32,
     Ints,
+    Point,
     PointCloud,
     Reconstructor,
     SparseModel,

@@ -36,7 +36,7 @@ from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.scene.bake import direction_to_sun
 from nbv.terrain import Surroundings, joined_mesh, make_surroundings
-from nbv.types import Bools, Floats
+from nbv.types import Bools, Floats, Point
 from nbv.viewpoints import camera_shell
 
 SURFACE_SAMPLES = 3_000
@@ -53,7 +53,6 @@ LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model w
 
 DEFAULT_FOCAL_PX = CameraConfig().focal_px  # with which the model was calibrated
 MAX_VIEWS = 1_000  # views of one world that are kept in memory, 7 kB each
-Point = tuple[float, float, float]
 
 
 def resolution(camera: CameraConfig) -> float:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
 from nbv.random_streams import keyed_rng
-from nbv.types import Bools, Floats
+from nbv.types import Bools, Floats, Point
 
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius
 GROUND_BAND_M = 0.06  # to both sides of the plane: noise of sparse points, and a little relief
@@ -36,13 +36,13 @@ _COMPANION_M = 0.3  # a point farther from any other is taken for a wrong match
 class FoundTarget:
     """A thing that stands on the ground."""
 
-    center_m: tuple[float, float, float]  # of its box, from the ground to its top
+    center_m: Point  # of its box, from the ground to its top
     half_extent_m: float  # of the box, along its longest axis
     ground_m: float  # height of the ground below its centre
 
 
 def find_target(
-    points_m: Floats, aim_m: tuple[float, float, float] | Floats, cameras_m: Floats | None = None
+    points_m: Floats, aim_m: Point | Floats, cameras_m: Floats | None = None
 ) -> FoundTarget | None:
     """What rises highest and most from the ground near ``aim_m`` (3,), from points (N, 3); None where nothing does.
 
@@ -122,9 +122,8 @@ def _most_votes(places_m: Floats, heights_m: Floats, aim_m: Floats) -> int:
     nearness = np.exp(-0.5 * (np.linalg.norm(places_m - aim_m, axis=1) / AIM_SD_M) ** 2)
     cells, cell_of = np.unique(np.floor(places_m / _CELL_M), axis=0, return_inverse=True)
     cell_of = cell_of.reshape(-1)
-    reach_m = (
-        RADIUS_M + 1.001 * np.sqrt(2.0) * _CELL_M
-    )  # two points are nearer than their cells by half a diagonal each
+    # Two points are nearer than their cells by half a diagonal each.
+    reach_m = RADIUS_M + 1.001 * np.sqrt(2.0) * _CELL_M
     near_cells = cKDTree(cells * _CELL_M).query_ball_point(cells * _CELL_M, reach_m)
     cell_heights_m = np.bincount(cell_of, weights=heights_m)
     bounds = np.array([cell_heights_m[near].sum() for near in near_cells])[cell_of] * nearness * (1 + 1e-9)

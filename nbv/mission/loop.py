@@ -159,10 +159,9 @@ class AdaptiveMission:
             if self.config.flight.planning_s > 0:
                 with self.recorder.stopwatch.timed("flight"):
                     self.flight.hover(self.config.flight.planning_s)
+            # A view is revisited, or the pool has moved with the target.
             while view.id in {capture.viewpoint.id for capture in self.captures}:
-                view = dataclasses.replace(
-                    view, id=f"{view.id}b"
-                )  # revisited, or the pool has moved with the target
+                view = dataclasses.replace(view, id=f"{view.id}b")
             capture = self._fly_and_photograph(view)
             with self.recorder.stopwatch.timed("update"):
                 report = self.reconstructor.add(capture)

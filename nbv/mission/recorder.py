@@ -14,7 +14,7 @@ from nbv.mission.result import IterationRecord
 from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file, write_ply
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
-from nbv.types import CandidatePool, Capture, Cloud, Ranking, UpdateReport
+from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport
 
 
 class Recorder:
@@ -51,7 +51,7 @@ class Recorder:
             if self._progress is not None:
                 self._progress.append(PROGRESS, f"{self.images}/{self._most_images}")
 
-    def retargeted(self, target_m: tuple[float, float, float] | None) -> None:
+    def retargeted(self, target_m: Point | None) -> None:
         """The first seeds have shown the target at this place, or None where they show none."""
         found = (
             "not found yet" if target_m is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*target_m)

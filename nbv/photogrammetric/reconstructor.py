@@ -30,7 +30,7 @@ from nbv.plugins import sources
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
-from nbv.types import Capture, Cloud, LazyCloud, PointCloud, Reconstructor, SparseModel, UpdateReport
+from nbv.types import Capture, Cloud, LazyCloud, Point, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.
 LEAST_BASELINE_ANGLE_DEG = 40.0
@@ -56,7 +56,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         store: Store | None = None,
         *,
         keep_sparse: bool = True,
-        half_extents_m: tuple[float, float, float] | None = None,
+        half_extents_m: Point | None = None,
         stopwatch: Stopwatch | None = None,
     ) -> None:
         self._half_extents_m = half_extents_m
@@ -115,7 +115,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         self._key = digest(self._key, capture.name, capture.camera_from_world, capture.image)
         return self._known_report()
 
-    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
+    def retarget(self, target_m: Point, half_width_m: float) -> None:
         """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was assumed.
 
         Poses that are free of the exact rings bring views one behind the other, whose disparities span thousands of

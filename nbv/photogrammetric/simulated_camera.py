@@ -36,6 +36,7 @@ class SimulatedCamera(Camera):
         config: MissionConfig,
         store: Store | None = None,
     ) -> None:
+        super().__init__(config.target_m)
         self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._store = rock, replicate, store
@@ -44,7 +45,6 @@ class SimulatedCamera(Camera):
             *sources("renderers", config.scene.backend),
         )
         self._sensor = Sensor(config)
-        self._target_m = config.target_m
         self._errors = TelemetryErrors(
             config.telemetry, rock.sha256, replicate, config.flight.min_camera_altitude_m
         )
@@ -58,12 +58,9 @@ class SimulatedCamera(Camera):
         give_back_freed_memory()
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
-        reported = look_at(position_m, np.asarray(self._target_m))
+        reported = look_at(position_m, np.asarray(self.target_m))
         image = self.photograph(viewpoint, self._errors.true_pose(reported, viewpoint.id, time_s))
         return Capture(f"{viewpoint.id}.png", viewpoint, reported, image)
-
-    def aim_at(self, target_m: tuple[float, float, float]) -> None:
-        self._target_m = target_m
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""

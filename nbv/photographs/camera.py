@@ -21,6 +21,7 @@ class PhotographCamera(Camera):
     def __init__(
         self, context: MissionContext, photographs: PhotographSet, viewpoints: PhotographViewpoints
     ) -> None:
+        super().__init__(photographs.target_m)
         self._set, self._viewpoints = photographs, viewpoints
         telemetry, key = context.config.telemetry, context.rock.sha256
         self._errors = TelemetryErrors(telemetry, key, context.replicate, _NO_GROUND_M)

@@ -200,10 +200,8 @@ def _with_sizes(tree: Mapping[str, Any], path: Path, source: ImportSource) -> Ma
     sizes: dict[str, Any] = dict.fromkeys(bare)
     sizes |= {file: source.by_name[name].upright_size_px for name, file in file_of.items()}
     frames = [{**dict(zip("wh", sizes.get(str(f["file_path"])) or ())), **f} for f in tree["frames"]]
-    return {
-        **tree,
-        "frames": [f for f in frames if {"w", "h"} <= {*tree, *f}],
-    }  # others are not in the folder
+    # Frames without a size are not in the folder.
+    return {**tree, "frames": [f for f in frames if {"w", "h"} <= {*tree, *f}]}
 
 
 def _transforms(tree: Mapping[str, Any]) -> pycolmap.Reconstruction:

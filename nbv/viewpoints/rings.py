@@ -9,11 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from nbv.config import MissionConfig, PoolConfig, SeedConfig
-from nbv.types import Floats, Viewpoint
+from nbv.types import Floats, Point, Viewpoint
 
-RingPosition = tuple[
-    float, float, float
-]  # distance to the target (m), elevation, and bearing clockwise from north (degrees)
+# Distance to the target (m), elevation, and bearing clockwise from north (degrees).
+RingPosition = tuple[float, float, float]
 
 
 def _ring(
@@ -22,7 +21,7 @@ def _ring(
     return [(radius_m, elevation_deg, first_bearing_deg + 360.0 * k / count) for k in range(count)]
 
 
-def _viewpoint(target_m: tuple[float, float, float], at: RingPosition, band: str, name: str) -> Viewpoint:
+def _viewpoint(target_m: Point, at: RingPosition, band: str, name: str) -> Viewpoint:
     radius_m, elevation_deg, bearing_deg = at
     elevation, bearing = math.radians(elevation_deg), math.radians(bearing_deg)
     horizontal_m = radius_m * math.cos(elevation)
@@ -48,9 +47,7 @@ def seed_viewpoints(config: MissionConfig, *, interleaved: bool = False) -> list
     return _seeds(config.target_m, ring_positions, first)
 
 
-def _seeds(
-    target_m: tuple[float, float, float], ring_positions: Iterable[RingPosition], first: int = 0
-) -> list[Viewpoint]:
+def _seeds(target_m: Point, ring_positions: Iterable[RingPosition], first: int = 0) -> list[Viewpoint]:
     return [_viewpoint(target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(ring_positions, first)]
 
 
@@ -96,7 +93,7 @@ def upper_ring_counts(total: int, rings: int) -> list[int]:
 
 
 @lru_cache(maxsize=8)
-def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Viewpoint, ...]:
+def _raw_candidates(pool: PoolConfig, target_m: Point) -> tuple[Viewpoint, ...]:
     lateral, upper = pool.lateral_elevations_deg, pool.upper_elevations_deg
     bands = (
         ("lateral", lateral, lateral_ring_counts(pool.lateral_count, len(lateral))),
