@@ -107,16 +107,13 @@ class MissionServer:
                         self._obey(json.loads(line))
                 self._reap()
         finally:
-            for pid in self._children:
-                _kill_group(pid)
-            self._children.clear()
             end_children()
 
     def _obey(self, order: dict[str, Any]) -> None:
         if order["op"] == "kill":
             for pid, job in self._children.items():
                 if job["id"] == order["id"]:
-                    _kill_group(pid)
+                    os.kill(pid, signal.SIGKILL)  # what its keeper leaves behind becomes ours
             return
         job = order["job"]
         try:
@@ -146,11 +143,9 @@ class MissionServer:
 
     def _reap(self) -> None:
         for pid in list(self._children):
-            # Look without reaping: while the leader is a zombie its group id cannot be reused.
-            if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            if not ended:
                 continue
-            _kill_group(pid)  # children the mission left behind
-            _, status = os.waitpid(pid, 0)
             job = self._children.pop(pid)
             end_children(but=frozenset(self._children))
             self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
@@ -194,12 +189,6 @@ def _fill_caches_before_forking(modules: Sequence[str]) -> None:
     for module in modules:
         with contextlib.suppress(ValueError):  # of another package
             code_digest(module)
-
-
-def _kill_group(pid: int) -> None:
-    for kill in (os.killpg, os.kill):  # the child may not have become a group leader yet
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            kill(pid, signal.SIGKILL)
 
 
 def _run_alone(job: dict[str, Any]) -> int:
