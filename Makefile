@@ -4,7 +4,7 @@ VENV ?= .venv
 RUN ?= tune
 BIN = $(VENV)/bin
 
-.PHONY: tune tune-photographs test fast-test lint docs setup wheel-test research-test clean
+.PHONY: tune tune-photographs test fast-test lint docs setup wheel-test clean
 .DEFAULT_GOAL := help
 
 help:
@@ -19,7 +19,6 @@ help:
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
 	@echo "make wheel-test  build sdist and wheel; run the three jobs and every command of the pages from the wheel"
-	@echo "make research-test  the tests of research/"
 
 setup: $(VENV)/.ready
 
@@ -62,9 +61,6 @@ docs: setup
 
 wheel-test: setup
 	.ci/wheel-test $(VENV)
-
-research-test: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/research
 
 clean:
 	rm -rf $(VENV) .peers

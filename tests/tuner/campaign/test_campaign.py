@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import collections
 import functools
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import fake_campaigns
 import numpy as np
+import psutil
 import pytest
 import yaml
 from fake_campaigns import FIDELITY
@@ -101,18 +102,6 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
     assert one == four and len(one) == 6
 
 
-def _processes_mentioning(path: Path) -> list[int]:
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            links = [str(link.readlink()) for link in (entry / "fd").iterdir()]
-        except OSError:
-            continue
-        if any(str(path) in link for link in links) and int(entry.name) != os.getpid():
-            found.append(int(entry.name))
-    return found
-
-
 DRIVER = """
 import sys
 from pathlib import Path
@@ -123,7 +112,7 @@ from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission")
     with LocalProcessExecutor(2, 60.0, preload=("fake_missions:fake_mission",)) as executor:
-        run_campaign(campaign, executor)
+        run_campaign(campaign, executor, lambda event: print(event.kind, flush=True))
 """
 
 
@@ -132,18 +121,14 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     directory = tmp_path / "run"
     campaign = begin_campaign(directory, settings(rocks=("slow-a", "slow-b"), budget=12))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([sys.executable, "-c", DRIVER, str(directory)], env=environment)
-    try:
-        deadline = time.monotonic() + 40
-        while time.monotonic() < deadline and len(list(directory.glob("missions/*/mission.json"))) < 3:
-            time.sleep(0.05)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    deadline = time.monotonic() + 10
-    while _processes_mentioning(directory) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not _processes_mentioning(directory)  # no mission outlives its campaign
+    command = [sys.executable, "-c", DRIVER, str(directory)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        kinds = itertools.accumulate(line == "finished\n" for line in process.stdout)
+        assert any(finished == 3 for finished in kinds)
+        below = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+    assert below and not psutil.wait_procs(below, timeout=10)[1]  # no mission outlives its campaign
     # The worst a kill can leave: a half-written record and a lock nobody holds.
     with (directory / "study.journal").open("ab") as file:
         file.write(b'{"op_code":4,"worker')

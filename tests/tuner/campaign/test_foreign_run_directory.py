@@ -11,13 +11,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import fake_campaigns
 import numpy as np
+import psutil
 import pytest
 from in_process import InProcessExecutor
 
@@ -218,24 +218,14 @@ def test_a_server_stopped_while_it_imports_ends_with_its_coordinator() -> None:
     )
     coordinator = subprocess.Popen([sys.executable, "-c", begin], stdout=subprocess.PIPE, text=True)
     assert coordinator.stdout is not None
-    server = int(coordinator.stdout.readline())
-    os.kill(server, signal.SIGSTOP)
+    server = psutil.Process(int(coordinator.stdout.readline()))
+    server.suspend()
     coordinator.kill()
     coordinator.wait()
-    deadline = time.monotonic() + 120
-    while running(server) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    left = running(server)
-    if left:
-        os.kill(server, signal.SIGKILL)
-    assert not left
-
-
-def running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    gone, alive = psutil.wait_procs([server], timeout=120)
+    if alive:
+        server.kill()
+    assert gone
 
 
 def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """What an evaluation says of a campaign with a limit, and of one whose objective is a cost."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -7,8 +8,9 @@ from made_evaluations import made_run
 
 from tuner.comparison.of_campaign import ComparisonSpec
 from tuner.comparison.run import EvaluationRun
+from tuner.comparison.verdict import Kind, judge
 from tuner.problem.objective import Objective
-from tuner.report.comparison import ComparisonFacts
+from tuner.report.comparison import TONES, ComparisonFacts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
@@ -28,41 +30,33 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     return replace(made, records=records)
 
 
-def said(tuned: float = 97.0, asked: ComparisonSpec = FEWEST, **changes: object) -> list[str]:
-    return [line.text for line in ComparisonFacts(run(tuned, **changes), "hyb-h", asked).verdicts]
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    lines = said(asked=ComparisonSpec(IMAGES, F, 102.0))
-    assert lines[0] == "Photographs: 26, and 32 for Hyb-H."
-    assert (
-        lines[1].startswith("Tuned is not worse than Hyb-H by more than 1.0 points")
-        and "95 % interval" in lines[1]
-    )
-    assert "at least 102 %): met on 3 of 4 rocks (75 %, 95 % interval 30 to 95 %)" in lines[2]
+    facts = ComparisonFacts(run(), "hyb-h", ComparisonSpec(IMAGES, F, 102.0))
+    photographs, quality, limit, _ = facts.verdicts
+    assert numbers(photographs.text) == [26, 32] and photographs.kind == "better"
+    assert quality.kind == "better", "kept within the margin"
+    assert numbers(limit.text)[-5:] == [4, 75, 95, 30, 95] and limit.kind == "no", "met on 3 of 4 rocks"
 
 
 @pytest.mark.parametrize(
-    ("tuned", "begins"),
-    [
-        (90.0, "Tuned is worse than Hyb-H by more than 1.0 points"),
-        (
-            96.3,
-            "Tuned is not worse than Hyb-H by more than 1.0 points",
-        ),
-        (99.0, "Tuned is better than Hyb-H"),
-    ],
+    ("tuned", "kind"),
+    [(90.0, Kind.WORSE), (96.3, Kind.NOT_WORSE), (97.0, Kind.NOT_WORSE), (99.0, Kind.BETTER)],
 )
-def test_the_margin_decides_what_is_said_of_quality(tuned: float, begins: str) -> None:
-    assert said(tuned)[1].startswith(begins)
+def test_the_margin_decides_what_is_said_of_quality(tuned: float, kind: Kind) -> None:
+    assert judge(run(tuned).records, "tuned", "hyb-h", F, FEWEST.margin).kind is kind
+    assert ComparisonFacts(run(tuned), "hyb-h", FEWEST).verdicts[1].kind == TONES[kind]
 
 
 def test_worse_than_the_best_control_is_said() -> None:
     """The control beats it by 0.7 points, which the margin allows against the default and not here."""
-    (line,) = [text for text in said(94.3) if "best control" in text]
-    assert line.startswith("Tuned is worse than the best control with as many photographs (Random views)")
-    assert "a loss of 0.7 points" in line
-    (line,) = [
-        text for text in said(97.0, ComparisonSpec(F)) if "best control" in text
-    ]  # without a limit too
-    assert line.startswith("Tuned is better than the best control")
+    assert [line.kind for line in ComparisonFacts(run(94.3), "hyb-h", FEWEST).verdicts[1:]][::2] == [
+        "worse"
+    ] * 2
+    last = ComparisonFacts(run(94.3), "hyb-h", FEWEST).verdicts[-1]
+    assert "Random views" in last.text and 0.7 in numbers(last.text)
+    without_a_limit = ComparisonFacts(run(97.0), "hyb-h", ComparisonSpec(F)).verdicts[-1]
+    assert "Random views" in without_a_limit.text and without_a_limit.kind == "better"
