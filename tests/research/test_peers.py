@@ -1,4 +1,4 @@
-"""Peers in processes of their own: what they are told, how they fail, and that the real ones work where set up."""
+"""Peers in processes of their own: which there are, and that they learn where they are set up."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
@@ -21,8 +20,6 @@ from tuner.problem.observations import Observation
 from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import SamplerSettings
 
-FAKE = str(Path(__file__).with_name("fake_peer_server.py"))
-FIRST, SECOND = synthetic.SPACE.paths
 MIXED = space_from_dict(
     {
         "name": "mixed",
@@ -43,92 +40,12 @@ def running_servers() -> list[psutil.Process]:
     return [p for p in children if any(word.endswith("_server.py") for word in p.cmdline())]
 
 
-def kill_servers() -> None:
-    for server in running_servers():
-        server.kill()
-        server.wait()
-
-
 @pytest.fixture(autouse=True)
 def _no_process_survives() -> Iterator[None]:
     yield
-    kill_servers()
-
-
-def fake(settings: SamplerSettings, accident: str = "", **changes: Any) -> PeerSampler:
-    return PeerSampler(settings, "ax", lambda: [sys.executable, FAKE, accident], **changes)
-
-
-def told(values: dict[str, Any]) -> int:
-    """How many missions the fake peer knew when it proposed ``values``."""
-    return round(100 * values[FIRST])
-
-
-def test_the_peer_chooses_the_rock_and_hears_each_mission_once() -> None:
-    sampler = fake(synthetic.sampler_settings(0, 4))
-    history = synthetic.play(sampler, 4, 0.05, 0)
-    assert history[0].values == synthetic.DEFAULT and not running_servers()  # the common design needs no peer
-    for expected in (4, 5, 6):
-        proposal = sampler.ask(history, [])
-        assert told(proposal.values) == expected
-        assert (proposal.instance, proposal.replicate) == (("r3", "ideal"), 7)
-        assert proposal.metadata["phase"] == "model" and proposal.metadata["peer_cpu_s"] >= 0
-        history.append(synthetic.observe(len(history), proposal.values, "r3", 0.05, np.random.default_rng(0)))
-
-
-def test_a_resumed_sampler_is_told_everything_again() -> None:
-    settings = synthetic.sampler_settings(0, 4)
-    history = synthetic.random_design(9, 0.05, 0)
-    pending = [Observation(9, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
-    first, second = fake(settings), fake(settings)
-    before = first.ask(history, pending)
-    again = second.ask(history, pending)  # the process is shared: it has to forget the first sampler
-    assert told(again.values) == 9 and again.values == before.values
-    assert first.ask(history, pending).values == before.values
-    assert len(running_servers()) == 1
-
-
-def test_another_past_is_not_mixed_with_the_one_told_before() -> None:
-    sampler = fake(synthetic.sampler_settings(0, 4))
-    sampler.ask(synthetic.random_design(9, 0.05, 0), [])
-    assert told(sampler.ask(synthetic.random_design(5, 0.05, 1), []).values) == 5
-    failed = [Observation(i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(6)]
-    assert sampler.ask(failed, []).metadata["phase"] == "initial design"  # nothing to learn from
-
-
-def test_a_peer_that_was_killed_is_started_again() -> None:
-    sampler = fake(synthetic.sampler_settings(0, 4))
-    history = synthetic.random_design(6, 0.05, 0)
-    before = sampler.ask(history, []).values
-    kill_servers()
-    assert not running_servers()
-    assert sampler.ask(history, []).values == before
-
-
-@pytest.mark.parametrize(
-    ("accident", "message"),
-    [
-        (
-            "die",
-            r"ax ended at 'ask' \(the last words\); set it up again with `python -m research.peers.setup ax`",
-        ),
-        ("raise", "ax cannot ask: ValueError: a matrix is singular; resume"),
-        ("outside", f"proposed {FIRST} = 'nowhere', which is outside the search space"),
-        pytest.param("hang", "gave no answer to 'ask'", marks=pytest.mark.slow),
-    ],
-)
-def test_accidents_are_told_in_one_line(accident: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if accident == "hang":
-        monkeypatch.setattr(peers, "REPLY_TIMEOUT_S", 1.5)
-    with pytest.raises(UserError, match=message) as caught:
-        fake(synthetic.sampler_settings(0, 4), accident).ask(synthetic.random_design(6, 0.05, 0), [])
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_interpreter_is_a_users_mistake() -> None:
-    sampler = PeerSampler(synthetic.sampler_settings(0, 4), "ax", lambda: ["/no/such/python", FAKE])
-    with pytest.raises(UserError, match="cannot start the peer ax"):
-        sampler.ask(synthetic.random_design(6, 0.05, 0), [])
+    for server in running_servers():
+        server.kill()
+        server.wait()
 
 
 @pytest.mark.parametrize("name", PEER_NAMES)

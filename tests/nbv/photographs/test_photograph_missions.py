@@ -18,7 +18,7 @@ from nbv.evaluation.metric import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
-from nbv.photographs.photograph_fidelity import config_for_set, require_expressible, run_photographs_mission
+from nbv.photographs.photograph_fidelity import config_for_set, run_photographs_mission
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
@@ -75,22 +75,6 @@ def test_the_pool_is_what_is_left_within_the_altitudes() -> None:
     assert {pool.viewpoint(i).band for i in range(len(pool))} == {"lateral", "upper"}
     everything = viewpoints(at, config).candidates(config, at[0], at, 2)
     assert len(everything) == 0
-
-
-@pytest.mark.parametrize(
-    ("values", "named"),
-    [
-        ({"scene.sun_elevation_deg": 20.0}, "scene.sun_elevation_deg"),
-        ({"wind.mean_speed_m_s": 2.0}, "wind.mean_speed_m_s"),
-        ({"sensor.exposure_ev": 1.0, "sensor.vignetting": 0.5}, "sensor.exposure_ev, sensor.vignetting"),
-        ({"camera.width_px": 320}, "camera.width_px"),
-        ({"ground.relief_m": 0.1}, "ground.relief_m"),
-    ],
-)
-def test_what_a_set_cannot_express_is_refused_by_name(values: dict, named: str) -> None:
-    require_expressible(RING, "mine")
-    with pytest.raises(UserError, match=named):
-        require_expressible(RING.with_values(values), "mine")
 
 
 @pytest.fixture

@@ -137,17 +137,6 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     assert describe(rock).volume_m3 == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
-def test_the_body_of_most_surface_is_kept(tmp_path):
-    crumbs = [trimesh.creation.icosphere(subdivisions=3, radius=0.05) for _ in range(3)]  # many small faces
-    for k, crumb in enumerate(crumbs):
-        crumb.apply_translation([2 + k, 0, 0])
-    rock_like = trimesh.creation.box(extents=(1, 1, 1))
-    trimesh.util.concatenate([*crumbs, rock_like]).export(tmp_path / "loose.ply")
-    rock = small(tmp_path / "loose.ply")
-    assert describe(rock).extents_m == pytest.approx((SMALL_M,) * 3, abs=1e-5)
-    assert any("dropped 3 bodies" in note for note in rock.notes)
-
-
 def test_inside_out_and_mixed_winding_are_mended(tmp_path):
     box = trimesh.creation.icosphere(subdivisions=1)
     box.invert()

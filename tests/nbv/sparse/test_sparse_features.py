@@ -17,16 +17,6 @@ def textured(seed=0):
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def test_options_reach_the_detector():
-    base = len(extract_features(textured(), SparseConfig(first_octave=0)))
-    assert len(extract_features(textured(), SparseConfig(first_octave=0, peak_threshold=0.05))) < base
-    assert len(extract_features(textured(), SparseConfig(first_octave=-1))) > base
-    limited = extract_features(textured(), SparseConfig(first_octave=0, max_features=50))
-    assert 50 <= len(limited) < base / 2
-    full = extract_features(textured(), SparseConfig(first_octave=0))
-    assert limited.keypoints[:, 2].min() >= np.median(full.keypoints[:, 2])  # coarse scales are kept
-
-
 def test_a_featureless_image_has_no_features():
     for value in (0, 255):
         features = extract_features(np.full((240, 320, 3), value, np.uint8), SparseConfig())

@@ -45,6 +45,10 @@ CASES = {
     **dict.fromkeys(("settings file", "condition", "configuration", "mission file", "authors' file"), 20),
     **dict.fromkeys(("result.json", "mission.json", "gate policy", "planning state", "store entry"), 20),
     **dict.fromkeys(("search space", "rock", "mesh OBJ", "mesh GLB", "ledger", "campaign.yaml"), 5),
+    **dict.fromkeys(
+        ("photograph", "mask", "model of photographs", "control points", "set of photographs"), 5
+    ),
+    **{target: 3 for target in (fuzz.DISK,) if target in fuzz.TARGETS},
 }
 
 
