@@ -81,7 +81,7 @@ class SeedConfig(Section):
     )
     second_turn: bool = not_in_paper(
         False,
-        "take further seeds in place of planned views: as many again if the seeds give no model, else between registered and "
+        "take further seeds in place of planned views: one by one until the seeds give a model, then between registered and "
         "unregistered seeds until all are registered",
         why="the paper's mission fails, or goes on without the missing ones",
         added=True,

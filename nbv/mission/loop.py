@@ -63,50 +63,40 @@ class AdaptiveMission:
                 self.retarget()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
-        try:
-            report = self._seed_model()
-        except MissionFailure as failure:
-            if not self.config.seed.second_turn or not self.retry_with_interleaved_seeds(failure):
-                raise
-            report = self._seed_model()
-        else:
-            if self.config.seed.second_turn:
-                report = self.join_missing_seeds(report)
+        report = self._seed_model()
         self.recorder.seed_model(report)
         return report.model
 
     def _seed_model(self) -> UpdateReport:
-        with self.recorder.stopwatch.timed("bootstrap"):
-            return self.reconstructor.bootstrap(self.captures)
+        """The model of the seeds. With ``seed.second_turn`` seeds between them take the place of planned views, one by one.
 
-    def retry_with_interleaved_seeds(self, failure: MissionFailure) -> bool:
-        """Photograph seeds between those that made no model, in place of planned views; return whether there were any."""
-        budget = self.config.adaptive_budget
-        views = self.planner.viewpoints.interleaved_seeds(self.config)[:budget]
-        if not views:
-            return False
-        self.recorder.interleaved_seeds(f"no seed model ({failure.message})", len(views))
-        for view in views:
-            self._fly_and_photograph(view)
-        self._plan_by(self.config.changed(stop={"adaptive_budget": budget - len(views)}))
-        return True
-
-    def join_missing_seeds(self, report: UpdateReport) -> UpdateReport:
-        """Photograph between registered and missing seeds, one by one in place of planned views, until none is missing or between."""
-        seeds, budget = tuple(self.captures), self.config.adaptive_budget
+        They are photographed in order until there is a model, then between registered and missing seeds while any are.
+        """
+        first, budget, why, report = len(self.captures), self.config.adaptive_budget, "", None
+        left = budget if self.config.seed.second_turn else 0
+        views = list(self.planner.viewpoints.interleaved_seeds(self.config)) if left else []
+        while report is None:
+            try:
+                with self.recorder.stopwatch.timed("bootstrap"):
+                    report = self.reconstructor.bootstrap(self.captures)
+            except MissionFailure as failure:
+                if not (left and views):
+                    raise
+                why = why or f"no seed model ({failure.message})"
+                self._fly_and_photograph(views.pop(0))
+                left -= 1
+        seeds = tuple(self.captures)
         missing = len(seeds) - len(report.model.camera_names)
-        if not missing:
-            return report
-        views, left = list(self.planner.viewpoints.interleaved_seeds(self.config)), budget
         while left and (view := next_between(views, seeds, report.model, self.config)) is not None:
             views.remove(view)
             capture = self._fly_and_photograph(view)
             with self.recorder.stopwatch.timed("update"):
                 report = self.reconstructor.add(capture)
             left -= 1
-        if left < budget:
-            self.recorder.interleaved_seeds(f"{missing} of {len(seeds)} seeds not registered", budget - left)
-            self._plan_by(self.config.changed(stop={"adaptive_budget": left}))
+        if taken := len(self.captures) - first:
+            why = why or f"{missing} of {len(seeds)} seeds not registered"
+            self.recorder.interleaved_seeds(why, taken)
+            self._plan_by(self.config.changed(stop={"adaptive_budget": budget - taken}))
         return report
 
     def _plan_by(self, config: MissionConfig) -> None:

@@ -137,6 +137,13 @@ def test_a_second_turn_lies_between_the_seeds_and_is_paid_for(layout):
     assert [record.iteration for record in mission.trace] == [0, 1]
 
 
+def test_a_second_turn_ends_with_the_first_model():
+    mission = run_loop(LateReconstructor(10), **LATE)
+    bands = [capture.viewpoint.band == "seed" for capture in mission.captures]
+    assert bands == 10 * [True] + 8 * [False]
+    assert mission.notes == ["second_turn"] and len(mission.trace) == 8
+
+
 @pytest.mark.parametrize("values", [{"seed.second_turn": False}, {"stop.adaptive_budget": 0}])
 def test_without_views_for_a_second_turn_the_mission_fails_as_before(values):
     with pytest.raises(MissionFailure, match="too few"):
