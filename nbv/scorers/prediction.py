@@ -39,6 +39,7 @@ FEWEST_OBSERVING = 2
 WEAKEST = 0.1
 BARE_BEYOND = 0.2  # of the height: this far from all points the top is bare
 LEAST_BARE = 0.01  # is added to the bare share where its logarithm is taken
+MOST_MISSING = 0.98  # of what will be missing decides; the many samples of the rest take time
 LEAST_CHANCE = 0.05  # what has less is not covered at all: the curve has only seen missions all round
 _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
 
@@ -114,10 +115,13 @@ class Prediction:
         total = float(missing.sum())
         if total <= 0.0 or len(candidates_m) == 0:
             return np.zeros(len(candidates_m))
-        seen, incidence = _visibility(self.samples_m, self.normals, candidates_m, self.config, self.solid)
-        new = good_view(seen, incidence)
+        worst = np.argsort(-missing, kind="stable")
+        worst = worst[: int(np.searchsorted(np.cumsum(missing[worst]), MOST_MISSING * total)) + 1]
+        missing = missing[worst]
+        samples, normals = self.samples_m[worst], self.normals[worst]
+        new = good_view(*_visibility(samples, normals, candidates_m, self.config, self.solid))
         # (V, S) of each view, were it a partner
-        unmatched = np.log1p(-np.minimum(self.good, np.float32(0.999)))
+        unmatched = np.log1p(-np.minimum(self.good[:, worst], np.float32(0.999)))
         # As seen from the target.
         cosine = (
             _directions(candidates_m, self.config) @ _directions(self.model.camera_centers_m, self.config).T
