@@ -438,13 +438,14 @@ def _has_arrays(value: Any) -> bool:
 def failure_of(error: BaseException) -> MissionFailure | None:
     """How a mission ends in which a plug-in's code raised ``error``; None where none of it was running.
 
-    A `MissionFailure` is a plug-in's only where it raises it itself: one of ours may pass through its code.
+    A `MissionFailure` is a plug-in's only where it raises it itself: one of ours may pass through its code. A fidelity is the
+    mission itself: what it raises is told as of a built-in one.
     """
     lines = _lines(error)
     if isinstance(error, MissionFailure) and next(reversed(lines), "") == "nbv":
         return None
     lines.pop("nbv", None)
-    plugin = next((p for p in _used.values() if p.top_module in lines), None)
+    plugin = next((p for p in _used.values() if p.top_module in lines and p.group != "fidelities"), None)
     if plugin is None:
         return None
     hint = "; a plug-in must not change what it is given" if "read-only" in said(error) else ""

@@ -32,7 +32,7 @@ budget: {budget}
 sampler: sobol
 learn_from: []
 objective: observable.f_score_48mm
-fidelity: research.faults_mission:run_missions
+fidelity: faults
 """
 
 
@@ -176,10 +176,10 @@ class Flight:
 
             sys.argv = [
                 "gatetune",
+                "--plugin",
+                "research.faults_mission",
                 "campaign",
                 "run",
-                "--fidelity",
-                "research.faults_mission:run_missions",
                 "--out",
                 str(self.run),
             ]

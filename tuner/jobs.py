@@ -63,7 +63,7 @@ def tune(
         given["mission"] = str(mission)
     if (where / SETTINGS_FILE).is_file():
         same = resolved_settings({**read_settings(where)[0], **given}, "tune()") if given else None
-        campaign = Campaign.open(where, same, fidelity=settings.get("fidelity"), mission=mission)
+        campaign = Campaign.open(where, same, mission=mission)
     else:
         asked = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         campaign = begin_campaign(where, asked)

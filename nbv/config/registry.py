@@ -40,6 +40,14 @@ class Registry(Mapping[str, str]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
+    def require(self, name: str) -> None:
+        """`UserError` where there is no part of that name."""
+        if name not in self:
+            known = ", ".join(self)
+            raise UserError(
+                f"unknown {plugins.GROUPS[self.group][0]} {name!r}; there are {known}, or a plug-in's (gatetune --plugin)"
+            )
+
     def load(self, name: str) -> Any:
         """Import and return the object registered as ``name``.
 
@@ -48,8 +56,7 @@ class Registry(Mapping[str, str]):
         found = self.plugin(name)
         if found is not None:
             return found.loaded
-        if name not in self.own:
-            raise UserError(f"unknown {plugins.GROUPS[self.group][0]} {name!r}; there are {', '.join(self)}")
+        self.require(name)
         return pkgutil.resolve_name(self.own[name])
 
 

@@ -12,7 +12,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 
-FIDELITY = "fake_missions:fake_mission"
+FIDELITY = "fake"
 
 
 def settings(**changes: object) -> CampaignSettings:

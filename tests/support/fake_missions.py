@@ -20,6 +20,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import IterationRecord, MissionResult
+from nbv.plugins import register
 from tuner.missions.kinds import MissionKind
 
 NOISE_SD = 0.03
@@ -134,3 +135,5 @@ def fake_mission(
 
 
 OVER_ROCKS = MissionKind(fake_mission, targets="rocks")  # what it is given are rocks of the catalogue
+register("fidelities", "fake", fake_mission)
+register("fidelities", "fake-on-rocks", OVER_ROCKS)

@@ -9,6 +9,7 @@ import fake_missions
 
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
+from nbv.plugins import register
 from tuner.problem.space_files import load_search_space, space_from_dict
 
 NOISE_SD = 0.25
@@ -46,3 +47,6 @@ def mission(
     shift = {"a": 0.3, "b": -0.3}.get(rock, 0.0)
     metrics = {"observable": {"f_score_48mm": truth(config) + shift + noise}}
     return fake_missions.well_flown(config, rock, replicate, metrics, float(photographs(config)))
+
+
+register("fidelities", "saturating", mission)

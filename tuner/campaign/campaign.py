@@ -35,7 +35,7 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
-from tuner.missions.registry import kind_on, refuse_code_of_file
+from tuner.missions.registry import kind_on
 from tuner.problem.observations import Block, Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
@@ -114,7 +114,6 @@ class Campaign:
         expected: CampaignSettings | None = None,
         *,
         read_only: bool = False,
-        fidelity: str | None = None,
         mission: Path | None = None,
     ) -> Campaign:
         """Return the campaign in ``directory``.
@@ -125,16 +124,14 @@ class Campaign:
             Settings that the campaign must have; a difference is refused.
         read_only
             For status and reports of a campaign that may be running.
-        fidelity
-            The ``"module:function"`` that the caller allows ``campaign.yaml`` to name.
         mission
             The mission file whose program the caller allows it to run.
 
         Raises
         ------
         UserError
-            No campaign there, other settings, a ledger that is missing or belongs elsewhere, a fidelity that is neither
-            registered nor allowed, a mission file whose program is not allowed.
+            No campaign there, other settings, a ledger that is missing or belongs elsewhere, an unknown fidelity, a mission
+            file whose program is not allowed.
         """
         if directory.name in ("", ".."):  # ``.``: names beside it are made from its own
             directory = directory.resolve()
@@ -152,7 +149,6 @@ class Campaign:
                     "resume it as it is or choose another directory"
                 )
         if not read_only:
-            refuse_code_of_file(settings.fidelity, fidelity, str(directory / SETTINGS_FILE))
             settings.problem.require_named(mission is not None)
         if settings.base_config().digest() != digest:
             raise UserError(

@@ -146,8 +146,7 @@ class RockProblem(Problem):
         return digest(code_of(self.campaign_fidelity), used) if used else code_of(self.campaign_fidelity)
 
     def photographs(self, values: Mapping[str, Any]) -> int:
-        """Return seeds and planned views; 0 for a fidelity of the user's."""
-        return 0 if ":" in self.campaign_fidelity else photographs(self.config(values))
+        return photographs(self.config(values))
 
     def held_out(self) -> tuple[str, ...]:
         """Return the procedural held-out rocks."""

@@ -26,7 +26,7 @@ from tuner.campaign.rock_problem import RockProblem, with_overrides
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.external.problem import MissionFileProblem
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, FIDELITIES
 from tuner.problem.deterministic_metrics import DeterministicMetrics
 from tuner.problem.instances import (
     Instance,
@@ -186,7 +186,7 @@ class CampaignSettings(Section):
     fidelity: str = setting(
         DEFAULT_FIDELITY,
         "how missions run: photogrammetric; geometric: without photographs, to rank configurations, not to measure; or a "
-        "module:function of your own",
+        "plug-in's",
         option="--fidelity",
         panel=MISSION,
         builtin=True,
@@ -260,7 +260,7 @@ class CampaignSettings(Section):
             raise UserError(
                 f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
             )
-        require_fidelity(self.fidelity)
+        FIDELITIES.require(self.fidelity)
         self._check_mission()
         self._check_options()
         self.default_values()  # the space must fit the preset

@@ -56,11 +56,7 @@ from tuner.commands.options import (
 )
 from tuner.comparison.of_campaign import end_of_campaign
 from tuner.missions import executors
-from tuner.missions.registry import (
-    DEFAULT_FIDELITY,
-    mission_kind,
-    refuse_code_of_file,
-)
+from tuner.missions.registry import mission_kind
 from tuner.problem.objective import objective_text
 from tuner.report.answer import use_sentence
 from tuner.report.labels import duration
@@ -120,10 +116,9 @@ def run(
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it exists already and is resumed")
         named_mission = given.get("mission") and Path(given["mission"])
-        campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
+        campaign = Campaign.open(directory, mission=named_mission)
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
-    refuse_code_of_file(fields.get("fidelity", DEFAULT_FIDELITY), given.get("fidelity"), str(settings))
     with working(LOADING_ROCKS):
         asked = resolved_settings(fields, str(settings or "command line"))
     # Before anything is written: a wrong address leaves no campaign behind.
@@ -144,10 +139,6 @@ def resume(
     executor: Executor = "local",
     scheduler: Scheduler = None,
     unencrypted: Unencrypted = False,
-    fidelity: Annotated[
-        str | None,
-        typer.Option(help="The campaign's own module:function, if it has one: naming it allows it to run."),
-    ] = None,
     mission: MissionAllowed = None,
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
@@ -159,7 +150,7 @@ def resume(
     Example: gatetune campaign resume runs/mine --missions 64
     """
     output.print(f"campaign in {directory}")
-    campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
+    campaign = Campaign.open(directory, mission=mission)
     if missions is not None:
         campaign = extend_campaign(campaign, missions)
     ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)

@@ -26,7 +26,7 @@ from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require, require_plain
 from tuner.missions.external.mission_file import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, load_trial
-from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
+from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES
 from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration, builtin
@@ -55,7 +55,7 @@ class EvaluationPlan:
             raise UserError("no strategy to evaluate; name at least one")
         require_rocks(self.rocks)
         require_distinct(self.conditions)
-        require_fidelity(self.fidelity)
+        FIDELITIES.require(self.fidelity)
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
         require(self.replicates, MAX_REPLICATES, "replicates")

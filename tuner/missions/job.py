@@ -54,7 +54,7 @@ class MissionJob:
     replicate: int
     directory: Path
     keep: Keep = "summary"
-    fidelity: str = DEFAULT_FIDELITY  # a name of the registry, or module:function
+    fidelity: str = DEFAULT_FIDELITY
 
     @property
     def planners(self) -> list[plugins.Plugin]:

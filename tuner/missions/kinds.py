@@ -29,7 +29,8 @@ LOW_FIDELITY_NOTE = (
 class MissionKind:
     """One kind of mission; the defaults say of a plug-in that nothing is known of its missions."""
 
-    runs: str | Callable[..., MissionResult]  # a `nbv.mission.MissionFunction`, or "module:function" of one
+    # A `nbv.mission.MissionFunction`, or "module:function" of one that is built in; empty: none is known.
+    runs: str | Callable[..., MissionResult]
     # Rocks of the catalogue, sets of photographs, instances of a mission file, or what nobody else need know.
     targets: Literal["rocks", "photographs", "instances", "own"] = "own"
     flies: Callable[[str], bool] = lambda target: True  # whether it can fly a target of that name
@@ -46,15 +47,11 @@ class MissionKind:
     @property
     def function(self) -> Callable[..., MissionResult]:
         """The function that runs one mission; `UserError` where there is none."""
-        if not isinstance(self.runs, str):
-            return self.runs
-        try:
-            found: Callable[..., MissionResult] = pkgutil.resolve_name(self.runs)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise UserError(f"fidelity {self.runs!r} cannot be imported: {error}") from error
-        if not callable(found):
-            raise UserError(f"fidelity {self.runs!r} is not a function; name it module:function")
-        return found
+        if not self.runs:
+            raise UserError("no such fidelity is known here; name its plug-in with gatetune --plugin")
+        function: Callable[..., MissionResult]
+        function = pkgutil.resolve_name(self.runs) if isinstance(self.runs, str) else self.runs
+        return function
 
     def __call__(self, *arguments: Any, **options: Any) -> MissionResult:
         """Run one mission."""

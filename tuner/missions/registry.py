@@ -1,14 +1,12 @@
 """Fidelities by name. A new one is one file, with a `tuner.missions.kinds.MissionKind`, and one line here.
 
-The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python and on the command line a
-fidelity may also be ``"module:function"``. A file may not choose code: where one says so, the caller must have named it too.
+The name goes into a campaign's settings, to the workers, and to ``--fidelity``. Those of other packages are plug-ins, so that no
+file of settings chooses code.
 """
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,22 +14,21 @@ from nbv.cache import code_digest
 from nbv.config.registry import Registry
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
+from tuner.missions.kinds import CURVE, GEOMETRIC, PHOTOGRAMMETRIC, MissionKind
+from tuner.missions.kinds import EXTERNAL as OF_A_FILE
 from tuner.missions.kinds import PHOTOGRAPHS as OVER_PHOTOGRAPHS
-from tuner.missions.kinds import MissionKind
 
-FIDELITIES = Registry(
-    "fidelities",
-    {
-        "photogrammetric": "tuner.missions.kinds:PHOTOGRAMMETRIC",
-        "geometric": "tuner.missions.kinds:GEOMETRIC",
-        "curve": "tuner.missions.kinds:CURVE",
-        "photographs": "tuner.missions.kinds:PHOTOGRAPHS",
-        "external": "tuner.missions.kinds:EXTERNAL",
-    },
-)
 DEFAULT_FIDELITY = "photogrammetric"
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # runs the missions of mission files
+BUILT_IN = {
+    DEFAULT_FIDELITY: PHOTOGRAMMETRIC,
+    "geometric": GEOMETRIC,
+    "curve": CURVE,
+    PHOTOGRAPHS: OVER_PHOTOGRAPHS,
+    EXTERNAL: OF_A_FILE,
+}
+FIDELITIES = Registry("fidelities", BUILT_IN)
 
 
 def mission_kind(fidelity: str) -> MissionKind:
@@ -39,8 +36,8 @@ def mission_kind(fidelity: str) -> MissionKind:
 
     Raises `UserError`: a plug-in that cannot be imported.
     """
-    found = FIDELITIES.load(fidelity) if fidelity in FIDELITIES else fidelity
-    return found if isinstance(found, MissionKind) else MissionKind(found)
+    part = FIDELITIES.load(fidelity, BUILT_IN) if fidelity in FIDELITIES else ""
+    return part if isinstance(part, MissionKind) else MissionKind(part)
 
 
 def kind_on(target: str, fidelity: str) -> MissionKind:
@@ -59,48 +56,25 @@ def kind_on(target: str, fidelity: str) -> MissionKind:
     return kind
 
 
-def require_fidelity(fidelity: str) -> None:
-    """Raise `UserError` for a name that no fidelity has; ``"module:function"`` is not looked for here."""
-    if ":" not in fidelity and fidelity not in FIDELITIES:
-        raise UserError(f"unknown fidelity {fidelity!r}; choose from {', '.join(FIDELITIES)}")
-
-
-def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
-    """Raise `UserError` where the file ``source`` names a ``"module:function"`` that the caller has not ``named`` too."""
-    if ":" in fidelity and fidelity != named:
-        raise UserError(
-            f"{source} asks to run code of its own, {fidelity!r}; if you trust it, name it: --fidelity {fidelity}"
-        )
-
-
 def modules_of(fidelity: str) -> tuple[str, ...]:
     """The modules that a worker imports to run ``fidelity``: its own, then libraries. Another's code is not imported for this."""
-    if fidelity not in FIDELITIES.own:
-        return (FIDELITIES.get(fidelity, fidelity).partition(":")[0],)
-    kind = mission_kind(fidelity)
+    if (plugin := FIDELITIES.plugin(fidelity)) is not None:
+        return (plugin.module,)
+    kind = BUILT_IN[fidelity]
     return str(kind.runs).partition(":")[0], *kind.loads
 
 
-@functools.cache
 def code_of(fidelity: str) -> str:
-    """Return the digest of a fidelity's code: a built-in one with all it imports of ``nbv``, another's own file alone."""
+    """Digest of a fidelity's code: of ``nbv`` with all that it imports, of the adapter of mission files itself, of a plug-in its files."""
     if (plugin := FIDELITIES.plugin(fidelity)) is not None:
         return plugin.source
-    module = modules_of(fidelity)[0]
-    if module.partition(".")[0] == "nbv":
-        return code_digest(module)
-    try:
-        found = importlib.util.find_spec(module)
-        content = Path(found.origin).read_bytes() if found is not None and found.origin else b""
-    except (ImportError, ValueError, OSError):  # each mission will meet it and say so
-        content = b""
-    return hashlib.sha256(content).hexdigest()[:32]
+    if fidelity == EXTERNAL:
+        adapter = Path(__file__).parent / "external" / "mission.py"
+        return hashlib.sha256(adapter.read_bytes()).hexdigest()[:32]
+    return code_digest(modules_of(fidelity)[0])
 
 
 def mission_function(fidelity: str) -> Callable[..., MissionResult]:
-    """The `nbv.mission.MissionFunction` behind a name or ``"module:function"``.
-
-    Raises `UserError`: there is no such fidelity.
-    """
-    require_fidelity(fidelity)
+    """The `nbv.mission.MissionFunction` of that name; ``UserError`` where there is none."""
+    FIDELITIES.require(fidelity)
     return mission_kind(fidelity).function

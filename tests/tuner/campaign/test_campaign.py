@@ -17,7 +17,6 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from fake_campaigns import FIDELITY
 from in_process import InProcessExecutor
 
 from nbv.errors import UserError
@@ -40,7 +39,7 @@ run = functools.partial(fake_campaigns.run, space=load_search_space("gate"), bud
 
 
 def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
-    return LocalProcessExecutor(count, timeout_s, preload=("fake_missions:fake_mission",))
+    return LocalProcessExecutor(count, timeout_s, preload=("fake",))
 
 
 def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
@@ -81,7 +80,7 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
     summary = run_campaign(campaign, InProcessExecutor(), interrupt)
     assert summary.stopped == "interrupted" and summary.status.finished == 5
     assert signal.getsignal(signal.SIGINT) is handler
-    resumed = Campaign.open(tmp_path / "parts", settings(**changes), fidelity=FIDELITY)
+    resumed = Campaign.open(tmp_path / "parts", settings(**changes))
     assert run_campaign(resumed, InProcessExecutor()).stopped == "budget"
     assert [t.number for t in resumed.trials()] == list(range(7))
     for a, b in zip(whole.trials(), resumed.trials()):
@@ -104,14 +103,15 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
 
 DRIVER = """
 import sys
+import fake_missions
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
-    campaign = Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission")
-    with LocalProcessExecutor(2, 60.0, preload=("fake_missions:fake_mission",)) as executor:
+    campaign = Campaign.open(Path(sys.argv[1]))
+    with LocalProcessExecutor(2, 60.0, preload=("fake",)) as executor:
         run_campaign(campaign, executor, lambda event: print(event.kind, flush=True))
 """
 
@@ -136,7 +136,7 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     lock.unlink(missing_ok=True)
     lock.symlink_to(directory / "study.journal")
 
-    resumed = Campaign.open(directory, campaign.settings, fidelity=FIDELITY)
+    resumed = Campaign.open(directory, campaign.settings)
     before = {t.number: t for t in resumed.trials()}
     finished_before = [n for n, t in before.items() if t.state != "running"]
     assert 1 <= len(finished_before) < 12
@@ -201,7 +201,7 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
         with pytest.raises(KeyboardInterrupt):
             run_campaign(campaign, InProcessExecutor())
     events: list[CampaignEvent] = []
-    resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+    resumed = Campaign.open(tmp_path / "run")
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
@@ -229,7 +229,7 @@ def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) ->
         summary = run_campaign(campaign, InProcessExecutor())
         assert expected in summary.message
         assert summary.status.finished == (8 if expected.startswith("the budget") else 6)
-        again = run_campaign(Campaign.open(tmp_path / str(k), fidelity=FIDELITY), InProcessExecutor())
+        again = run_campaign(Campaign.open(tmp_path / str(k)), InProcessExecutor())
         assert again.message == summary.message
 
 
@@ -243,7 +243,7 @@ def test_what_the_machine_ended_is_neither_counted_nor_learned(
     assert "disk_full" in summary.message
     assert [(t.rock, t.state) for t in campaign.trials()] == [("a", "complete"), ("once-full", "running")] * 2
     assert {o.rock for o in campaign.history()} == {"a"}
-    summary = run_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor())
+    summary = run_campaign(Campaign.open(tmp_path / "run"), InProcessExecutor())
     assert summary.stopped == "budget" and summary.status.complete == 4  # the machine has been mended
 
 
@@ -295,7 +295,7 @@ def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
 
     (tmp_path / "run" / "study.journal").unlink()
     with pytest.raises(UserError, match=r"ledger .* is missing"):
-        Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+        Campaign.open(tmp_path / "run")
 
 
 def test_directory_that_cannot_be_written(tmp_path: Path) -> None:
@@ -310,7 +310,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
     def intrude(event: CampaignEvent) -> None:
         if event.kind == "launched":
             with pytest.raises(UserError, match="in use by another process"):
-                Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+                Campaign.open(tmp_path / "run")
             assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
 
     assert run_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
@@ -323,9 +323,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     saved = json.loads(path.read_text())
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
     path.write_text(json.dumps({**saved, "values": other}))
-    assert Campaign.open(
-        tmp_path / "run", fidelity=FIDELITY
-    ).recommended_config() == campaign.settings.config(other)
+    assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.config(other)
     for stale in (
         {**saved, "values": other, "observations": 5},
         {**saved, "values": {**other, "gate.d95_m": 1e9}},  # never run
@@ -333,7 +331,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         None,
     ):
         path.write_text(json.dumps(stale) if stale is not None else "{")
-        found = Campaign.open(tmp_path / "run", fidelity=FIDELITY).recommended_config()
+        found = Campaign.open(tmp_path / "run").recommended_config()
         assert found == campaign.settings.config(saved["values"])
 
 
@@ -373,7 +371,7 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     after = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in longer.trials()]
     assert after[:6] == before and len(after) == 10
     # It is the campaign that anyone finds there, and its file says that it grew.
-    assert Campaign.open(tmp_path / "run", fidelity=FIDELITY).status().remaining == 0
+    assert Campaign.open(tmp_path / "run").status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
     assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
 

@@ -13,7 +13,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
-from tuner.jobs import evaluate, tune
+from tuner.jobs import evaluate
 from tuner.missions.external.mission_file import load_mission_file
 
 FLY = """
@@ -212,25 +212,6 @@ def test_a_run_directory_alone_runs_nothing(gatetune, toy, command, path):
         file.write_text(yaml.safe_dump(with_checksum(tree)))
     code, _, err = gatetune(*command)
     assert code == 2 and f"if you trust it, name it: --mission {toy}/toy.yaml" in err and err.count("\n") == 1
-    assert not (toy / "ran").exists()
-
-
-def test_a_function_runs_only_where_the_caller_of_tune_names_it(toy, monkeypatch):
-    """Also where other settings are given: they are the campaign's own, and say nothing of the code."""
-    monkeypatch.syspath_prepend(toy)
-    (toy / "evil_runner.py").write_text("open('ran', 'w')\ndef fly(*a, **k): ...\n")
-    settings = {
-        "name": "x",
-        "budget": 2,
-        "rocks": ["slab"],
-        "space": "gate",
-        "fidelity": "evil_runner:run",
-    }
-    begin_campaign(toy / "runs/x", settings_from_dict(settings, "test"))
-    monkeypatch.chdir(toy)
-    for given in ({}, {"budget": 2}):
-        with pytest.raises(UserError, match="if you trust it, name it: --fidelity evil_runner:run"):
-            tune(toy / "runs/x", **given)
     assert not (toy / "ran").exists()
 
 

@@ -20,7 +20,7 @@ PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
 run = functools.partial(
     fake_campaigns.run,
     space=photograph_missions.SPACE,
-    fidelity="photograph_missions:mission",
+    fidelity="saturating",
     replicates=2,
 )
 

@@ -43,7 +43,7 @@ FIRST = "missions/0000_a_r0"
 COMMANDS = {
     "status": "campaign status DIR",
     "list": "campaign list DIR/..",
-    "resume": f"campaign resume DIR --missions 4 --fidelity {FIDELITY}",
+    "resume": "campaign resume DIR --missions 4",
     "evaluate": "evaluate DIR --rock nobodys",
     "confirm": "confirm DIR --rock nobodys",
     "export": "export DIR",
@@ -145,7 +145,7 @@ def journal_of(campaign: Path) -> list[dict[str, Any]]:
 def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> None:
     """Whatever the ledger calls its directory or rock; its checksum has no key."""
     run = Path(shutil.copytree(made, tmp_path / "run"))
-    ledger = Campaign.open(run, fidelity=FIDELITY).ledger
+    ledger = Campaign.open(run).ledger
     params = dict(ledger.trials()[2].values)
     for name, value in (
         ("directory", "../../outside"),
@@ -160,9 +160,9 @@ def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> No
         (run / "study.journal").write_text("".join(json.dumps(r) + "\n" for r in records[: last + 1]))
         if name == "rock":
             with pytest.raises(UserError, match=r"trial 2 of the ledger .* is not what was entered"):
-                Campaign.open(run, fidelity=FIDELITY)
+                Campaign.open(run)
             continue
-        campaign = Campaign.open(run, fidelity=FIDELITY)
+        campaign = Campaign.open(run)
         assert campaign.trials()[2].path.parent == run / "missions"
         run_campaign(campaign, InProcessExecutor())
         assert not (tmp_path / "outside").exists()
@@ -182,7 +182,7 @@ def test_a_flipped_bit_at_the_ledgers_end_is_healed_or_refused_before_writing(
         flipped[begin + bit // 8] ^= 1 << bit % 8
         (run / "study.journal").write_bytes(flipped)
         try:
-            campaign = Campaign.open(run, fidelity=FIDELITY)
+            campaign = Campaign.open(run)
         except UserError:
             assert (run / "study.journal").read_bytes() == flipped, bit
             continue

@@ -12,6 +12,7 @@ import fake_missions
 import pytest
 from in_process import InProcessExecutor
 
+from nbv import plugins
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from tuner.campaign import rock_problem
@@ -19,8 +20,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.missions.job import MissionJob, load_trial
-
-FIDELITY = fake_campaigns.FIDELITY
+from tuner.missions.registry import FIDELITIES
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def copy(evaluated, tmp_path) -> Path:
 
 
 def facts(directory: Path) -> list[tuple]:
-    trials = Campaign.open(directory, fidelity=FIDELITY).trials()
+    trials = Campaign.open(directory).trials()
     return [(t.number, t.state, t.raw, t.values, t.rock, t.replicate, t.metrics, t.reason) for t in trials]
 
 
@@ -73,7 +73,7 @@ def test_a_ledger_cut_in_half_is_named(copy):
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[: len(lines) // 2]))
     with pytest.raises(UserError, match=r"knows nothing of missions/000[1-4].*its end was lost"):
-        Campaign.open(copy, fidelity=FIDELITY)
+        Campaign.open(copy)
 
 
 def test_changed_settings_are_named(copy):
@@ -81,16 +81,16 @@ def test_changed_settings_are_named(copy):
     text = path.read_text()
     path.write_text(text.replace("budget: 5", "budget: 6"))
     with pytest.raises(UserError, match=r"campaign\.yaml was changed since it was written"):
-        Campaign.open(copy, fidelity=FIDELITY)
+        Campaign.open(copy)
     path.write_text(
         text[: text.index("  sampler:")]
     )  # valid YAML, whose other settings would have their defaults
     with pytest.raises(UserError, match=r"campaign\.yaml was cut off: its checksum is missing"):
-        Campaign.open(copy, fidelity=FIDELITY)
+        Campaign.open(copy)
 
 
 def test_a_changed_result_is_not_believed(copy):
-    campaign = Campaign.open(copy, fidelity=FIDELITY)
+    campaign = Campaign.open(copy)
     trial = campaign.trials()[0]
     directory = copy / trial.directory
     config = campaign.settings.config(trial.values)
@@ -122,8 +122,8 @@ def test_changed_code_is_asked_about(copy, monkeypatch):
     open_last(copy)
     monkeypatch.setattr(rock_problem, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
-        run_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
-    campaign = Campaign.open(copy, fidelity=FIDELITY)
+        run_campaign(Campaign.open(copy), InProcessExecutor())
+    campaign = Campaign.open(copy)
     assert run_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 5
 
 
@@ -131,18 +131,18 @@ def test_changed_code_is_asked_about(copy, monkeypatch):
 def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monkeypatch):
     """A mission in flight that was run on the changed mesh is run again."""
     content = ["1" * 64]
-    run_missions = fake_missions.fake_mission
 
     def on_mesh(*arguments, **options):
-        evaluated = run_missions(*arguments, **options)
+        evaluated = fake_missions.fake_mission(*arguments, **options)
         return dataclasses.replace(evaluated, provenance={"rock_sha256": content[0]})
 
-    monkeypatch.setattr(fake_missions, "fake_mission", on_mesh)
+    fidelity = dataclasses.replace(FIDELITIES.plugin("fake"), part=on_mesh)
+    monkeypatch.setitem(plugins._registered, ("fidelities", "fake"), fidelity)
     directory = copy.parent / "meshes"
     begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=7))
 
     def finished(on_event=None, **options):
-        campaign = Campaign.open(directory, fidelity=FIDELITY)
+        campaign = Campaign.open(directory)
         return run_campaign(campaign, InProcessExecutor(), on_event, **options).status.finished
 
     def kill(event):
@@ -180,7 +180,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
             begin_campaign(directory, asked)
     (directory / ".campaign.yaml.1.tmp").touch()
     if (directory / "campaign.yaml").is_file():
-        campaign = Campaign.open(directory, fidelity=FIDELITY)
+        campaign = Campaign.open(directory)
     else:
         campaign = begin_campaign(directory, asked)
     assert run_campaign(campaign, InProcessExecutor()).status.complete == 2

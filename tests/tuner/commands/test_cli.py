@@ -12,6 +12,7 @@ import pytest
 import trimesh
 import yaml
 
+from nbv import plugins
 from nbv.config import preset
 from tuner.cli import main
 from tuner.commands import console
@@ -157,18 +158,17 @@ def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
 
 
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
-    (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
-    (tmp_path / "mine.yaml").write_text("fidelity: foreign:run\nrocks: [boulder]\n")
+    registers = "from nbv.plugins import register\nregister('fidelities', 'foreign', print)\n"
+    (tmp_path / "foreign.py").write_text(registers)
+    (tmp_path / "mine.yaml").write_text("fidelity: foreign\nrocks: [boulder]\n")
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
-    code, _, err = gatetune("campaign", "run", "mine.yaml")
-    assert code == 2 and "--fidelity foreign:run" in err
-    code, _, err = gatetune("campaign", "run", "mine.yaml", "--fidelity", "foreign:run")
-    assert code == 0, err
-    for arguments in (["resume", "runs/campaign"], ["resume", "runs/campaign", "--missions", "99"]):
+    for arguments in (["run", "mine.yaml"], ["resume", "runs/campaign"], ["status", "runs/campaign"]):
+        monkeypatch.setattr(plugins, "_registered", {})
+        sys.modules.pop("foreign", None)
         code, _, err = gatetune("campaign", *arguments)
-        assert code == 2 and "--fidelity foreign:run" in err
-        assert gatetune("campaign", *arguments, "--fidelity", "foreign:run")[0] == 0
-    assert gatetune("campaign", "status", "runs/campaign")[0] == 0  # looking runs nothing
+        assert code == 2 and "unknown fidelity 'foreign'" in err and "--plugin" in err
+        code, _, err = gatetune("--plugin", "foreign.py", "campaign", *arguments)
+        assert code == 0, err
 
 
 def test_a_drawn_rock_is_named(gatetune):

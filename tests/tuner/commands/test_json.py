@@ -62,7 +62,7 @@ def test_campaigns_are_listed_with_their_answers(
     assert rows["one"]["values"] == saved["values"] and f"{saved['mean']:.4g}" in rows["one"]["answer"]
     assert rows["one"]["objective"] == "f_score"
     shown = gatetune("campaign", "list", runs)[1]
-    assert "9 of 9 missions, tuned for f_score\n  rocks a, b; space gate; fidelity fake_missions:" in shown
+    assert "9 of 9 missions, tuned for f_score\n  rocks a, b; space gate; fidelity fake" in shown
     assert "rocks c; space gate" in shown and "Results compare only between campaigns" in shown
     monkeypatch.setattr(output, "width", 80)
     narrow = gatetune("campaign", "list", runs)[1].splitlines()

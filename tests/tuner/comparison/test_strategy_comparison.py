@@ -7,6 +7,7 @@ import os
 import signal
 from pathlib import Path
 
+import fake_missions  # noqa: F401  registers the fidelity
 import pytest
 from in_process import InProcessExecutor
 
@@ -31,7 +32,7 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.instances import Instance
 
-FIDELITY = "fake_missions:fake_mission"
+FIDELITY = "fake"
 BASE = preset("campaign")
 GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
 F48 = TABLE_I_ROWS_OBSERVABLE[5]
@@ -78,7 +79,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     first = run_evaluation(plan(), tmp_path / "out", InProcessExecutor(), interrupt)
     assert not first.complete
     events: list[EvaluationEvent] = []
-    with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(2, preload=("fake",)) as executor:
         second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
     assert second.complete and sum(e.trial is None for e in events) == 12 - 5
     assert all(file.read_text() == "run\n" for file in (tmp_path / "out").rglob("run.txt"))
@@ -87,7 +88,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
 
 
 def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(1, preload=("fake",)) as executor:
         result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
         assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
         table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", (F48,))

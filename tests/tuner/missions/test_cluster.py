@@ -23,7 +23,7 @@ pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
 from collections.abc import Callable
 from typing import Any
 
-from fake_campaigns import FIDELITY, settings
+from fake_campaigns import settings
 from test_executors import job, run_jobs
 
 from nbv.errors import UserError
@@ -35,11 +35,11 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.missions.cluster import worker
 from tuner.missions.cluster.connect import dask_executor
-from tuner.missions.registry import FIDELITIES
 
 MISSIONS = 12
 COORDINATOR = """
 import os, signal, sys
+import fake_missions
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -50,7 +50,7 @@ def accidents(event):
         os.kill(int(worker), signal.SIGKILL)
     if event.kind == "finished" and event.finished == 6:
         os.kill(os.getpid(), signal.SIGKILL)
-run_campaign(Campaign.open(Path(directory), fidelity="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
+run_campaign(Campaign.open(Path(directory)), dask_executor("dask", scheduler, 1, 60.0), accidents)
 """
 
 
@@ -118,7 +118,7 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
         if event.kind == "finished" and event.finished == 9:
             cluster.scheduler.kill()
 
-    campaign = Campaign.open(directory, fidelity="fake_missions:fake_mission")
+    campaign = Campaign.open(directory)
     with (
         dask_executor("dask", cluster.address, 1, 60.0) as executor,
         pytest.raises(UserError, match="scheduler is gone"),
@@ -147,12 +147,11 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
     write_rock(own, tmp_path / "own.npz")
-    monkeypatch.setitem(FIDELITIES.own, FIDELITY, "fake_missions:OVER_ROCKS")
     cluster = Cluster(tmp_path, 1)
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
             gc.disable()
-            assert run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"))])["0000"].status == "ok"
+            assert run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])["0000"].status == "ok"
             deadline = (
                 time.monotonic() + 5
             )  # a scheduler runs anew what it believes wanted, should a worker be lost

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import fake_missions  # noqa: F401  registers the fidelity
 import psutil
 import pytest
 
@@ -25,9 +26,7 @@ from tuner.missions.run_jobs import JobList
 from tuner.missions.run_jobs import run_jobs as fly_all
 
 
-def job(
-    directory: Path, rock: str = "a", number: int = 0, fidelity: str = "fake_missions:fake_mission"
-) -> MissionJob:
+def job(directory: Path, rock: str = "a", number: int = 0, fidelity: str = "fake") -> MissionJob:
     return MissionJob(
         f"{number:04d}", MissionConfig(), rock, 0, directory / f"{number:04d}", fidelity=fidelity
     )
@@ -57,13 +56,13 @@ def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor,
 
 
 def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(1, preload=("fake",)) as executor:
         assert hang_until(lambda server: os.kill(server, signal.SIGKILL), executor, tmp_path).status == "ok"
 
 
 def test_a_server_that_stands_still_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "_SILENCE_LIMIT_AFTER_KILL_S", 2.0)
-    with LocalProcessExecutor(1, 2.0, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
         assert hang_until(lambda server: os.kill(server, signal.SIGSTOP), executor, tmp_path).status == "ok"
 
 
@@ -90,7 +89,7 @@ def test_no_mission_outlives_a_killed_coordinator_though_its_server_was_stopped(
 
 @pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
 def test_what_the_machine_ended_is_flown_again(tmp_path: Path, accident: str) -> None:
-    with LocalProcessExecutor(1, 2.0, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
         assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].status == "ok"
 
 
@@ -114,7 +113,7 @@ def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:
             self.submitted += 1
             super().submit(job)
 
-    with Counting(1, preload=("fake_missions:fake_mission",)) as executor:
+    with Counting(1, preload=("fake",)) as executor:
         outcome = run_jobs(executor, [job(tmp_path, "kill")])["0000"]
     assert outcome.infrastructure_failure and outcome.reason == "worker_killed: signal 9"
     assert executor.submitted == MAX_ATTEMPTS
@@ -149,6 +148,6 @@ def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: py
         (here / module).write_text(f"open({str(tmp_path / 'foreign')!r}, 'w')\nraise SystemExit(3)\n")
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend("")  # as where Python was started with -c
-    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
+    with LocalProcessExecutor(1, preload=("fake",)) as executor:
         assert run_jobs(executor, [job(tmp_path)])["0000"].status == "ok"
     assert not (tmp_path / "foreign").exists()
