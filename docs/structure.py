@@ -3,7 +3,8 @@
     python docs/structure.py [--root DIR]
 
 ``--root`` names another checkout of this project to count. Circles are the strongly connected components of the
-import graph of the modules, imports inside functions and for type checking included.
+import graph of the modules. Imports inside functions and for type checking count, and so do modules that a text names for
+a later import: ``importlib.import_module("nbv.gates")``, or a reference ``"nbv.gates.oracle:OracleGate"``.
 """
 
 from __future__ import annotations
@@ -42,6 +43,13 @@ def imports(root: Path) -> nx.DiGraph:
                     targets.append(submodule if submodule in known else node.module)
             elif isinstance(node, ast.Import):
                 targets = [alias.name for alias in node.names]
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                module, colon, attribute = node.value.partition(":")
+                targets = [module] if colon and attribute.isidentifier() else []
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+                targets = [
+                    a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)
+                ]
             graph.add_edges_from((name, target) for target in targets if target in known and target != name)
     return graph
 

@@ -28,8 +28,9 @@ from tuner.problem.observations import Observation, distinct_configurations, nex
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import ask_many, initial_proposal, make_sampler
+from tuner.samplers.base import ask_many, initial_proposal
 from tuner.samplers.gp import GPSampler
+from tuner.samplers.registry import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 

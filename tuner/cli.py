@@ -21,6 +21,7 @@ from rich.text import Text  # noqa: E402
 from nbv import plugins  # noqa: E402
 from nbv.cache import home  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
+from nbv.gates.external import bring  # noqa: E402
 from tuner.commands import (  # noqa: E402
     cache,
     campaign,
@@ -73,7 +74,7 @@ def options(
     """Tune hybrid next-best-view planning with Bayesian optimisation on simulated photogrammetry missions."""
     only_json(False)
     for text in plugin or []:
-        plugins.use(text)
+        bring(text)
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and inspect tuning campaigns.")

@@ -2,7 +2,7 @@
 
 ``declaration`` says what a field declares and how it is read and checked, the files ``sections_`` hold the fields,
 ``mission_config`` the whole and its digest, ``presets`` the named configurations that a user starts from, ``conditions`` the
-named environments in which missions run, ``registry`` the parts of the program that a configuration may name.
+named environments in which missions run, ``names`` the parts of the program that a configuration may name.
 """
 
 from nbv.config.conditions import (
@@ -25,8 +25,8 @@ from nbv.config.mission_config import (
     parameter,
     parameters,
 )
+from nbv.config.names import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, gate_kinds
 from nbv.config.presets import PRESETS, preset
-from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, gate_kinds
 from nbv.config.sections_planning import (
     BAwareConfig,
     GateConfig,

@@ -293,7 +293,10 @@ def replaced(part: T, values: Mapping[str, Any], prefix: str = "") -> T:
 
 
 def coerce(kind: Any, raw: Any, path: str) -> Any:
-    """``raw`` of a YAML tree as a value of type ``kind``; `UserError`, which begins with ``path``, where it is none."""
+    """``raw`` of a YAML tree as a value of type ``kind``; `UserError`, which begins with ``path``, where it is none.
+
+    `msgspec.convert` takes NaN, refuses 4.0 for a whole number, and its messages name neither the value nor the choices.
+    """
     origin = typing.get_origin(kind)
     if origin is Annotated:  # `Declaration.check` looks at the bounds
         return coerce(kind.__origin__, raw, path)

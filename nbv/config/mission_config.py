@@ -21,7 +21,7 @@ from nbv.config.declaration import (
     not_in_paper,
     replaced,
 )
-from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS
+from nbv.config.names import DENSE_BACKENDS, GATES, RENDERERS, SCORERS
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,

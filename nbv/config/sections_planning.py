@@ -23,7 +23,7 @@ from nbv.config.declaration import (
     not_in_paper,
     text,
 )
-from nbv.config.registry import SCORERS, gate_kinds
+from nbv.config.names import SCORERS, gate_kinds
 
 
 @dataclass(frozen=True)
@@ -344,7 +344,7 @@ class GateConfig(Section):
         "b-aware",
         "III-B",
         "scorer that Hyb-H and Hyb-O switch to from Covis",
-        names=SCORERS.keys,
+        names=lambda: SCORERS,
         plugins=True,
         added=True,
     )

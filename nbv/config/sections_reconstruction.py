@@ -18,7 +18,7 @@ from nbv.config.declaration import (
     not_in_paper,
     text,
 )
-from nbv.config.registry import DENSE_BACKENDS
+from nbv.config.names import DENSE_BACKENDS
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class DenseConfig(Section):
         "sgbm",
         "dense stereo",
         why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
-        names=DENSE_BACKENDS.keys,
+        names=lambda: DENSE_BACKENDS,
         plugins=True,
     )
     neighbours: OneOrMore = not_in_paper(3, "stereo partners of a photograph")

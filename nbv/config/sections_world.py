@@ -9,7 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from nbv.config.declaration import NonNegative, Positive, Section, Share, code, not_in_paper
-from nbv.config.registry import RENDERERS
+from nbv.config.names import RENDERERS
 from nbv.errors import UserError
 
 LOWEST_SUN_DEG = 3.0  # lower, and shadows outgrow the ground that is drawn
@@ -33,7 +33,7 @@ class SceneConfig(Section):
     """Light, ground and sensor."""
 
     backend: str = not_in_paper(
-        "raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys, plugins=True
+        "raycast", "renderer", why="gl (pyrender) needs EGL", names=lambda: RENDERERS, plugins=True
     )
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"

@@ -12,12 +12,13 @@ import numpy as np
 from nbv.config import DENSE_BACKENDS
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.stereo import points_to_search
+from nbv.dense.stereo import points_to_search, sgbm_depth_maps
 from nbv.dense.views import DenseBackend, PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.types import Floats, PointCloud
 
+BUILT_IN = {"sgbm": sgbm_depth_maps, "patchmatch": "nbv.dense.patchmatch:patchmatch_depth_maps"}
 NVIDIA_DRIVER = Path("/dev/nvidiactl")
 
 
@@ -41,8 +42,8 @@ def with_best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def make_backend(name: str) -> DenseBackend:
-    """The dense backend called ``name``; the names stand in `nbv.config.registry`. `UserError` if there is none."""
-    backend: DenseBackend = DENSE_BACKENDS.load(name)
+    """The dense backend called ``name``; `UserError` if there is none."""
+    backend: DenseBackend = DENSE_BACKENDS.load(name, BUILT_IN)
     return backend
 
 

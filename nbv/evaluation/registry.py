@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
-from nbv.plugins import leave_out, plugins
+from nbv.plugins import Registry, leave_out
 from nbv.types import Floats
 
 SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
@@ -84,13 +84,14 @@ METRICS: dict[str, Metric] = {
         ),
     )
 }
+METRIC_REGISTRY = Registry("metrics", METRICS)
 # What geometric missions predict of them (`nbv.geometric.completeness`); the others need a cloud.
 PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 
 def all_metrics() -> dict[str, Metric]:
     """Those built in, then those of plug-ins."""
-    found = {plugin.loaded.key: plugin for plugin in plugins("metrics").values()}
+    found = {plugin.loaded.key: plugin for plugin in METRIC_REGISTRY.plugins().values()}
     for taken in METRICS.keys() & found.keys():
         leave_out(found.pop(taken))
     return {**METRICS, **{key: plugin.loaded for key, plugin in found.items()}}

@@ -3,10 +3,11 @@
 Two of them see the ground truth and are upper references, not planners: they say so (`Gate.sees_ground_truth`).
 """
 
-from nbv.gates.base import Gate, gate_class, make_gate
+from nbv.gates.base import Gate
 from nbv.gates.bridging import bridge, next_between
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
+from nbv.gates.registry import gate_class, make_gate
 
 __all__ = [
     "Gate",

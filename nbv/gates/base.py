@@ -9,9 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from nbv.cache import keyed
-from nbv.config import GATES, SCORERS, MissionConfig
-from nbv.errors import UserError
+from nbv.config import MissionConfig
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
@@ -71,42 +69,6 @@ class Gate(ABC):
         ``rankings["covis"]`` and ``rankings["b-aware"]`` are there, any other scorer's ranking is made when it is asked for
         (`nbv.scorers.registry.Rankings`).
         """
-
-
-class FixedGate(Gate):
-    """One scorer alone, at every step. Its kind is the scorer's name."""
-
-    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """The ranking of the scorer that the kind names."""
-        scorer = self.config.gate.kind
-        return GateDecision(rankings[scorer], f"always {scorer}")
-
-
-def gate_class(kind: str) -> type[Gate]:
-    """The gates of one kind (`nbv.config.registry`); ``UserError`` if there is no such kind."""
-    found: type[Gate] = FixedGate if kind in SCORERS else GATES.load(kind)
-    return found
-
-
-def make_gate(
-    config: MissionConfig,
-    rock_sha256: str = "",
-    replicate: int = 0,
-    oracle: GroundTruthOracle | None = None,
-) -> Gate:
-    """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
-
-    `UserError` for an oracle gate without ground truth, or a learned gate whose policy file cannot be read.
-    """
-    kind = config.gate.kind
-    gate = gate_class(kind)
-    if not gate.sees_ground_truth:
-        oracle = None
-    elif oracle is None:
-        raise UserError(f"gate.kind {kind} needs the ground truth; give it an oracle, or choose another gate")
-    if GATES.plugin(kind) is not None:
-        config, rock_sha256 = copy.deepcopy(config), keyed(rock_sha256)
-    return gate(config, rock_sha256, replicate, oracle)
 
 
 def budget_fraction(state: PlanningState) -> float:

@@ -35,7 +35,7 @@ import numpy as np
 
 from nbv.errors import MissionFailure, UserError
 from nbv.gates.base import Gate, ranking_of
-from nbv.plugins import register, shortened
+from nbv.plugins import register, shortened, use
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 ANSWER_S = 120.0  # time for one answer
@@ -156,6 +156,18 @@ def _state_line(state: PlanningState, pool: CandidatePool, target_m: tuple[float
             "seed": seed,
         }
     )
+
+
+def bring(spec: str) -> None:
+    """Bring what ``--plugin`` names: a module or file that registers parts, or ``NAME=COMMAND``, a planner in another process.
+
+    `UserError` where it cannot be brought.
+    """
+    name, equals, command = spec.partition("=")
+    if equals:
+        register_program(name, command)
+    else:
+        use(spec)
 
 
 def register_program(name: str, command: str) -> None:

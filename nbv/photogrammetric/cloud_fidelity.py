@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 from nbv.cache import cached_json
 from nbv.evaluation import Evaluation
+from nbv.evaluation.registry import METRIC_REGISTRY
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.run_directory import CLEANED, METRICS, RunDirectory, write_ply
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
-from nbv.plugins import plugins, sources
 from nbv.threads import limit_threads
 from nbv.types import Cloud
 
@@ -46,7 +46,7 @@ class CloudFidelity(Fidelity):
         inputs = [
             self.reconstructor.cloud_key,
             *self.evaluation_inputs(),
-            *sources("metrics", *sorted(plugins("metrics"))),
+            *METRIC_REGISTRY.sources(*sorted(METRIC_REGISTRY.plugins())),
         ]
         with self.context.stopwatch.timed("evaluation"):
             metrics: dict[str, Any] = cached_json(

@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 
 from nbv.cache import Arrays, Store, cache_key, digest
-from nbv.config import MissionConfig
+from nbv.config import DENSE_BACKENDS, MissionConfig
 from nbv.dense.coarse import coarse_depth
 from nbv.dense.reconstruct import dense_cloud
 from nbv.dense.views import PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.mission.planning_state import arrays_of, model_of
-from nbv.plugins import sources
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
@@ -143,7 +142,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         """Digest of all that decides the cloud."""
         config = self._config
         box = [] if self._half_extents_m is None else [self._half_extents_m]
-        more = (*box, *sources("dense", config.dense.backend))
+        more = (*box, *DENSE_BACKENDS.sources(config.dense.backend))
         return cache_key("nbv.dense", self._key, config.camera, list(config.target_m), config.dense, *more)
 
     def export_sparse(self, directory: Path, images: Path) -> None:

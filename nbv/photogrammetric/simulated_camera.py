@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, cached
-from nbv.config import CameraConfig, MissionConfig
+from nbv.config import RENDERERS, CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
 from nbv.memory import give_back_freed_memory
-from nbv.plugins import sources
 from nbv.rocks import Rock
 from nbv.scene import Renderer, Sensor
 from nbv.types import Camera, Capture, Floats, Viewpoint
@@ -42,7 +41,7 @@ class SimulatedCamera(Camera):
         self._rock, self._replicate, self._store = rock, replicate, store
         self._world = (
             *(config.camera, config.scene, config.sensor, config.ground, config.target_m),
-            *sources("renderers", config.scene.backend),
+            *RENDERERS.sources(config.scene.backend),
         )
         self._sensor = Sensor(config)
         self._errors = TelemetryErrors(

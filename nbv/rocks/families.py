@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.plugins import beside, plugins
+from nbv.plugins import Registry
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
 from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
@@ -203,11 +203,12 @@ SHAPES = {
     "machine": (_machine, "deep pockets and holes in sides and top"),
 }
 EVERY = {**FAMILIES, **SHAPES}
+FAMILY_REGISTRY = Registry("families", EVERY)
 
 
 def family_generator(family: str) -> tuple[Callable[[Floats, np.random.Generator, int], Floats], str] | None:
     """The function that draws a family's rocks, and a phrase on what makes them hard; None for an unknown family."""
-    plugin = beside(EVERY.keys(), "families").get(family)
+    plugin = FAMILY_REGISTRY.plugin(family)
     if plugin is None:
         return EVERY.get(family)
     return plugin.loaded, (plugin.loaded.__doc__ or "").strip().partition("\n")[0]
@@ -217,8 +218,7 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     """The rock that ``seed`` draws from ``family``; `UserError` where there is no such family or seed."""
     generator = family_generator(family)
     if generator is None:
-        named = ", ".join((*EVERY, *plugins("families")))
-        raise UserError(f"there is no family {family!r} of rocks; choose from {named}")
+        raise UserError(f"there is no family {family!r} of rocks; choose from {', '.join(FAMILY_REGISTRY)}")
     if not 0 <= seed < SEED_LIMIT:
         raise UserError(f"seed {seed} of family {family!r} is not from 0 to {SEED_LIMIT - 1}")
     draw, difficulty = generator

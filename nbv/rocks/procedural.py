@@ -9,9 +9,8 @@ from skimage.measure import marching_cubes
 
 from nbv.cache import Store
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
-from nbv.plugins import sources
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.families import generated_name, generated_recipe
+from nbv.rocks.families import FAMILY_REGISTRY, generated_name, generated_recipe
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
@@ -32,7 +31,7 @@ def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID
     """
     drawn = generated_name(name)
     recipe = RECIPES[name] if drawn is None else generated_recipe(*drawn)
-    inputs = [name, grid_m, *sources("families", *(drawn or ())[:1])]
+    inputs = [name, grid_m, *FAMILY_REGISTRY.sources(*(drawn or ())[:1])]
     about: Any = {"split": recipe.split, "difficulty": recipe.difficulty}
     return stored_rock(
         store, lambda: make_rock(name, **_made(recipe, grid_m), **about), code=__name__, inputs=inputs

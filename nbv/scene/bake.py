@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, cached, digest
-from nbv.config import RENDERERS, CameraConfig, SceneConfig
+from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.rock import Rock
 from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.ground import GroundSpec, synthesise_ground
-from nbv.scene.view import Renderer
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined_mesh
 from nbv.types import Floats, Floats32
 
@@ -120,12 +119,6 @@ def build_scene(
         part_ends,
         relief,
     )
-
-
-def make_renderer(scene: Scene, backend: str) -> Renderer:
-    """The renderer called ``backend`` (`nbv.config.registry`); ``UserError`` if there is none or it cannot run here."""
-    renderer: Renderer = RENDERERS.load(backend)(scene)
-    return renderer
 
 
 def with_relief(vertices: Floats32, faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:

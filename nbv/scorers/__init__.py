@@ -1,7 +1,7 @@
 """The scorers: arrays in, rankings out. `rank_candidates` is what the mission calls.
 
 A scorer is a main term with weights (`Scorer`); Eq. 1 and the terms that all share are written once. Those that a
-configuration may name stand in `nbv.config.registry`.
+configuration may name stand in ``registry``.
 """
 
 from nbv.scorers.b_aware import B_AWARE

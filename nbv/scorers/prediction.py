@@ -24,9 +24,8 @@ from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.stereo_chance import good_view, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum
 from nbv.random_streams import keyed_rng
-from nbv.scorers.matchable import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock, sample_hull
-from nbv.scorers.scorer import Scorer, SharedTerms
-from nbv.types import Bools, CandidatePool, Floats, Floats32, SparseModel
+from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock, sample_hull
+from nbv.types import Bools, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell
 
 SAMPLES = 600
@@ -218,15 +217,3 @@ def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
 def _log_odds(share: float) -> float:
     inside = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     return float(np.log(inside / (1.0 - inside)))
-
-
-def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """(C,) share of what will be missing that each candidate helps to reconstruct."""
-    if len(terms.model.depth_m):
-        return predict_carved(terms.model, config).expected_gain(pool.positions_m)
-    made = terms.prediction or predict(terms.model, config)
-    return made.expected_gain(pool.positions_m)
-
-
-# Its other weights are those of `nbv.scorers.matchable`.
-PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.matchable.weights)

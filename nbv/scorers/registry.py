@@ -6,9 +6,13 @@ from nbv.config import SCORERS, MissionConfig
 from nbv.plugins import read_only
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.scorer import HasExpectedGain, SharedTerms, shared_terms
+from nbv.scorers.matchable import MATCHABLE
+from nbv.scorers.predicted import PREDICTED
+from nbv.scorers.prediction import Prediction
+from nbv.scorers.scorer import SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
+BUILT_IN = {scorer.name: scorer for scorer in (COVIS, B_AWARE, MATCHABLE, PREDICTED)}
 # Ranked in every mission, whatever its gate: the traces say what either would have chosen.
 PAPER_SCORERS = (COVIS.name, B_AWARE.name)
 
@@ -26,7 +30,8 @@ class Rankings(dict[str, Ranking]):
             self[name]
 
     def __missing__(self, name: str) -> Ranking:
-        ranking = self[name] = read_only(SCORERS.load(name).rank(self._terms, self._pool, self._config))
+        scorer = SCORERS.load(name, BUILT_IN)
+        ranking = self[name] = read_only(scorer.rank(self._terms, self._pool, self._config))
         return ranking
 
 
@@ -34,7 +39,7 @@ def rank_candidates(
     state: PlanningState,
     pool: CandidatePool,
     config: MissionConfig,
-    prediction: HasExpectedGain | None = None,
+    prediction: Prediction | None = None,
 ) -> Rankings:
     """Rankings of the same pool by scorer: ``covis``, ``b-aware``, others on demand.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -15,16 +14,9 @@ from nbv.errors import MissionFailure
 from nbv.geometry.frames import wrap_angle
 from nbv.geometry.visibility import in_frustum
 from nbv.random_streams import keyed_rng
+from nbv.scorers.prediction import Prediction
 from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
-
-
-class HasExpectedGain(Protocol):
-    """A prediction of the dense cloud (`nbv.scorers.prediction`)."""
-
-    def expected_gain(self, candidates_m: Floats) -> Floats:
-        """(C,) for each candidate (C, 3): share of the surface predicted to be missing that its view would reconstruct."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +31,7 @@ class SharedTerms:
     move: Floats  # (C,)
     ang: Floats  # (C,)
     register: Floats | None  # (C,) chance to register; None where no scorer weighs it
-    prediction: HasExpectedGain | None  # of the dense cloud, where the planner has made one
+    prediction: Prediction | None  # of the dense cloud, where the planner has made one
 
     @property
     def rng(self) -> np.random.Generator:
@@ -54,7 +46,7 @@ class Scorer:
     Parameters
     ----------
     name
-        In `nbv.config.registry`, in rankings and traces, and as ``gate.kind``.
+        In `nbv.config.names`, in rankings and traces, and as ``gate.kind``.
     main_term
         From the shared terms, the pool and the configuration: (C,), in [0, 1] for weights to mean the same.
     weights
@@ -89,7 +81,7 @@ def shared_terms(
     state: PlanningState,
     pool: CandidatePool,
     config: MissionConfig,
-    prediction: HasExpectedGain | None = None,
+    prediction: Prediction | None = None,
 ) -> SharedTerms:
     """What all scorers need of the C candidates: box points, their visibility, Eq. 2 to 4, and the chance to register.
 

@@ -13,7 +13,7 @@ from research import optimiser_problems as problems
 from research import optimiser_summary as summary
 from research.optimiser_strategies import AllRocks, applicable, settings_of
 from tuner.problem.observations import Observation
-from tuner.samplers.base import make_sampler
+from tuner.samplers.registry import make_sampler
 
 HARTMANN_AT = [0.20169, 0.150011, 0.476874, 0.275332, 0.311652, 0.6573]
 

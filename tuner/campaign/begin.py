@@ -29,8 +29,8 @@ from tuner.missions.long_runs import exclusive
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Configuration, SearchSpace, Values, value_at
-from tuner.samplers.base import make_sampler
 from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
+from tuner.samplers.registry import make_sampler
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:

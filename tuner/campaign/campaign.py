@@ -40,8 +40,9 @@ from tuner.problem.observations import Block, Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight, make_sampler
+from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.registry import make_sampler
 
 if TYPE_CHECKING:
     from tuner.campaign.ledger import Ledger

@@ -41,8 +41,8 @@ from tuner.problem.problem import Problem
 from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.recommendation.inputs import Goal
-from tuner.samplers.base import SAMPLERS
 from tuner.samplers.design import initial_design_size
+from tuner.samplers.registry import SAMPLERS
 
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, how it searches", "Execution"

@@ -89,7 +89,8 @@ MissionAllowed = Annotated[
 def with_settings(settings: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for every setting of a dataclass that has one.
 
-    The command's parameter ``given`` receives what the user gave: values by the setting's name.
+    The command's parameter ``given`` receives what the user gave: values by the setting's name. Typer makes options of a
+    function's signature, and the click parameters that it makes are private to each of its versions.
     """
     options = [s for s in declared(settings).values() if s.option]
 

@@ -25,7 +25,7 @@ def list_(as_json: AsJson = False) -> None:
     Example: gatetune plugin list
     """
     found = [plugin for group in plugins.GROUPS for plugin in plugins.plugins(group).values()]
-    rows = [(p.name, p.group, p.distribution or p.reference.partition(":")[0], p.version) for p in found]
+    rows = [(p.name, p.group, p.distribution or p.module, p.version) for p in found]
     answer_json([dict(zip(("name", "group", "distribution", "version"), row)) for row in rows])
     if rows:
         show_table(("name", "group", "distribution", "version"), rows)

@@ -17,6 +17,7 @@ from nbv import plugins
 from nbv.cache import machine_key, use_machine_key
 from nbv.checksums import CHECKSUM
 from nbv.errors import UserError
+from nbv.gates.external import bring
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
@@ -67,7 +68,7 @@ class MissionJob:
         return {
             **vars(self),
             **values,
-            "plugins": plugins.asked(self.planners),
+            "plugins": plugins.plugin_specs(self.planners),
             "machine_key": machine_key().hex(),
             "identity": {"config_digest": self.config.digest(), "condition": self.config.condition},
             "planners": [plugin.label for plugin in self.planners],
@@ -79,7 +80,7 @@ class MissionJob:
         tree = {name: value for name, value in tree.items() if name not in ("identity", "planners")}
         use_machine_key(bytes.fromhex(tree.pop("machine_key", "")))
         for text in tree.pop("plugins", ()):
-            plugins.use(text)
+            bring(text)
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
         return MissionJob(**{**tree, "config": config, "directory": directory})
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nbv.cache import code_digest
-from nbv.config.registry import Registry
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
+from nbv.plugins import Registry
 from tuner.missions.kinds import CURVE, GEOMETRIC, PHOTOGRAMMETRIC, MissionKind
 from tuner.missions.kinds import EXTERNAL as OF_A_FILE
 from tuner.missions.kinds import PHOTOGRAPHS as OVER_PHOTOGRAPHS

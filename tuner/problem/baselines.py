@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from nbv.config import GATES, Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
+from nbv.config import Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
 from nbv.errors import UserError
+from nbv.gates import gate_class
 from nbv.mission.target_prior import target_must_be_found
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration, builtin
@@ -381,4 +382,4 @@ def description(strategy: str) -> str:
 def sees_ground_truth(strategy: str) -> bool:
     """Whether a strategy is an upper reference, not deployable."""
     name = _split(strategy)[0]
-    return name in GATES and bool(GATES.load(name).sees_ground_truth)
+    return name in gate_kinds() and gate_class(name).sees_ground_truth

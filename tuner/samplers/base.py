@@ -1,21 +1,19 @@
-"""Our optimiser and the baselines propose missions through one interface; `SAMPLERS` has them by name.
+"""Our optimiser and the baselines propose missions through one interface.
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
 campaign that is resumed proposes what it would have proposed. Every sampler starts with the default configuration and the plain
-plans, which a campaign runs with all replicates on every training rock first: each optimiser may know where they stand. A new one is a file with a class, and a line here. None is imported before it is made: the
-command line lists their names.
+plans, which a campaign runs with all replicates on every training rock first: each optimiser may know where they stand.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from nbv.config.registry import Registry
 from tuner.problem.instances import Instance, InstanceLike, instances_of
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Block, Observation, Proposal, configuration_key, next_block
@@ -27,17 +25,6 @@ if TYPE_CHECKING:
     from tuner.samplers.earlier_missions import EarlierMissions
 
 VERIFICATION_BEGINS = 2 / 3  # of the budget
-# A class each, made of its settings and its name.
-SAMPLERS = Registry(
-    "samplers",
-    {
-        "gp": "tuner.samplers.gp:GPSampler",
-        "sobol": "tuner.samplers.plain:PlainSampler",
-        "random": "tuner.samplers.plain:PlainSampler",
-        "tpe": "tuner.samplers.optuna:OptunaSampler",
-        "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
-    },
-)
 
 
 class Sampler(Protocol):
@@ -45,7 +32,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in `SAMPLERS`."""
+        """Its name in `tuner.samplers.registry`."""
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
@@ -151,12 +138,3 @@ def _without_default(settings: SamplerSettings, missions: Sequence[Observation])
         has_default = configuration_key(settings.space, m.values) == default
         evaluated[block] = evaluated.get(block, False) or has_default
     return next((block for block, has_default in evaluated.items() if not has_default), None)
-
-
-def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
-    """Return the sampler called ``name``.
-
-    Raises `UserError`: no such sampler, or one that cannot handle the search space.
-    """
-    make: Callable[[SamplerSettings, str], Sampler] = SAMPLERS.load(name)
-    return make(settings, name)

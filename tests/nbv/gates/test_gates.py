@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from gate_states import pool, rankings, state
 
-from nbv.config import GATES, SCORERS, MissionConfig, gate_kinds
+from nbv import plugins
+from nbv.config import SCORERS, MissionConfig, gate_kinds
 from nbv.errors import UserError
-from nbv.gates import controls, gate_class, make_gate
+from nbv.gates import gate_class, make_gate
 from nbv.gates.controls import RandomGate
 
 
@@ -67,8 +68,8 @@ def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pyte
         def __post_init__(self) -> None:
             self.truth  # noqa: B018
 
-    monkeypatch.setattr(controls, "Peeking", Peeking, raising=False)
-    monkeypatch.setitem(GATES.own, "peeking", "nbv.gates.controls:Peeking")  # one line makes a new kind
+    monkeypatch.setattr(plugins.registry, "_registered", {})
+    plugins.register("gates", "peeking", Peeking)
     with pytest.raises(ValueError, match="sees_ground_truth = True"):
         make_gate(config("peeking"), oracle=object())  # type: ignore[arg-type]
     monkeypatch.setattr(Peeking, "sees_ground_truth", True)

@@ -27,8 +27,8 @@ def installed(tmp_path, monkeypatch):
     """The file of the parts."""
     file = every_part.install(tmp_path / "site")
     monkeypatch.syspath_prepend(tmp_path / "site")
-    monkeypatch.setattr(plugins, "_registered", {})
-    monkeypatch.setattr(plugins, "_used", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_used", {})
     plugins.installed.cache_clear()
     yield file
     plugins.installed.cache_clear()
@@ -106,7 +106,7 @@ def test_a_campaign_uses_sampler_fidelity_and_family(installed, tmp_path):
 
 def test_parts_with_names_of_ours_are_refused(installed):
     def again(group, name):
-        plugins._registered.clear()
+        plugins.registry._registered.clear()
         plugins.register(group, name, plugins.plugins(group)[every_part.PLACES[group][0]].loaded)
 
     again("families", "boulder")

@@ -15,7 +15,7 @@ import pytest
 
 from nbv import plugins
 from nbv.cache import Store, home
-from nbv.config import SCORERS, Weights, config_from_dict, parameter, preset
+from nbv.config import RENDERERS, SCORERS, Weights, config_from_dict, parameter, preset
 from nbv.config.declaration import Section
 from nbv.errors import MissionFailure, UserError
 from nbv.gates import Gate, external, make_gate
@@ -57,9 +57,9 @@ def package(tmp_path, monkeypatch):
     """A module ``mine_package`` and what entry points say of it: call it with ``name=place`` and so on."""
     (tmp_path / "mine_package.py").write_text(MINE)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(plugins, "_registered", {})
-    monkeypatch.setattr(plugins, "_used", {})
-    monkeypatch.setattr(plugins, "_left_out", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_used", {})
+    monkeypatch.setattr(plugins.registry, "_left_out", {})
     said = {}
 
     def entry_points(group):
@@ -209,13 +209,13 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         MINE + "from nbv.plugins import register\nregister('scorers', 'mine-low', LOW)\n"
     )
     plugins.use(str(tmp_path / "mine_registers.py"))
-    assert plugins.asked() == [str(tmp_path / "mine_registers.py")]
+    assert plugins.plugin_specs() == [str(tmp_path / "mine_registers.py")]
     with pytest.raises(UserError, match="two scorers are called 'mine-low'"):
         plugins.register("scorers", "mine-low", sys.modules["mine_registers"].LOW)
     code = "from nbv.plugins import register; register('scorers', 'shell', LOW)"
     exec(code, {"__name__": "__main__", "LOW": sys.modules["mine_registers"].LOW})
     with pytest.raises(UserError, match="registered in a script or notebook itself"):
-        plugins.asked()
+        plugins.plugin_specs()
     with pytest.raises(UserError, match="cannot be imported"):
         plugins.use("no_such_module")
     with pytest.raises(UserError, match=r"--plugin no_such\.py: there is no such file"):
@@ -282,16 +282,16 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
 def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, said):
     monkeypatch.setattr(external, "ANSWER_S", 5.0)
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
-    plugins.use(f"outside={sys.executable} {tmp_path / 'planner.py'}")
+    external.bring(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
     assert said in mission.message and len(mission.message) < 600
     assert (mission.status == "failed") == bool(said)
     if not said:
         assert {capture.scorer for capture in mission.trace} == {"outside"}
     with pytest.raises(UserError, match="two gates are called 'outside'"):
-        plugins.use(f"outside={sys.executable} -c pass")
+        external.bring(f"outside={sys.executable} -c pass")
     with pytest.raises(UserError, match="there is no program 'no-such-program'"):
-        plugins.use("a=no-such-program")
+        external.bring("a=no-such-program")
 
 
 @pytest.mark.slow
@@ -415,7 +415,7 @@ def test_an_installed_part_with_a_built_in_name_is_left_out_and_named(package):
     package("families", ("boulder", "mine_package:LOW"))
     assert short(**{"gate.kind": "covis"}).plugins_used == []
     assert load_coarse_rock("boulder-3", Store()).name == "boulder-3"
-    assert plugins.sources("renderers", "raycast") == []
+    assert RENDERERS.sources("raycast") == []
     said = {line.partition(" of ")[0]: line for line in plugins.left_out()}
     assert {"scorer 'covis'", "gate 'random'", "renderer 'raycast'", "family 'boulder'"} <= said.keys()
     assert said["scorer 'covis'"].endswith("is left out; rename it or uninstall mine-dist")

@@ -9,7 +9,9 @@ import pytest
 import scoring_state
 from scoring_state import synthetic_state
 
-from nbv.config import SCORERS, BAwareConfig, MissionConfig
+from nbv import gates, scene, scorers
+from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig
+from nbv.dense import reconstruct
 from nbv.errors import MissionFailure, UserError
 from nbv.scorers import PAPER_SCORERS, box_points, rank_candidates
 from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance
@@ -112,8 +114,14 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     assert failure.value.reason == "no_points_in_box"
 
 
-def test_every_name_stands_for_a_scorer_of_that_name() -> None:
-    assert {name: SCORERS.load(name).name for name in SCORERS} == {name: name for name in SCORERS}
+def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
+    for names, parts in (
+        (SCORERS, scorers.registry),
+        (GATES, gates.registry),
+        (RENDERERS, scene.registry),
+        (DENSE_BACKENDS, reconstruct),
+    ):
+        assert list(names.built_in) == list(parts.BUILT_IN)
 
 
 def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.geometry.visibility import lifted
-from nbv.scorers.matchable import SAMPLES, proxy_surface, sees, views_gained
+from nbv.scorers.matchable import views_gained
+from nbv.scorers.surface import SAMPLES, proxy_surface, sees
 from nbv.types import PlanningState
 
 TARGET_M = np.array([0.0, 0.0, 0.8])

@@ -163,7 +163,7 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "mine.yaml").write_text("fidelity: foreign\nrocks: [boulder]\n")
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     for arguments in (["run", "mine.yaml"], ["resume", "runs/campaign"], ["status", "runs/campaign"]):
-        monkeypatch.setattr(plugins, "_registered", {})
+        monkeypatch.setattr(plugins.registry, "_registered", {})
         sys.modules.pop("foreign", None)
         code, _, err = gatetune("campaign", *arguments)
         assert code == 2 and "unknown fidelity 'foreign'" in err and "--plugin" in err

@@ -138,8 +138,8 @@ register("scorers", "picky", Scorer("picky", picky, weights=lambda config: Weigh
 
 @pytest.mark.slow
 def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(plugins, "_registered", {})
-    monkeypatch.setattr(plugins, "_used", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_used", {})
     (tmp_path / "picky_planner.py").write_text(PICKY)
     asked = shlex.split("--strategy picky --strategy orbit --numbers 14,18 --targets 2 --score 90")
     asked += ["--workers", 1, "--out", tmp_path / "run"]

@@ -17,7 +17,7 @@ from tuner.missions.registry import FIDELITIES, kind_on, mission_function, missi
 from tuner.report.labels import measure_text
 
 
-@pytest.mark.parametrize("name", [name for name in FIDELITIES.own if name != "external"])
+@pytest.mark.parametrize("name", [name for name in FIDELITIES.built_in if name != "external"])
 def test_registered_fidelities_have_one_signature(name: str) -> None:
     assert inspect.signature(mission_function(name)) == inspect.signature(run_geometric_mission)
 

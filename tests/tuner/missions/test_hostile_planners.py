@@ -13,6 +13,7 @@ from test_executors import run_jobs
 
 from nbv import plugins
 from nbv.config import preset
+from nbv.gates import external
 from nbv.mission.run_directory import WORKER_LOG
 from nbv.safe_files import remove
 from research.hostile_planners import DECISIONS, PROGRAM, PROGRAMS, TOPS, gate
@@ -27,8 +28,8 @@ from tuner.missions.run_jobs import run_jobs as fly_all
 @pytest.fixture
 def bring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder for modules of planners, in a working directory that holds the missions."""
-    monkeypatch.setattr(plugins, "_registered", {})
-    monkeypatch.setattr(plugins, "_used", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_used", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.chdir(tmp_path)
     known = set(sys.modules)
@@ -49,7 +50,7 @@ def bring_all(folder: Path, texts: Sequence[str], programs: Sequence[str] = ()) 
     for number, body in enumerate(programs):
         file = folder / f"program_{number}.py"
         file.write_text(PROGRAM.format(body=body))
-        plugins.use(f"program-{number}={sys.executable} {file}")
+        external.bring(f"program-{number}={sys.executable} {file}")
         kinds.append(f"program-{number}")
     return [job(kind) for kind in kinds]
 
@@ -172,7 +173,7 @@ IMPORTS = """
 import sys
 import nbv.gates  # which the modules import, too
 from nbv import plugins
-plugins.IMPORT_S = 3.0
+plugins.importing.IMPORT_S = 3.0
 for file in sys.argv[1:]:
     try:
         plugins.use(file)

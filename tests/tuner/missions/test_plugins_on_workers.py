@@ -44,7 +44,7 @@ def brought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     file = every_part.install(tmp_path / "site")
     monkeypatch.syspath_prepend(tmp_path / "site")
     (tmp_path / "registers_scorers.py").write_text(REGISTERS)
-    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     plugins.installed.cache_clear()
     plugins.use(str(tmp_path / "registers_scorers.py"))

@@ -21,7 +21,7 @@ from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import outlier_sentences
 from tuner.report.labels import decimals_for, duration, format_number, number_text
-from tuner.samplers.base import make_sampler
+from tuner.samplers.registry import make_sampler
 
 LINE = SearchSpace("line", (Parameter("x", "float", default=0.1),))
 MISSIONS = synthetic.random_design(16, 0.05, 0, 2)

@@ -8,11 +8,11 @@ import pytest
 import synthetic
 
 from tuner.problem.observations import Observation
-from tuner.samplers.base import make_sampler
 from tuner.samplers.design import (
     initial_design_size,
     sobol_point,
 )
+from tuner.samplers.registry import make_sampler
 
 
 @pytest.mark.parametrize(

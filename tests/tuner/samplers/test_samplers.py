@@ -14,7 +14,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.inputs import CampaignData, Goal
-from tuner.samplers.base import make_sampler
+from tuner.samplers.registry import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
 
 
