@@ -41,18 +41,18 @@ def converted(
 
 
 def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str:
-    told, _, place = message.partition(" - at ")
+    problem, _, place = message.partition(" - at ")
     of_key, place = place.startswith("`key`"), place.rpartition("`$")[2].strip("`.")
     name = re.sub(r"\[\.\.\.\]", " (an entry)", place) or "the file"
-    if missing := re.search(r"missing required field `(.*)`", told):
+    if missing := re.search(r"missing required field `(.*)`", problem):
         return f"{_inside(place)}{missing[1]!r} is missing"
-    if unknown := re.search(r"unknown field `(.*)`", told):
+    if unknown := re.search(r"unknown field `(.*)`", problem):
         allowed = f"; allowed: {', '.join(_fields(kind))}" if not place else ""
         return f"{_inside(place)}unknown key {unknown[1]!r}{allowed}"
     value = _value(tree, place)
-    pattern = re.search(r"matching regex '(.*)'", told)
+    pattern = re.search(r"matching regex '(.*)'", problem)
     regex = pattern[1].replace("\\\\", "\\") if pattern else ""  # as its repr
-    rule = rules.get(regex, f"text like {regex}") if pattern else _rule(told, kind, place)
+    rule = rules.get(regex, f"text like {regex}") if pattern else _rule(problem, kind, place)
     if of_key:
         keys = value if isinstance(value, dict) else {}
         bad = [k for k in keys if not isinstance(k, str) or (pattern and not re.search(regex, k))]
@@ -64,12 +64,12 @@ def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str
 _NOTHING = object()
 
 
-def _rule(told: str, kind: type, place: str) -> str:
-    if told.startswith("Invalid enum value"):
+def _rule(problem: str, kind: type, place: str) -> str:
+    if problem.startswith("Invalid enum value"):
         field = next((f for f in msgspec.structs.fields(kind) if f.name == place), None)
         values = getattr(field.type if field else None, "__args__", ())
         return f"one of {', '.join(map(str, values))}" if values else "another word"
-    kinds, _, bound = re.sub(r", got .*", "", told.removeprefix("Expected ")).partition("` ")
+    kinds, _, bound = re.sub(r", got .*", "", problem.removeprefix("Expected ")).partition("` ")
     words = " or ".join(_KINDS.get(k, k) for k in kinds.strip("`").split(" | "))
     if length := re.match(r"of length >= (\d+)", bound):
         return f"{words} with at least {length[1]} {'character' if kinds == '`str' else 'entry'}"

@@ -103,7 +103,7 @@ class Planner:
         n_seeds
             How many of them are seeds; the others have used the budget.
         vehicle_position_m, vehicle_heading_rad
-            (3,) and counter-clockwise from east: where the vehicle is.
+            (3,) and counter-clockwise from east: the estimated pose of the vehicle.
         """
         visited = np.asarray(visited_m, dtype=float).reshape(-1, 3)
         stop = self.config.stop

@@ -151,10 +151,10 @@ def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
         descriptor = os.open(path, flags)
         with os.fdopen(descriptor, "rb") as file:
-            found = os.fstat(descriptor)
-            if not stat.S_ISREG(found.st_mode):
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode):
                 raise UserError(f"{path} is not a regular file; name a file")
-            require(found.st_size, limit_bytes, f"the size of {path} in bytes")
+            require(status.st_size, limit_bytes, f"the size of {path} in bytes")
             return file.read()
     except FileNotFoundError as error:
         raise UserError(f"cannot read {path}: it does not exist") from error

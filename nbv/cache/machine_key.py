@@ -22,7 +22,7 @@ def keyed(text: str) -> str:
 
 def machine_key() -> bytes:
     """This machine's random key, or that of the coordinator whose missions run here."""
-    return _of_coordinator or _kept_key(home() / KEY_FILE)
+    return _of_coordinator or _stored_key(home() / KEY_FILE)
 
 
 def use_machine_key(key: bytes) -> None:
@@ -32,8 +32,8 @@ def use_machine_key(key: bytes) -> None:
 
 
 @functools.cache
-def _kept_key(path: Path) -> bytes:
-    """The key in ``path``, made where there is none; one for this process alone where none can be kept."""
+def _stored_key(path: Path) -> bytes:
+    """The key in ``path``, made where there is none; one for this process alone where none can be stored."""
     made, draft = secrets.token_bytes(32), path.with_name(f".{KEY_FILE}.{secrets.token_hex(8)}")
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -67,12 +67,12 @@ class Store:
 
     def get(self, kind: str, key: str) -> Arrays | None:
         """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
-        found = self._read(kind, key)
-        if found is None and self._shared is not None:
-            found = self._shared._read(kind, key)
-            if found is not None:
-                self._keep(kind, key, found[0])
-        return None if found is None else found[1]
+        entry = self._read(kind, key)
+        if entry is None and self._shared is not None:
+            entry = self._shared._read(kind, key)
+            if entry is not None:
+                self._keep(kind, key, entry[0])
+        return None if entry is None else entry[1]
 
     def put(self, kind: str, key: str, arrays: Arrays) -> None:
         """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
@@ -154,10 +154,10 @@ class KnownOnly(Store):
 
     def get(self, kind: str, key: str) -> Arrays:
         """The entry; `MissionFailure` if it is absent."""
-        found = super().get(kind, key)
-        if found is None:
+        entry = super().get(kind, key)
+        if entry is None:
             raise MissionFailure("not_known", f"no entry of {kind} in the store")
-        return found
+        return entry
 
     def put(self, kind: str, key: str, arrays: Arrays) -> None:
         """Nothing."""

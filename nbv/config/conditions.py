@@ -78,9 +78,9 @@ def available_conditions() -> dict[str, Path]:
 
 def load_conditions(names_or_paths: Sequence[str]) -> tuple[Condition, ...]:
     """As `load_condition`, in order; ``UserError`` where two have one name."""
-    found = tuple(load_condition(name) for name in names_or_paths)
-    require_distinct(found)
-    return found
+    conditions = tuple(load_condition(name) for name in names_or_paths)
+    require_distinct(conditions)
+    return conditions
 
 
 def require_distinct(conditions: Sequence[Condition]) -> None:

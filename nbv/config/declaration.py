@@ -71,7 +71,7 @@ class Declaration:
 
     meaning: str  # a phrase; where there are choices, they follow it after a colon
     source: Origin = "gatetune"  # of the default
-    why: str = ""  # the place in the source, or the reason for the default
+    reason: str = ""  # the place in the source, or the reason for the default
     unit: str = ""  # by default what the field's name ends in
     limit: float | None = None  # for safety: GATETUNE_LIMITS raises it
     names: Callable[[], Collection[str]] | None = None  # the choices; a type Literal[...] has its own
@@ -107,7 +107,7 @@ class Declaration:
     @property
     def origin(self) -> str:
         """``"text, Eq. 9"``."""
-        return f"{self.source}, {self.why}" if self.why else self.source
+        return f"{self.source}, {self.reason}" if self.reason else self.source
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -157,18 +157,18 @@ class Declaration:
         return list(value) if isinstance(value, tuple) else value
 
 
-def text(default: T, why: str, meaning: str, **more: Any) -> T:
-    """A default that the paper's text states, at ``why`` (section, equation or table); ``more`` as `Declaration` has it."""
-    return cast(T, setting(default, meaning, source="text", why=why, **more))
+def text(default: T, reason: str, meaning: str, **more: Any) -> T:
+    """A default that the paper's text states, at ``reason`` (section, equation or table); ``more`` as `Declaration` has it."""
+    return cast(T, setting(default, meaning, source="text", reason=reason, **more))
 
 
-def code(default: T, why: str, meaning: str, **more: Any) -> T:
-    """A default of the authors' public code or simulator, at ``why``, about which the text is silent."""
-    return cast(T, setting(default, meaning, source="code", why=why, **more))
+def code(default: T, reason: str, meaning: str, **more: Any) -> T:
+    """A default of the authors' public code or simulator, at ``reason``, about which the text is silent."""
+    return cast(T, setting(default, meaning, source="code", reason=reason, **more))
 
 
 def not_in_paper(default: T, meaning: str, **more: Any) -> T:
-    """A default of gatetune's own; ``why`` gives the reason."""
+    """A default of gatetune's own; ``reason`` says why, as `Declaration` has it."""
     return cast(T, setting(default, meaning, **more))
 
 
@@ -229,18 +229,18 @@ def split_unit(name: str) -> tuple[str, str]:
 @functools.cache
 def declared(cls: type) -> dict[str, Declaration]:
     """The fields of a dataclass by path, those of its sections included, in the order of declaration."""
-    kinds, found = typing.get_type_hints(cls, include_extras=True), dict[str, Declaration]()
+    kinds, fields = typing.get_type_hints(cls, include_extras=True), dict[str, Declaration]()
     for f in dataclasses.fields(cls):
         kind = kinds[f.name]
         if "declaration" in f.metadata:
-            own: Declaration = f.metadata["declaration"]
-            unit = own.unit or split_unit(f.name)[1]
-            found[f.name] = dataclasses.replace(own, path=f.name, kind=kind, unit=unit)
+            declaration: Declaration = f.metadata["declaration"]
+            unit = declaration.unit or split_unit(f.name)[1]
+            fields[f.name] = dataclasses.replace(declaration, path=f.name, kind=kind, unit=unit)
         elif dataclasses.is_dataclass(kind):  # a section
             for name, inner in declared(cast(type, kind)).items():
                 path, default = f"{f.name}.{name}", attrgetter(name)(cast(Any, f.default_factory)())
-                found[path] = dataclasses.replace(inner, path=path, default=default)
-    return found
+                fields[path] = dataclasses.replace(inner, path=path, default=default)
+    return fields
 
 
 def canonical_path(path: str) -> str:
@@ -263,16 +263,16 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
     """
     if not isinstance(tree, Mapping):
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
-    found = dict[str, Any]()
+    values = dict[str, Any]()
     for key, raw in tree.items():
         path = canonical_path(f"{prefix}{key}")
         if path in known:
-            found[path] = raw
+            values[path] = raw
         elif any(other.startswith(f"{path}.") for other in known):
-            found |= leaves(known, raw, what, f"{path}.")
+            values |= leaves(known, raw, what, f"{path}.")
         else:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
-    return found
+    return values
 
 
 def replaced(part: T, values: Mapping[str, Any], prefix: str = "") -> T:

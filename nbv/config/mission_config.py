@@ -218,14 +218,14 @@ def canonical(section: Any) -> dict[str, Any]:
 
     Without what was added since version 1 and has its default: see `MissionConfig.digest`.
     """
-    kept = {}
+    values = {}
     for f in dataclasses.fields(section):
         value = getattr(section, f.name)
         if "added" not in f.metadata or value != _default(f):
-            kept[f.name] = canonical(value) if dataclasses.is_dataclass(value) else value
+            values[f.name] = canonical(value) if dataclasses.is_dataclass(value) else value
             if f.name == PLUGINS:
-                kept[f.name] = {name: dataclasses.asdict(values) for name, values in value}
-    return kept
+                values[f.name] = {name: dataclasses.asdict(section) for name, section in value}
+    return values
 
 
 def _default(f: dataclasses.Field[Any]) -> Any:
@@ -242,15 +242,15 @@ def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) ->
         if isinstance(level := tree.get("telemetry"), str):
             tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
         known = known | {path: d for key in tree for path, d in _of_plugin(str(key)).items()}
-    found = leaves(known, tree, "mission parameter")
-    values = {path: known[path].from_yaml(raw) for path, raw in found.items()}
+    raw_values = leaves(known, tree, "mission parameter")
+    values = {path: known[path].from_yaml(raw) for path, raw in raw_values.items()}
     sections = dict(base.plugins)
     of_plugins = [path for path in values if path not in parameters()]
     for section in {path.partition(".")[0] for path in of_plugins}:
         inner = f"{section}."
-        own = {p.removeprefix(inner): values.pop(p) for p in of_plugins if p.startswith(inner)}
-        sections[section] = replaced(getattr(base, section), own, inner)
-    changed = sorted((name, own) for name, own in sections.items() if own != type(own)())
+        changes = {p.removeprefix(inner): values.pop(p) for p in of_plugins if p.startswith(inner)}
+        sections[section] = replaced(getattr(base, section), changes, inner)
+    changed = sorted((name, part) for name, part in sections.items() if part != type(part)())
     return replaced(base, {**values, PLUGINS: tuple(changed)})
 
 

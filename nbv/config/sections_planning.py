@@ -42,7 +42,7 @@ class SeedConfig(Section):
     count: int = not_in_paper(
         0,
         "seeds at even azimuths around the target, in place of the rings above; 0: those rings",
-        why="the paper's 24; from 3 on a model can be aligned",
+        reason="the paper's 24; from 3 on a model can be aligned",
         added=True,
     )
     layout: Literal["turn", "rings"] = not_in_paper(
@@ -56,20 +56,23 @@ class SeedConfig(Section):
     lowest_deg: Elevation = not_in_paper(
         20.0,
         "the lowest of these elevations",
-        why="the mean of the paper's is 24",
+        reason="the mean of the paper's is 24",
         label="elevation of the lowest ring",
         added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "highest minus lowest of these elevations", why="the paper's: 21", added=True
+        0.0, "highest minus lowest of these elevations", reason="the paper's: 21", added=True
     )
     start_bearing_deg: float = not_in_paper(
-        0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
+        0.0,
+        "compass bearing of the first seed of `count`",
+        reason="shadows and relief know north",
+        added=True,
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
         "share of the seeds of `count` on a second ring, `span_deg` above the first",
-        why="16 at 10° and 9 at 35° are 0.36",
+        reason="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
         added=True,
     )
@@ -83,7 +86,7 @@ class SeedConfig(Section):
         False,
         "take further seeds in place of planned views: one by one until the seeds give a model, then between registered and "
         "unregistered seeds until all are registered",
-        why="the paper's mission fails, or goes on without the missing ones",
+        reason="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
 
@@ -169,7 +172,9 @@ class PoolConfig(Section):
     upper_elevations_deg: Elevations = text((35.0, 45.0, 55.0), "III", "elevations of the sparse upper band")
     upper_count: Count = code(50, "mission file", "candidates in the upper band, evenly over its rings")
     min_altitude_m: float = not_in_paper(
-        1.3, "altitude of the lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
+        1.3,
+        "altitude of the lowest candidate",
+        reason="the code's 1.5 drops the 10° ring, which the text has",
     )
     max_altitude_m: float = code(
         20.0,
@@ -211,7 +216,7 @@ class StopConfig(Section):
     max_photographs: Count = not_in_paper(
         0,
         "most photographs, seeds included; 0: no limit",
-        why="so that seeds and captures are shared out of one number",
+        reason="so that seeds and captures are shared out of one number",
         added=True,
     )
     criterion: Literal["both", "budget", "knn", "predicted"] = text(
@@ -236,7 +241,7 @@ class StopConfig(Section):
         0.0,
         "Phase 2 ends when the next view adds less than this share of the matchable views that the surface needs; "
         "0: never",
-        why="after 12 seeds the first view adds 5 to 6 %, the 20th 0 to 2 % (slab, waist, vesicular, cavern, geometric)",
+        reason="after 12 seeds the first view adds 5 to 6 %, the 20th 0 to 2 % (slab, waist, vesicular, cavern, geometric)",
         added=True,
     )
 
@@ -366,7 +371,7 @@ class GateConfig(Section):
         added=True,
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
-        "reconstruction", "when Hyb-O counts a sample as covered", why="our reading of III-B"
+        "reconstruction", "when Hyb-O counts a sample as covered", reason="our reading of III-B"
     )
     oracle_samples: Annotated[int, Meta(ge=100)] = text(
         30_000, "III-B", "samples of the true surface that Hyb-O counts"

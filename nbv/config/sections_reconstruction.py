@@ -26,12 +26,12 @@ class SparseConfig(Section):
     """Features, matching, incremental mapping, alignment."""
 
     max_features: OneOrMore = not_in_paper(
-        8192, "most features of a photograph", why="COLMAP's default; the authors' 16384"
+        8192, "most features of a photograph", reason="COLMAP's default; the authors' 16384"
     )
     ground_features: Count = not_in_paper(
         0,
         "most features of the ground, found in the photograph rectified to a view from above by telemetry; 0: none",
-        why="hold views 30° and more apart together, which SIFT matches too rarely",
+        reason="hold views 30° and more apart together, which SIFT matches too rarely",
         added=True,
     )
     first_octave: Annotated[int, Meta(ge=-1, le=2)] = code(
@@ -81,7 +81,7 @@ class DenseConfig(Section):
     backend: str = not_in_paper(
         "sgbm",
         "dense stereo",
-        why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
+        reason="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
         names=lambda: DENSE_BACKENDS,
         plugins=True,
     )
@@ -104,23 +104,23 @@ class DenseConfig(Section):
     consistency_relative_depth: float = not_in_paper(0.005, "largest relative difference of agreeing depths")
     consistency_px: float = not_in_paper(1.0, "largest reprojection error of agreeing depths")
     patchmatch_sources: OneOrMore = not_in_paper(
-        6, "photographs that PatchMatch matches one with", why=_TABLE, added=True
+        6, "photographs that PatchMatch matches one with", reason=_TABLE, added=True
     )
-    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", why=_TABLE, added=True)
+    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", reason=_TABLE, added=True)
     patchmatch_window_radius_px: Annotated[int, Meta(ge=1, le=32)] = code(
         5, "COLMAP's default", "half the side of PatchMatch's window", added=True
     )
     patchmatch_window_step_px: Annotated[int, Meta(ge=1, le=2)] = not_in_paper(
-        2, "distance of the pixels that PatchMatch compares in its window", why=_TABLE, added=True
+        2, "distance of the pixels that PatchMatch compares in its window", reason=_TABLE, added=True
     )
     patchmatch_samples: OneOrMore = code(
         15, "COLMAP's default", "sources that PatchMatch draws for a pixel", added=True
     )
     patchmatch_geometric: bool = not_in_paper(
-        False, "whether PatchMatch's second, geometric pass runs, too", why=_TABLE, added=True
+        False, "whether PatchMatch's second, geometric pass runs, too", reason=_TABLE, added=True
     )
     fusion_voxel_m: float = not_in_paper(
-        0.008, "voxel in which points are averaged", why="a pixel at 3.5 m is 7.5 mm"
+        0.008, "voxel in which points are averaged", reason="a pixel at 3.5 m is 7.5 mm"
     )
 
     def __post_init__(self) -> None:
@@ -140,7 +140,7 @@ class EvaluationConfig(Section):
         0.03, "evaluation script", "largest distance of ground points to the ground plane"
     )
     ground_max_tilt_deg: float = not_in_paper(
-        15.0, "largest tilt of the ground plane", why="else a facet of the rock may go"
+        15.0, "largest tilt of the ground plane", reason="else a facet of the rock may go"
     )
     ground_max_offset_m: float = not_in_paper(
         0.2, "largest distance of the ground plane from z = 0 below the target"
@@ -152,7 +152,7 @@ class EvaluationConfig(Section):
     floater_radius_m: NonNegative = not_in_paper(
         0.024,
         "gap around floaters (loose points off any plane, small clusters), which are removed; 0: keep them",
-        why="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
+        reason="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
         added=True,
     )
     gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: keep them")

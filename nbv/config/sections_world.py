@@ -33,7 +33,7 @@ class SceneConfig(Section):
     """Light, ground and sensor."""
 
     backend: str = not_in_paper(
-        "raycast", "renderer", why="gl (pyrender) needs EGL", names=lambda: RENDERERS, plugins=True
+        "raycast", "renderer", reason="gl (pyrender) needs EGL", names=lambda: RENDERERS, plugins=True
     )
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
@@ -41,13 +41,13 @@ class SceneConfig(Section):
     sun_elevation_deg: float | None = not_in_paper(
         None,
         "elevation of the sun, 3 to 90; unset: as `sun_direction`",
-        why="the sun of the Moon and of the Earth; below 3° shadows outgrow the ground",
+        reason="the sun of the Moon and of the Earth; below 3° shadows outgrow the ground",
         added=True,
     )
     sun_azimuth_deg: float | None = not_in_paper(
         None,
         "azimuth of the sun, counter-clockwise from east; unset: as `sun_direction`",
-        why="counted as viewpoints' azimuths are",
+        reason="counted as viewpoints' azimuths are",
         added=True,
     )
     sun_irradiance: NonNegative = code(0.904, "simulator", "brightness of the sun, relative")
@@ -55,17 +55,17 @@ class SceneConfig(Section):
     sky_grey: Share = code(0.7, "simulator", "grey of the background, 0 to 1")
     ground_seed: int = not_in_paper(0, "seed of the procedural ground")
     read_noise_dn: NonNegative = not_in_paper(
-        1.0, "Gaussian noise of the sensor, 8-bit digital numbers", why="the simulator has none"
+        1.0, "Gaussian noise of the sensor, 8-bit digital numbers", reason="the simulator has none"
     )
     shot_noise_dn: NonNegative = not_in_paper(
         1.5,
         "standard deviation of shot noise at full scale",
-        why="the simulator has none",
+        reason="the simulator has none",
     )
     match_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
         180.0,
         "angle between lines of sight above which they do not match; geometric missions only",
-        why="at 45 even rings register as those of a stone figure do (docs/results/real_photographs.md)",
+        reason="at 45 even rings register as those of a stone figure do (docs/results/real_photographs.md)",
         added=True,
     )
 
@@ -103,40 +103,44 @@ class SensorConfig(Section):
     Values, not draws, but for ``exposure_jitter_ev`` and the direction of the motion, which are drawn per photograph.
     """
 
-    exposure_ev: float = not_in_paper(0.0, "exposure in stops", why="cameras offer -3 to 3")
+    exposure_ev: float = not_in_paper(0.0, "exposure in stops", reason="cameras offer -3 to 3")
     exposure_jitter_ev: NonNegative = not_in_paper(
-        0.0, "standard deviation of the exposure between photographs", why="automatic exposure steps by 1/3"
+        0.0,
+        "standard deviation of the exposure between photographs",
+        reason="automatic exposure steps by 1/3",
     )
     vignetting: NonNegative = not_in_paper(
-        0.0, "light falls off as cos⁴ to this power", why="1 is the law of a simple lens"
+        0.0, "light falls off as cos⁴ to this power", reason="1 is the law of a simple lens"
     )
     exposure_time_s: NonNegative = not_in_paper(
-        0.0, "shutter time, for motion blur", why="1/250 is called the longest for drone surveys"
+        0.0, "shutter time, for motion blur", reason="1/250 is called the longest for drone surveys"
     )
     residual_speed_m_s: NonNegative = not_in_paper(
-        0.0, "speed across the view during a photograph", why="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)"
+        0.0,
+        "speed across the view during a photograph",
+        reason="PX4 holds position below 0.8 (MPC_HOLD_MAX_XY)",
     )
     residual_rate_deg_s: NonNegative = not_in_paper(
         0.0,
         "turning rate across the view during a photograph",
-        why="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
+        reason="gimbals specify ±0.01° of vibration: 3 °/s at 50 Hz",
     )
     jpeg_quality: Annotated[int, Meta(ge=0, le=100)] = not_in_paper(
-        0, "JPEG quality, 1 to 100; 0: no compression", why="libjpeg's scale"
+        0, "JPEG quality, 1 to 100; 0: no compression", reason="libjpeg's scale"
     )
     focal_error_percent: Annotated[float, Meta(gt=-100)] = not_in_paper(
         0.0,
         "by how much the true focal length exceeds the calibrated one",
-        why="0.2 between the two cameras of the EuRoC rig",
+        reason="0.2 between the two cameras of the EuRoC rig",
     )
     principal_point_error_px: tuple[float, float] = not_in_paper(
-        (0.0, 0.0), "true principal point right of and below the centre", why="9 and 8 in EuRoC's camera 0"
+        (0.0, 0.0), "true principal point right of and below the centre", reason="9 and 8 in EuRoC's camera 0"
     )
     k1: float = not_in_paper(
-        0.0, "radial distortion, as OpenCV's and COLMAP's", why="-0.28 in EuRoC's camera 0, uncorrected"
+        0.0, "radial distortion, as OpenCV's and COLMAP's", reason="-0.28 in EuRoC's camera 0, uncorrected"
     )
     k2: float = not_in_paper(
-        0.0, "radial distortion, fourth power", why="0.07 in EuRoC's camera 0, uncorrected"
+        0.0, "radial distortion, fourth power", reason="0.07 in EuRoC's camera 0, uncorrected"
     )
 
 
@@ -145,43 +149,43 @@ class FlightConfig(Section):
     """X500-class multirotor limits and the paper's arrival test."""
 
     home_m: tuple[float, float, float] = not_in_paper(
-        (0.0, -8.0, 0.0), "take-off point, ENU", why="8 m away as in the public code, from the south"
+        (0.0, -8.0, 0.0), "take-off point, ENU", reason="8 m away as in the public code, from the south"
     )
     takeoff_altitude_m: NonNegative = code(3.0, "mission file", "altitude after take-off")
-    max_speed_m_s: Positive = not_in_paper(5.0, "top speed", why="X500 class")
-    max_climb_m_s: Positive = not_in_paper(2.0, "top climb rate", why="X500 class")
-    max_acceleration_m_s2: Positive = not_in_paper(3.0, "acceleration limit", why="X500 class")
-    max_jerk_m_s3: Positive = not_in_paper(8.0, "jerk limit", why="X500 class")
-    max_yaw_rate_rad_s: Positive = not_in_paper(0.8, "yaw rate limit", why="X500 class")
-    max_yaw_acceleration_rad_s2: Positive = not_in_paper(1.5, "yaw acceleration limit", why="X500 class")
-    max_yaw_jerk_rad_s3: Positive = not_in_paper(6.0, "yaw jerk limit", why="X500 class")
+    max_speed_m_s: Positive = not_in_paper(5.0, "top speed", reason="X500 class")
+    max_climb_m_s: Positive = not_in_paper(2.0, "top climb rate", reason="X500 class")
+    max_acceleration_m_s2: Positive = not_in_paper(3.0, "acceleration limit", reason="X500 class")
+    max_jerk_m_s3: Positive = not_in_paper(8.0, "jerk limit", reason="X500 class")
+    max_yaw_rate_rad_s: Positive = not_in_paper(0.8, "yaw rate limit", reason="X500 class")
+    max_yaw_acceleration_rad_s2: Positive = not_in_paper(1.5, "yaw acceleration limit", reason="X500 class")
+    max_yaw_jerk_rad_s3: Positive = not_in_paper(6.0, "yaw jerk limit", reason="X500 class")
     arrival_tolerance_m: NonNegative = code(0.35, "arrival test", "largest error of arrival, per axis")
     settle_s: NonNegative = code(2.0, "mission file", "pause before a photograph")
     planning_s: NonNegative = not_in_paper(
         0.0,
         "hover while the model is updated and the next view planned",
-        why="0: not counted; a vehicle's own time is that of its computer",
+        reason="0: not counted; a vehicle's own time is that of its computer",
         added=True,
     )
     mass_kg: Positive = not_in_paper(
-        2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True
+        2.06, "take-off mass, for the energy", reason="PX4's Gazebo model x500", added=True
     )
     rotor_diameter_m: Positive = not_in_paper(
-        0.279, "diameter of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
+        0.279, "diameter of each of four rotors, for the energy", reason="PX4's Gazebo model x500", added=True
     )
     propulsion_efficiency: Annotated[float, Meta(gt=0, le=1)] = not_in_paper(
         0.6,
         "ideal over electrical power, for the energy",
-        why="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
+        reason="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
         added=True,
     )
     keep_out_radius_m: NonNegative = not_in_paper(
         1.3,
         "radius of an upright cylinder around the target that straight legs go round",
-        why="the public code flies through",
+        reason="the public code flies through",
     )
     keep_out_height_m: NonNegative = not_in_paper(
-        2.2, "height of this cylinder above the ground", why="the public code flies through"
+        2.2, "height of this cylinder above the ground", reason="the public code flies through"
     )
     min_camera_altitude_m: NonNegative = not_in_paper(
         0.3, "arrival errors never take the camera below this altitude"
@@ -195,24 +199,28 @@ class GroundConfig(Section):
     relief_m: Annotated[float, Meta(ge=0, le=0.2)] = not_in_paper(
         0.0,
         "rms height of the ground, 0 to 0.2",
-        why="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
+        reason="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
     )
     relief_length_m: Annotated[float, Meta(ge=0.3, le=5)] = not_in_paper(
-        1.0, "correlation length of the relief; rms slope is 1.4 relief / length", why="about the rock's size"
+        1.0,
+        "correlation length of the relief; rms slope is 1.4 relief / length",
+        reason="about the rock's size",
     )
     neighbours: Annotated[int, Meta(ge=0, le=12)] = not_in_paper(
-        0, "other rocks around the target, outside the evaluation's crop", why="0 to 12"
+        0, "other rocks around the target, outside the evaluation's crop", reason="0 to 12"
     )
     neighbour_height_m: tuple[_Height, _Height] = not_in_paper(
-        (0.4, 1.0), "least and greatest height of the neighbours", why="at most 1.5: smaller than the target"
+        (0.4, 1.0),
+        "least and greatest height of the neighbours",
+        reason="at most 1.5: smaller than the target",
     )
     neighbour_gap_m: tuple[_Gap, _Gap] = not_in_paper(
         (0.1, 2.0),
         "least and greatest distance of the neighbours from the crop",
-        why="at most 3: within the views' reach",
+        reason="at most 3: within the views' reach",
     )
     burial_m: NonNegative = not_in_paper(
-        0.0, "how deep the target lies in the ground", why="less than its height"
+        0.0, "how deep the target lies in the ground", reason="less than its height"
     )
 
     def __post_init__(self) -> None:
@@ -227,15 +235,15 @@ class WindConfig(Section):
     """Wind on the flight (`nbv.flight.wind`); its direction is drawn per replicate."""
 
     mean_speed_m_s: NonNegative = not_in_paper(
-        0.0, "mean speed, horizontal", why="with 3 gusts below flight.max_speed_m_s"
+        0.0, "mean speed, horizontal", reason="with 3 gusts below flight.max_speed_m_s"
     )
     gust_m_s: NonNegative = not_in_paper(
-        0.0, "standard deviation of gusts", why="MIL-F-8785C near the ground: a fifth of the mean"
+        0.0, "standard deviation of gusts", reason="MIL-F-8785C near the ground: a fifth of the mean"
     )
     sway_s: NonNegative = not_in_paper(
         0.18,
         "hover error in m per m/s of gust",
-        why="rotor drag 0.3 1/s against PX4's default loop of 1.7 1/s²",
+        reason="rotor drag 0.3 1/s against PX4's default loop of 1.7 1/s²",
     )
 
     @property
@@ -294,13 +302,15 @@ class TargetConfig(Section):
     horizontal_sd_m: NonNegative = not_in_paper(
         0.0,
         "standard deviation of the target's prior centre per horizontal axis",
-        why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
+        reason="0.5: a pixel of the best lunar orbital images (LROC NAC)",
     )
-    vertical_sd_m: NonNegative = not_in_paper(0.0, "the same for the vertical axis", why="as horizontal_sd_m")
+    vertical_sd_m: NonNegative = not_in_paper(
+        0.0, "the same for the vertical axis", reason="as horizontal_sd_m"
+    )
     size_error_percent: Annotated[float, Meta(ge=0, le=50)] = not_in_paper(
         20.0,
         "largest error of the prior height and width of a drawn rock (uniform); cameras aim at half the prior height",
-        why="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
+        reason="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
         added=True,
     )
 

@@ -65,13 +65,13 @@ class ExternalGate(Gate):
             self._program = self._program or _Program(self.command)
             answer = self._program.ask(_state_line(state, pool, self.config.target_m, seed))
         except (OSError, ValueError) as error:
-            said = (
+            message = (
                 f"gate {kind!r} of {' '.join(self.command)} gave no usable answer ({shortened(str(error))})"
             )
-            raise MissionFailure("plugin_failed", said) from error
+            raise MissionFailure("plugin_failed", message) from error
         if answer.scores is None and answer.view not in pool.ids:
-            said = f"{kind} answered {shortened(str(answer))}, which names no view of the pool"
-            raise MissionFailure("plugin_failed", said)
+            message = f"{kind} answered {shortened(str(answer))}, which names no view of the pool"
+            raise MissionFailure("plugin_failed", message)
         chosen = [view == answer.view for view in pool.ids]
         scores = np.array(chosen if answer.scores is None else answer.scores, dtype=float)
         return GateDecision(ranking_of(kind, scores, rankings), f"answer of {self.command[0]}")

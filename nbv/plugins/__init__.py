@@ -6,7 +6,7 @@ may end its own mission, and nothing else. This room lies below the configuratio
 """
 
 from nbv.plugins.guards import read_only
-from nbv.plugins.importing import environment, own_process, said, shortened
+from nbv.plugins.importing import environment, error_text, own_process, shortened
 from nbv.plugins.registry import (
     GROUPS,
     INTERFACE,
@@ -30,6 +30,7 @@ __all__ = [
     "Plugin",
     "Registry",
     "environment",
+    "error_text",
     "failure_of",
     "installed",
     "leave_out",
@@ -39,7 +40,6 @@ __all__ = [
     "plugins",
     "read_only",
     "register",
-    "said",
     "settings_class",
     "shortened",
     "use",

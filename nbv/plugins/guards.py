@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from nbv.errors import MissionFailure
-from nbv.plugins.importing import lines_of, said, shortened
+from nbv.plugins.importing import error_text, lines_of, shortened
 from nbv.types import Floats, GateDecision, Ranking
 
 DETAILS_BYTES = 10_000  # of what a gate says of one decision
@@ -105,7 +105,7 @@ class Guard:
         except Exception as error:
             if self.package != "nbv" and self.package in lines_of(error):  # its own code raised: `failure_of`
                 raise
-            raise self.failure(f"returned what cannot be used: {said(error)}") from error
+            raise self.failure(f"returned what cannot be used: {error_text(error)}") from error
 
     def _numbers(self, values: Any, count: int) -> Floats:
         """``values`` as (count,) finite numbers; else the mission fails."""

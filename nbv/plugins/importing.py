@@ -1,4 +1,4 @@
-"""Imports other people's modules so that they cannot end, hang or cripple this process; and what is said of their errors."""
+"""Imports other people's modules so that they cannot end, hang or cripple this process; and puts their errors into words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from types import ModuleType
 from nbv.errors import UserError
 
 IMPORT_S = 60.0  # a module that takes longer to import is refused
-SAID_LETTERS = 300  # of what a part says, in a message
+MESSAGE_LETTERS = 300  # of what a part says, in an error message
 
 _own_process = False  # this process is one mission's alone
 _environment: dict[str, str | None] = {}  # variables that the import of a part changed, as they were before
@@ -46,7 +46,7 @@ def imported(name: str, label: str) -> ModuleType:
     except UserError:  # of what it registers
         raise
     except (Exception, SystemExit) as error:  # whatever another's module raises
-        raise UserError(f"{label} cannot be imported: {said(error)}{_place_of(error, name)}") from error
+        raise UserError(f"{label} cannot be imported: {error_text(error)}{_place_of(error, name)}") from error
 
 
 def _harm_of(name: str) -> str:
@@ -60,7 +60,7 @@ def _harm_of(name: str) -> str:
     os.close(writes)
     try:
         in_time = bool(select.select([reads], [], [], IMPORT_S)[0])
-        told = os.read(reads, 4 * SAID_LETTERS).decode(errors="replace") if in_time else ""
+        problem = os.read(reads, 4 * MESSAGE_LETTERS).decode(errors="replace") if in_time else ""
     finally:
         os.close(reads)
         with contextlib.suppress(ProcessLookupError):
@@ -69,28 +69,28 @@ def _harm_of(name: str) -> str:
             os.waitpid(child, 0)
     if not in_time:
         return f"it takes longer than {IMPORT_S:g} s"
-    return told.strip() if told else "it ends the process that imports it, without an error"
+    return problem.strip() if problem else "it ends the process that imports it, without an error"
 
 
 def _try_import(name: str, answer: int) -> None:
     """Import in a forked child that ends here; what is wrong, or a blank, goes into the pipe ``answer``."""
-    told = " "
+    problem = " "
     try:
         null = os.open(os.devnull, os.O_RDWR)
         for number in range(3):
             os.dup2(null, number)
         importlib.import_module(name)
         if not all(Path(f"/proc/self/fd/{number}").exists() for number in range(3)):
-            told = "it closes files that are not its own"
+            problem = "it closes files that are not its own"
         elif sys.stdout.closed or sys.stderr.closed:
-            told = "it closes sys.stdout or sys.stderr"
+            problem = "it closes sys.stdout or sys.stderr"
     except Exception:
         pass  # so it will here
     except BaseException as error:
-        told = said(error) + _place_of(error, name)
+        problem = error_text(error) + _place_of(error, name)
     finally:
         with contextlib.suppress(OSError):
-            os.write(answer, told.encode())
+            os.write(answer, problem.encode())
         os._exit(0)
 
 
@@ -114,18 +114,18 @@ def _as_before() -> Iterator[None]:
             _environment.setdefault(variable, variables.get(variable))
 
 
-def said(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """``ValueError: what it says``, on one line and not too long, whatever the error's own methods do."""
     try:
-        text = " ".join(str(error)[: 10 * SAID_LETTERS].split())
+        text = " ".join(str(error)[: 10 * MESSAGE_LETTERS].split())
     except Exception:
         text = "(it cannot be printed)"
     return shortened(f"{type(error).__name__}: {text}" if text else type(error).__name__)
 
 
 def shortened(text: str) -> str:
-    """At most `SAID_LETTERS` of it."""
-    return text if len(text) <= SAID_LETTERS else f"{text[: SAID_LETTERS - 1]}…"
+    """At most `MESSAGE_LETTERS` of it."""
+    return text if len(text) <= MESSAGE_LETTERS else f"{text[: MESSAGE_LETTERS - 1]}…"
 
 
 def lines_of(error: BaseException) -> dict[str, str]:

@@ -21,7 +21,7 @@ from typing import Any
 
 from nbv.errors import MissionFailure, UserError
 from nbv.plugins.guards import Guard
-from nbv.plugins.importing import imported, lines_of, said
+from nbv.plugins.importing import error_text, imported, lines_of
 
 # What one part of each group is called, and what it must have, in the words of Python.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -116,7 +116,7 @@ class Plugin:
                 part = pkgutil.resolve_name(self.reference)
             except Exception as error:
                 raise UserError(
-                    f"{self.label} cannot be imported: {said(error)} ({module.__file__})"
+                    f"{self.label} cannot be imported: {error_text(error)} ({module.__file__})"
                 ) from error
         _require_interface(self, part)
         _used[self.group, self.name] = self
@@ -141,10 +141,10 @@ class Registry(Collection[str]):
 
         An installed one with the name of a built-in part is left out, which `left_out` tells; `UserError` where it was registered.
         """
-        found = plugins(self.group)
-        for name in [name for name in found if name in self.built_in or name in self.reserved]:
-            leave_out(found.pop(name))
-        return found
+        brought = plugins(self.group)
+        for name in [name for name in brought if name in self.built_in or name in self.reserved]:
+            leave_out(brought.pop(name))
+        return brought
 
     def plugin(self, name: str) -> Plugin | None:
         """The plug-in of that name; None where it is built in or nothing has it."""
@@ -152,8 +152,8 @@ class Registry(Collection[str]):
 
     def sources(self, *names: str) -> list[str]:
         """Source digests of the plug-ins among ``names``, for the cache keys of what they compute."""
-        found = self.plugins()
-        return [found[name].source for name in names if name in found]
+        brought = self.plugins()
+        return [brought[name].source for name in names if name in brought]
 
     def __contains__(self, name: object) -> bool:
         return name in self.built_in or name in self.plugins()
@@ -258,12 +258,12 @@ def used() -> dict[str, dict[str, str]]:
 
 def plugins(group: str) -> dict[str, Plugin]:
     """The parts of a group by name, those registered in this process first; what two share cannot be `Plugin.loaded`."""
-    found = {name: plugin for (of, name), plugin in _registered.items() if of == group}
+    parts = {name: plugin for (of, name), plugin in _registered.items() if of == group}
     for plugin in installed(group):
-        earlier = found.setdefault(plugin.name, plugin)
+        earlier = parts.setdefault(plugin.name, plugin)
         if earlier.reference != plugin.reference:
-            found[plugin.name] = dataclasses.replace(earlier, rival=plugin.label)
-    return found
+            parts[plugin.name] = dataclasses.replace(earlier, rival=plugin.label)
+    return parts
 
 
 def leave_out(plugin: Plugin) -> None:
@@ -311,16 +311,18 @@ def failure_of(error: BaseException) -> MissionFailure | None:
     plugin = next((p for p in _used.values() if p.package in lines and p.group != "fidelities"), None)
     if plugin is None:
         return None
-    hint = "; a plug-in must not change what it is given" if "read-only" in said(error) else ""
+    hint = "; a plug-in must not change what it is given" if "read-only" in error_text(error) else ""
     where = lines[plugin.package]
-    return MissionFailure("plugin_failed", f"plug-in {plugin.origin} raised {said(error)} ({where}){hint}")
+    return MissionFailure(
+        "plugin_failed", f"plug-in {plugin.origin} raised {error_text(error)} ({where}){hint}"
+    )
 
 
 def _require_interface(plugin: Plugin, part: Any) -> None:
     what, members = GROUPS[plugin.group]
-    found = {name: getattr(part, name, None) for name in members}
+    has = {name: getattr(part, name, None) for name in members}
     lacks = [
-        name for name, member in found.items() if member is None or hasattr(member, "__isabstractmethod__")
+        name for name, member in has.items() if member is None or hasattr(member, "__isabstractmethod__")
     ]
     if lacks:
         kind = "a class" if isinstance(part, type) else "an object"

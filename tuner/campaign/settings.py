@@ -97,7 +97,7 @@ class CampaignSettings(Section):
         lambda: load_search_space(_DEFAULT_SPACE),
         "search space, a YAML file or a name",
         shown=_DEFAULT_SPACE,
-        why="it holds plain orbits, random views and the paper's configuration",
+        reason="it holds plain orbits, random views and the paper's configuration",
         names=available_search_spaces,
         option="--space",
         panel=WHAT,

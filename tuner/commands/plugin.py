@@ -24,8 +24,8 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: gatetune plugin list
     """
-    found = [plugin for group in plugins.GROUPS for plugin in plugins.plugins(group).values()]
-    rows = [(p.name, p.group, p.distribution or p.module, p.version) for p in found]
+    parts = [plugin for group in plugins.GROUPS for plugin in plugins.plugins(group).values()]
+    rows = [(p.name, p.group, p.distribution or p.module, p.version) for p in parts]
     answer_json([dict(zip(("name", "group", "distribution", "version"), row)) for row in rows])
     if rows:
         show_table(("name", "group", "distribution", "version"), rows)

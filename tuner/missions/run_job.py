@@ -10,7 +10,7 @@ from typing import Any
 
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import RESULT
-from nbv.plugins import failure_of, said
+from nbv.plugins import error_text, failure_of
 from nbv.safe_files import write_atomic
 from tuner.missions.job import MissionJob, record_failure
 from tuner.missions.registry import kind_on
@@ -69,8 +69,8 @@ def _job(tree: dict[str, Any]) -> MissionJob:
     except BaseException as error:
         if not (tree["planners"]):
             raise
-        told = str(error) if isinstance(error, UserError) else said(error)
-        raise MissionFailure("plugin_failed", told) from error
+        message = str(error) if isinstance(error, UserError) else error_text(error)
+        raise MissionFailure("plugin_failed", message) from error
 
 
 def _reason(error: BaseException) -> tuple[str, str]:

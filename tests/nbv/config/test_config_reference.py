@@ -12,7 +12,7 @@ def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     about = parameters()[path]
     assert about.meaning
     assert about.source in ("text", "code", "gatetune")
-    assert about.why or about.source == "gatetune"  # the place in the paper or the public code
+    assert about.reason or about.source == "gatetune"  # the place in the paper or the public code
 
 
 def test_what_the_paper_prints_is_marked_as_its_text() -> None:
