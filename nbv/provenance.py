@@ -9,8 +9,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from nbv import plugins
-
 MISSION_LIBRARIES = (
     "numpy",
     "scipy",
@@ -55,7 +53,6 @@ def provenance() -> dict[str, Any]:
         "versions": versions(),
         "revision": git_revision(),
         "machine": f"{platform.system()} {platform.machine()}",
-        **({"plugins": found} if (found := plugins.used()) else {}),
     }
 
 

@@ -23,7 +23,7 @@ from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import FLIGHT, PROGRESS, PROVENANCE, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
-from nbv.plugins import failure_of
+from nbv.plugins import failure_of, used
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.safe_files import write_atomic
@@ -238,6 +238,7 @@ class Fidelity(ABC):
             },
             provenance={
                 **provenance(),
+                **used(),
                 "rock_sha256": context.rock_sha256,
                 "fidelity": self.name,
                 "condition": context.config.condition,

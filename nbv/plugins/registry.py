@@ -251,9 +251,10 @@ def plugin_specs(needed: Collection[Plugin] | None = None) -> list[str]:
     return list(dict.fromkeys(plugin.spec for plugin in plugins))
 
 
-def used() -> dict[str, dict[str, str]]:
-    """Distribution, version and source digest of what this process has loaded, by ``group/name``."""
-    return {f"{group}/{name}": plugin.facts for (group, name), plugin in sorted(_used.items())}
+def used() -> dict[str, dict[str, dict[str, str]]]:
+    """For the provenance, ``plugins``: distribution, version and source digest of what this process has loaded, by ``group/name``."""
+    facts = {f"{group}/{name}": plugin.facts for (group, name), plugin in sorted(_used.items())}
+    return {"plugins": facts} if facts else {}
 
 
 def plugins(group: str) -> dict[str, Plugin]:

@@ -37,14 +37,14 @@ from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.job import DUMP_SIGNAL
 from tuner.missions.keeper import adopt_orphans, end_children, keep
-from tuner.missions.registry import FIDELITIES, mission_kind, modules_of
+from tuner.missions.registry import BUILT_IN, modules_of
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
 TRUSTED = {
     "nbv",
     "tuner",
-    *itertools.chain.from_iterable(mission_kind(name).loads for name in FIDELITIES.own),
+    *itertools.chain.from_iterable(kind.loads for kind in BUILT_IN.values()),
 }  # packages
 MAX_HELD_BYTES = 256 * 2**20  # of rocks: eight to ten of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
@@ -160,7 +160,7 @@ class MissionServer:
         """
         rock, fidelity = job["rock"], job["fidelity"]
         held = rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES
-        if held or fidelity not in FIDELITIES.own or not mission_kind(fidelity).uses_catalogue:
+        if held or fidelity not in BUILT_IN or not BUILT_IN[fidelity].uses_catalogue:
             return
         self._known_rocks.add(rock)
         try:
@@ -168,7 +168,7 @@ class MissionServer:
             path = expanded(rock)
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
-            mesh = mission_kind(fidelity).load_rock(rock, Store())
+            mesh = BUILT_IN[fidelity].load_rock(rock, Store())
         except Exception as error:  # the next mission on it meets the same error and records it
             print(f"rock {rock!r} is not shared: {error}", file=sys.stderr)
             return

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nbv.convert import json_ready
+from nbv.plugins import used
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
@@ -36,7 +37,8 @@ SHOWN = {
 
 def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directory: Path) -> dict[str, Any]:
     """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
-    curves, said, made = panels(suite, series), verdict_lines(suite, found), provenance()
+    curves, said = panels(suite, series), verdict_lines(suite, found)
+    made = {**provenance(), **used()}
     about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
     document: dict[str, Any] = json_ready({**about, "by_share": found.by_share, **vars(found)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))

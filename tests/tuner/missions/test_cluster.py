@@ -151,7 +151,12 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
             gc.disable()
-            assert run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])["0000"].status == "ok"
+            assert (
+                run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])[
+                    "0000"
+                ].status
+                == "ok"
+            )
             deadline = (
                 time.monotonic() + 5
             )  # a scheduler runs anew what it believes wanted, should a worker be lost

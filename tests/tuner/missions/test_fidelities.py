@@ -35,7 +35,7 @@ def test_unknown_fidelities_are_refused_with_a_remedy(name: str) -> None:
 
 
 def test_a_function_has_the_defaults_of_a_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
     plugins.register("fidelities", "flown", fake_missions.fake_mission)
     kind = mission_kind("flown")
     assert kind == MissionKind(fake_missions.fake_mission) and kind.function is fake_missions.fake_mission
@@ -53,7 +53,7 @@ def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pyte
         refuses="test_fidelities:refused",
         numbers_are="drawn by hand",
     )
-    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins.registry, "_registered", {})
     monkeypatch.setitem(globals(), "refused", refuse)
     plugins.register("fidelities", "sketch", sketch)
     suite = Suite(drawn_targets(2), fidelity="sketch")
