@@ -43,12 +43,12 @@ def converted(
 def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str:
     problem, _, place = message.partition(" - at ")
     of_key, place = place.startswith("`key`"), place.rpartition("`$")[2].strip("`.")
-    name = re.sub(r"\[\.\.\.\]", " (an entry)", place) or "the file"
+    name, inside = re.sub(r"\[\.\.\.\]", " (an entry)", place) or "the file", f"{place}: " if place else ""
     if missing := re.search(r"missing required field `(.*)`", problem):
-        return f"{_inside(place)}{missing[1]!r} is missing"
+        return f"{inside}{missing[1]!r} is missing"
     if unknown := re.search(r"unknown field `(.*)`", problem):
-        allowed = f"; allowed: {', '.join(_fields(kind))}" if not place else ""
-        return f"{_inside(place)}unknown key {unknown[1]!r}{allowed}"
+        known = [] if place else [field.encode_name for field in msgspec.structs.fields(kind)]
+        return f"{inside}unknown key {unknown[1]!r}" + (f"; allowed: {', '.join(known)}" if known else "")
     value = _value(tree, place)
     pattern = re.search(r"matching regex '(.*)'", problem)
     regex = pattern[1].replace("\\\\", "\\") if pattern else ""  # as its repr
@@ -77,14 +77,6 @@ def _rule(problem: str, kind: type, place: str) -> str:
     for sign, said in ((">=", "at least"), ("<=", "at most"), (">", "above"), ("<", "below")):
         bound = re.sub(rf"^{sign} ", f"{said} ", bound)
     return f"{words} {bound}".strip()
-
-
-def _fields(kind: type) -> list[str]:
-    return [f.encode_name for f in msgspec.structs.fields(kind)]
-
-
-def _inside(place: str) -> str:
-    return f"{place}: " if place else ""
 
 
 def _value(tree: Any, place: str) -> Any:
