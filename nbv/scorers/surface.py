@@ -11,9 +11,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.frustum import in_frustum
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, in_frustum
 from nbv.types import Bools, Floats
 
 SAMPLES = 1_000
