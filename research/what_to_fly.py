@@ -1,6 +1,8 @@
 """Campaigns in space ``plan_and_gate`` by geometric missions: does the model find more than random search, is advice ever beaten?
 
     OMP_NUM_THREADS=1 python -m research.what_to_fly designs     # eight seeds, GP designs and priors against random search
+    OMP_NUM_THREADS=1 python -m research.what_to_fly designs --shapes  # the same on shapes with pockets
+    OMP_NUM_THREADS=1 python -m research.what_to_fly dropped     # eight seeds, the space without some of its parameters
     OMP_NUM_THREADS=1 python -m research.what_to_fly campaigns   # 16 campaigns, their advice on targets that they have not seen
     OMP_NUM_THREADS=1 python -m research.what_to_fly parameters  # what each parameter decides, by 200 random configurations
 
@@ -11,10 +13,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats
@@ -49,6 +54,15 @@ class SobolDesign(GPSampler):
         return initial_proposal(self.settings, number + self.settings.first - 1, self.name)
 
 
+WEIGHTS = tuple(
+    f"{scorer}.weights.{part}" for scorer in ("covis", "b_aware") for part in ("nov", "move", "ang")
+)
+DROPPED: dict[str, tuple[str, ...]] = {
+    "all 15 parameters": (),
+    "without B-aware's weights of novelty and angle": ("b_aware.weights.nov", "b_aware.weights.ang"),
+    "without all six weights": WEIGHTS,
+    "without weights and gate": (*WEIGHTS, "gate.budget_fraction", "gate.d95_m"),
+}
 VARIANTS: dict[
     str, tuple[str, bool, Callable[[Any], Any]]
 ] = {  # sampler, whether plain plans are arms, changes of it
@@ -65,9 +79,11 @@ VARIANTS: dict[
 }
 
 
-def settings(rocks: Sequence[str], sampler: str = "gp", seed: int = 0, budget: int = 40) -> CampaignSettings:
+def settings(
+    rocks: Sequence[str], sampler: str = "gp", seed: int = 0, budget: int = 40, space: str = "plan_and_gate"
+) -> CampaignSettings:
     """Those of ``make tune``, in geometric missions."""
-    asked = {"fidelity": "geometric", "conditions": ["ideal"], "rocks": list(rocks)}
+    asked = {"fidelity": "geometric", "conditions": ["ideal"], "rocks": list(rocks), "space": space}
     own = {"budget": budget, "sampler": sampler, "seed": seed, "compare_on": []}
     return resolved_settings(merged_settings(None, {**asked, **own}, quick=True), "research")
 
@@ -118,27 +134,54 @@ def recommended(s: CampaignSettings, history: Sequence[Observation]) -> Recommen
     return best
 
 
-def designs(seeds: int) -> None:
+def designs(seeds: int, rocks: Sequence[str]) -> None:
     """The best configuration that a search found, plain plans left out, by its model's mean."""
-    print("| optimiser | best configuration found, true F-score | minus random with arms |\n|---|---:|---:|")
     found: dict[str, list[float]] = {}
     for name, (sampler, arms, change) in VARIANTS.items():
         for seed in range(seeds):
-            s = settings(ROCKS[0], sampler, seed, 40 if arms else 30)
-            plain = [dict(values) for values in s.arms.values()]
-            if not arms:
-                s.__dict__["arms"] = {"hyb-h": s.default_values()}
-            history = campaign(s, change)
-            model = InstanceMeanGP(s.space, history, s.instances)
-            own = [v for v in distinct_configurations(s.space, model.observations) if v not in plain]
-            best = own[int(model.posterior(own).mean.argmax())]
-            found.setdefault(name, []).append(mean(truths(s, best, s.rocks)))
-    for name, values in found.items():
-        gains = mean_interval({str(k): [a - b] for k, (a, b) in enumerate(zip(values, found["random"]))})
-        assert gains is not None
-        print(
-            f"| {name} | {np.mean(values):.2f} (worst {min(values):.2f}) | {gains.mean:+.2f} [{gains.low:+.2f}, {gains.high:+.2f}] |"
-        )
+            s = settings(rocks, sampler, seed, 40 if arms else 30)
+            found.setdefault(name, []).append(best_found(s, arms, change))
+        print_gains(found, "random")
+
+
+def dropped(seeds: int, rocks: Sequence[str]) -> None:
+    """The same by the product's sampler in spaces that hold some parameters at the default."""
+    found: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, left_out in DROPPED.items():
+            data = yaml.safe_load(Path("search_spaces/plan_and_gate.yaml").read_text())
+            data["parameters"] = {k: v for k, v in data["parameters"].items() if k not in left_out}
+            path = Path(folder) / f"without_{len(left_out)}.yaml"
+            path.write_text(yaml.safe_dump(data, sort_keys=False))
+            for seed in range(seeds):
+                s = settings(rocks, seed=seed, space=str(path))
+                found.setdefault(name, []).append(best_found(s))
+            print_gains(found, next(iter(DROPPED)))
+
+
+def best_found(
+    s: CampaignSettings, arms: bool = True, change: Callable[[Any], Any] = lambda sampler: sampler
+) -> float:
+    """True F-score of the best configuration that one campaign found beside the plain plans."""
+    plain = [dict(values) for values in s.arms.values()]
+    if not arms:
+        s.__dict__["arms"] = {"hyb-h": s.default_values()}
+    history = campaign(s, change)
+    model = InstanceMeanGP(s.space, history, s.instances)
+    own = [v for v in distinct_configurations(s.space, model.observations) if v not in plain]
+    return mean(truths(s, own[int(model.posterior(own).mean.argmax())], s.rocks))
+
+
+def print_gains(found: Mapping[str, Sequence[float]], against: str) -> None:
+    """The newest row: mean and worst seed, and the paired difference from ``against`` where that has run."""
+    name, values = list(found.items())[-1]
+    text = f"| {name} | {np.mean(values):.2f} (worst {min(values):.2f}) |"
+    rows = found.items() if name == against else [(name, values)]
+    for row, scores in rows if against in found else []:
+        gains = mean_interval({str(k): [a - b] for k, (a, b) in enumerate(zip(scores, found[against]))})
+        if row != against and gains is not None:
+            text += f" {row} minus {against} {gains.mean:+.2f} [{gains.low:+.2f}, {gains.high:+.2f}] |"
+    print(text, flush=True)
 
 
 def campaigns(seeds: int) -> None:
@@ -204,11 +247,14 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["designs", "campaigns", "parameters"])
+    parser.add_argument("what", choices=["designs", "dropped", "campaigns", "parameters"])
+    parser.add_argument("--shapes", action="store_true", help="on shapes with pockets in place of rocks")
     parser.add_argument("--count", type=int)
     asked = parser.parse_args()
     if asked.what == "designs":
-        designs(asked.count or 8)
+        designs(asked.count or 8, (SHAPES if asked.shapes else ROCKS)[0])
+    elif asked.what == "dropped":
+        dropped(asked.count or 8, (SHAPES if asked.shapes else ROCKS)[0])
     elif asked.what == "campaigns":
         campaigns(asked.count or 4)
     else:
