@@ -29,13 +29,13 @@ from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.safe_files import write_atomic
 from nbv.types import Cloud
 
-FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
 # Defaults for photograph sets, where the configuration has its preset's value. Work is left out that scores do not show; photographs
 # of 1280 px take the dense stage ten times as long, and fewer of their depths agree: they are not sharp to a pixel; and six
 # views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
 PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     **REDUCED_SFM,
     "sparse.max_features": 2048,
+    "sparse.min_registered_seeds": 3,  # that a model can be aligned by: photographs that do not register are an outcome
     "dense.max_size_px": 480,
     "dense.agreeing_views": AGREEING_VIEWS,
 }
@@ -51,8 +51,10 @@ class PhotographFidelity(CloudFidelity):
 
     name = "photographs"
     unnoticed = (
-        *("pool.lateral_", "pool.upper_", "scene.match_angle_deg"),
-        *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m"),
+        *("pool.lateral_", "pool.upper_", "pool.max_travel_m", "pool.min_spacing_m"),
+        *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
+        *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m", "scene.match_angle_deg"),
+        *("evaluation.crop_half_extent_m", "evaluation.ground_"),
     )
     viewpoints: PhotographViewpoints
     camera: PhotographCamera
@@ -150,7 +152,6 @@ def config_for_set(config: MissionConfig, photographs: PhotographSet) -> Mission
             **unchosen,
             "flight.arrival_tolerance_m": 0.0,
             "flight.min_camera_altitude_m": 0.0,
-            "sparse.min_registered_seeds": FEWEST_SEEDS,
             "shared.box_half_extent_m": max(config.shared.box_half_extent_m, half_m),
             "dense.crop_half_width_m": max(config.dense.crop_half_width_m, half_m),
             "dense.fusion_voxel_m": max(config.dense.fusion_voxel_m, VOXEL * photographs.height_m),

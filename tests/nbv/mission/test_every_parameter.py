@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pycolmap
 import pytest
+from photographed_ball import spread, write_set
+from scene_helpers import SMALL_GROUND, make_ball
 
-import nbv
-from nbv.config import MissionConfig, preset
+from nbv.cache import Store
+from nbv.config import CameraConfig, MissionConfig, preset
 from nbv.config.mission_config import parameters
-from nbv.errors import UserError
+from nbv.dense import patchmatch
+from nbv.dense.card import Card
+from nbv.errors import MissionFailure, UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.mission.fidelity import require_noticed
+from nbv.mission.result import MissionResult
 from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import _FIXED, PhotographFidelity, require_expressible
+from nbv.scene import Renderer, build_scene, make_renderer
+from nbv.stopwatch import Stopwatch
+from nbv.terrain import make_surroundings
+from nbv.types import PointCloud
+from nbv.viewpoints import seed_viewpoints
 
 NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"
@@ -127,22 +142,29 @@ def other(path: str, value: Any) -> Any:
 
 @cache
 def mission(values: str) -> str:
-    """What a mission with these values has as its outcome, without times of the clock and what its files are called."""
+    """The outcome of a geometric mission with these values."""
     given = json.loads(values)
     rock = given.pop("rock", "slab")
-    tree = json.loads(GeometricFidelity.run(preset("campaign").with_values(given), rock).to_json())
+    return outcome(GeometricFidelity.run(preset("campaign").with_values(given), rock))
+
+
+def outcome(result: MissionResult) -> str:
+    """A mission's outcome, without times of the clock and what its files are called."""
+    tree = json.loads(result.to_json())
     for name in ("timings_s", "provenance", "config_digest", "checksum"):
         del tree[name]
     del tree["costs"]["wall_s"]
     return json.dumps(tree, sort_keys=True)
 
 
-def scenario(path: str) -> tuple[dict[str, Any], Any]:
-    beside, value = BESIDE.get(path, ({}, None))
+def scenario(
+    path: str, base: dict[str, Any] = FEW, known: dict[str, tuple[dict[str, Any], Any]] = BESIDE
+) -> tuple[dict[str, Any], Any]:
+    beside, value = known.get(path, ({}, None))
     section = path.partition(".")[0]
     if section in OF_SCORER:
         beside = {CALLED: OF_SCORER[section], **beside}
-    base = FEW | beside
+    base = base | beside
     config = preset("campaign").with_values({k: v for k, v in base.items() if k != "rock"})
     return base, other(path, attrgetter(path)(config)) if value is None else value
 
@@ -166,27 +188,146 @@ def test_a_geometric_mission_notices_it_or_refuses_it(path):
         assert path in str(error) or str(value) in str(error)
 
 
-@pytest.mark.parametrize("fidelity", [PhotogrammetricFidelity, PhotographFidelity, GeometricFidelity])
-def test_what_a_fidelity_does_not_refuse_its_code_reads(fidelity):
-    """Of missions with photographs, which take too long to run one for each."""
-    root = Path(nbv.__file__).parent
-    skipped = {root / "config", root / "geometric" if fidelity is not GeometricFidelity else root / "dense"}
-    code = "\n".join(p.read_text() for p in root.rglob("*.py") if not skipped & set(p.parents))
-    fixed = _FIXED if fidelity is PhotographFidelity else ()
-    for path in (p for p in parameters() if p not in NAMES):
-        name = path.rpartition(".")[2]
-        if refused(fidelity, path) or path.split(".")[0] in fixed or name.endswith("sun_azimuth_deg"):
-            continue
-        words = (
-            f".{name}",
-            f'"{name}"',
-            f"weights.{name}",
-            {"scene.sun_direction": ".sun_travel", "scene.sun_elevation_deg": ".sun_travel"}.get(path, "\0"),
-        )
-        in_config = "".join(p.read_text() for p in (root / "config").glob("*.py"))
-        assert any(w in code for w in words) or f"self.{name}" in in_config or f"stop.{name}" in in_config, (
-            path
-        )
+# -- missions over photographs: the loop of all missions, with structure from motion and stereo --------------------
+
+BALL = {
+    "seed.count": 15,
+    "seed.lowest_deg": 25.0,
+    "stop.adaptive_budget": 3,
+    "dense.max_size_px": 160,
+    "dense.fusion_voxel_m": 0.03,
+    "dense.search": "sparse",
+    "sparse.max_pairs": 6,
+    "evaluation.gt_samples": 1000,
+}
+FEW_SEEDS = {"seed.count": 5, "sparse.min_registered_seeds": 3, "sparse.ground_features": 2000}
+BESIDE_PHOTOGRAPHS: dict[str, tuple[dict[str, Any], Any]] = {
+    "seed.second_turn": (FEW_SEEDS, True),
+    "sparse.min_registered_seeds": (FEW_SEEDS, 4),
+    "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.32}, "all"),
+}
+
+
+def what_is_asked_of_a_card(workspace: Path, options: dict[str, Any], card: Card) -> None:
+    """Stands for CUDA: the mission ends, and its outcome says what COLMAP was to do."""
+    sources = (workspace / "stereo" / "patch-match.cfg").read_text()
+    raise MissionFailure("asked", f"{options} {sources}")
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[dict[str, Any]], str]]:
+    """What a mission over rendered photographs of a ball has as its outcome."""
+    home = tmp_path_factory.mktemp("home")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GATETUNE_HOME", str(home))
+        patch.setattr(pycolmap, "has_cuda", True)
+        patch.setattr(patchmatch, "free_card", lambda: nullcontext(Card(0, "0")))
+        patch.setattr(patchmatch, "patch_match", what_is_asked_of_a_card)
+        write_set("ball", spread(32), rendered=True)
+        store = Store(home / "store")
+
+        @cache
+        def fly(values: str) -> str:
+            config = preset("campaign").with_values(json.loads(values))
+            return outcome(PhotographFidelity.run(config, "ball", cache=store))
+
+        yield lambda values: fly(json.dumps(values))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [p for p in parameters() if p.split(".")[0] not in (*NAMES, *_FIXED)])
+def test_a_mission_over_photographs_notices_it_or_refuses_it(path, ball):
+    beside, value = scenario(path, BALL, BESIDE | BESIDE_PHOTOGRAPHS)
+    if refused(PhotographFidelity, path):
+        with pytest.raises(UserError, match=rf"photographs missions take no notice of .*{path}"):
+            ball(beside | {path: value})
+        return
+    try:
+        before = ball(beside)
+        assert ball(beside | {path: value}) != before
+    except UserError as error:
+        assert path in str(error) or str(value) in str(error)
+
+
+# -- missions with photographs: planned as geometric ones, reconstructed as those over photographs ----------------------
+
+
+class SmallScene(PhotogrammetricFidelity):
+    """A ball on a small ground, which is baked in a second."""
+
+    load = staticmethod(lambda name, store: make_ball())
+
+    def _renderer(self, camera: CameraConfig) -> Renderer:
+        config, rock = self.context.config, self.context.rock
+        around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, self.context.store)
+        scene = build_scene(rock, config.scene, camera, ground=SMALL_GROUND, surroundings=around)
+        return make_renderer(scene, config.scene.backend)
+
+
+@cache
+def seen(values: str) -> str:
+    """A photograph and its telemetry, and what is measured of a ball's surface on a tilted ground."""
+    config = preset("campaign").with_values(json.loads(values))
+    fidelity = SmallScene(SmallScene.prepare(config, "ball", 0, None, False, Stopwatch()))
+    view = seed_viewpoints(config)[0]
+    capture = fidelity.camera.take_photograph(view, np.array(view.position_m), 60.0)
+    rng = np.random.default_rng(0)
+    surface = rng.choice(fidelity.context.rock.vertices_m, 20_000)
+    x, y = rng.uniform(-1.6, 1.6, (2, 5000))
+    ground = np.column_stack([x, y, 0.03 * x + rng.normal(0, 0.01, 5000)])
+    strays = rng.uniform([-2, -2, 0], [2, 2, 4], (300, 3))
+    cloud = PointCloud(
+        np.concatenate([surface + rng.normal(0, 0.01, surface.shape), ground, strays]), None, None
+    )
+    measured = fidelity.evaluate(cloud).metrics
+    assert capture.image is not None
+    digest = hashlib.sha256(capture.image.tobytes()).hexdigest()
+    return json.dumps(
+        [capture.image.shape, digest, capture.camera_from_world.tolist(), measured], sort_keys=True
+    )
+
+
+SMALL = {
+    "camera.width_px": 160,
+    "camera.height_px": 120,
+    "camera.focal_px": 116.4,
+    "evaluation.gt_samples": 2000,
+}
+OF_THE_WORLD = ("camera", "scene", "sensor", "ground", "telemetry", "target", "evaluation")
+MOVING = {
+    "sensor.exposure_time_s": 0.02,
+    "sensor.residual_speed_m_s": 0.5,
+    "sensor.residual_rate_deg_s": 20.0,
+}
+BESIDE_SCENE: dict[str, tuple[dict[str, Any], Any]] = {
+    "sensor.exposure_time_s": (MOVING, 0.1),
+    "sensor.residual_speed_m_s": (MOVING, 2.0),
+    "sensor.residual_rate_deg_s": (MOVING, 90.0),
+    "ground.relief_length_m": ({"ground.relief_m": 0.1}, 2.0),
+    "telemetry.drift_time_s": ({"telemetry.drift_m": 0.1, **NOISY}, 50.0),
+    "evaluation.floater_radius_m": ({}, 0.2),
+    "evaluation.ground_ransac_iterations": ({}, 0),
+    "evaluation.ground_max_tilt_deg": ({}, 1.0),
+    "evaluation.ground_max_offset_m": ({}, 1e-6),
+}
+OF_DRAWN_ROCKS = "target.size_error_percent"  # which geometric missions fly
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path", [p for p in parameters() if p.split(".")[0] in OF_THE_WORLD and p != OF_DRAWN_ROCKS]
+)
+def test_a_rendered_photograph_or_its_measures_notice_it_or_it_is_refused(path):
+    beside, value = scenario(path, SMALL, BESIDE | BESIDE_SCENE)
+    if refused(PhotogrammetricFidelity, path):
+        with pytest.raises(UserError, match=rf"photogrammetric missions take no notice of .*{path}"):
+            seen(json.dumps(beside | {path: value}))
+        return
+    try:
+        before = seen(json.dumps(beside))
+        assert seen(json.dumps(beside | {path: value})) != before
+    except UserError as error:
+        assert path in str(error) or str(value) in str(error)
 
 
 @pytest.mark.parametrize("fidelity", [GeometricFidelity, PhotogrammetricFidelity, PhotographFidelity])
