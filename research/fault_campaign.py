@@ -280,7 +280,7 @@ class Flight:
 
         trials = Campaign.open(self.run, read_only=True).trials()
         events = [line.split() for line in self.record.read_text().splitlines()]
-        known = {Path(t.directory).name: t for t in trials if t.state != "running"}
+        known = {t.record.directory.name: t for t in trials if t.state != "running"}
         on_cluster = any(where.startswith("mission-") for _, where, *_ in events)
         ended, evaluated = set(), set()
         for event, where, score, when in events:
@@ -302,7 +302,7 @@ class Flight:
                 self.count("lost", f"{name}: {known.get(name)}")
         for name, trial in sorted(known.items()):
             if (name, trial.raw) not in evaluated:
-                self.count("charged", f"{name}: {trial.reason} {trial.message}")
+                self.count("charged", f"{name}: {trial.reason} {trial.record.message}")
         if len(known) != self.budget:
             self.count("lost", f"{len(known)} of {self.budget} missions")
 

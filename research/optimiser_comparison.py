@@ -34,6 +34,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
+import tuner.problem.problem  # noqa: E402
 from research.optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from research.optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 from tuner.problem.instances import Instance  # noqa: E402
@@ -45,7 +46,6 @@ from tuner.problem.observations import (  # noqa: E402
 )
 from tuner.problem.search_space import Values  # noqa: E402
 from tuner.recommendation.choose import may_be_recommended  # noqa: E402
-from tuner.recommendation.inputs import CampaignData  # noqa: E402
 from tuner.surrogate.model import InstanceMeanGP  # noqa: E402
 from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
@@ -73,11 +73,12 @@ def common_recommendation(
 
     Ours, as in the product, only of what has run on two rocks and replicates, once its last missions see to that.
     """
-    model = InstanceMeanGP(problem.space, history, problem.rocks, surrogate_settings(problem.space))
+    instances = tuple(map(Instance, problem.rocks))
+    model = InstanceMeanGP(problem.space, history, instances, surrogate_settings(problem.space))
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
-    data = CampaignData(problem.space, history, problem.rocks, problem.default, problem.replicates)
-    allowed = may_be_recommended(data, configurations)
+    asked = tuner.problem.problem.Problem(problem.space, instances, problem.default, problem.replicates)
+    allowed = may_be_recommended(asked, history, configurations)
     if not ours or sum(allowed) < 2:
         allowed = [True] * len(configurations)
     i = int(np.where(allowed, belief.mean, -np.inf).argmax())

@@ -17,8 +17,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+import tuner.problem.problem
 from research.optimiser_problems import Problem
 from research.peers.sampler import PEER_NAMES, available_peers, make_peer_sampler
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import base
@@ -69,16 +71,10 @@ def settings_of(
     trusted = ours and problem.trusted_default
     initial = initial_design_size(problem.space.dimension, budget, trusted_default=trusted)
     replicates = 1 if configurations else problem.replicates
-    return SamplerSettings(
-        problem.space,
-        problem.default,
-        rocks,
-        seed,
-        initial,
-        replicates,
-        budget=budget,
-        trusted_default=trusted,
+    asked = tuner.problem.problem.Problem(
+        problem.space, tuple(map(Instance, rocks)), problem.default, replicates
     )
+    return SamplerSettings(asked, seed, initial, budget=budget, trusted_default=trusted)
 
 
 class OneRock:

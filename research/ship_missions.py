@@ -52,7 +52,10 @@ def main() -> None:
         "fidelity": s.fidelity,
         "flown_by": command,
         "revisions": sorted(
-            {str(tree.get("revision", "unknown")) for tree in recorded([t.path for t in campaign.trials()])}
+            {
+                str(tree.get("revision", "unknown"))
+                for tree in recorded([t.record.directory for t in campaign.trials()])
+            }
         ),
         "rocks": list(s.rocks),
         "paths": list(s.space.paths),

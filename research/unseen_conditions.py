@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     arguments = parser.parse_args()
     ideal, instances = (Campaign.open(run, read_only=True) for run in (arguments.ideal, arguments.instances))
-    base, tuned = ideal.settings.base_config(), instances.recommended_config()
+    base, tuned = ideal.settings.problem.base, instances.recommended_config()
     chance = base.with_values({"gate.kind": "random", "pool.max_altitude_m": tuned.pool.max_altitude_m})
     configs = {
         PAPER: base.with_values({"gate.kind": "hyb-h"}),
@@ -72,7 +72,7 @@ def main() -> None:
             rock, condition = Path(record.rock).stem, record.condition
             found = [record.value(f"registered.observable.{metric}") for metric in METRICS]
             shown = ["" if value is None else f"{value:.3f}" for value in found]
-            status = record.reason or record.status
+            status = record.reason or record.record.status
             rows.writerow([record.strategy, rock, condition, record.replicate, status, *shown])
             # A failed mission leaves its rock out of a pair; how many there are is printed.
             values.setdefault((record.strategy, rock, condition), []).append(

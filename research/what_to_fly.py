@@ -23,7 +23,6 @@ import yaml
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats
-from tuner.campaign.campaign import sampler_settings
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.comparison.statistics import mean_interval
@@ -31,7 +30,6 @@ from tuner.missions.registry import mission_function
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, distinct_configurations, next_block
 from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import ask_many, initial_proposal
 from tuner.samplers.gp import GPSampler
@@ -90,7 +88,7 @@ def settings(
 
 def outcome(s: CampaignSettings, values: Mapping[str, Any], rock: str, replicate: int) -> float | None:
     """F-score of one mission; None where it failed."""
-    config = s.config(values)
+    config = s.problem.config(values)
     key = config.digest(), rock, replicate
     if key not in _known:
         result = mission_function("geometric")(config, rock, replicate, None)
@@ -113,11 +111,11 @@ def campaign(
     s: CampaignSettings, change: Callable[[Any], Any] = lambda sampler: sampler
 ) -> list[Observation]:
     """All missions of a campaign, one after the other."""
-    asked, history = sampler_settings(s), list[Observation]()
+    asked, history = s.search, list[Observation]()
     sampler = change(make_sampler(s.sampler, asked))
     for number in range(s.budget):
         (proposal,) = ask_many(sampler, asked, history, [], 1)
-        instance, k = next_block(s.instances, s.blocks, history, proposal)
+        instance, k = next_block(s.problem.instances, s.problem.replicates, history, proposal)
         y = outcome(s, proposal.values, instance.rock, k)
         reason = "" if y is not None else "failed"
         history.append(Observation(number, proposal.values, instance.rock, k, y, y, reason))
@@ -126,10 +124,7 @@ def campaign(
 
 def recommended(s: CampaignSettings, history: Sequence[Observation]) -> Recommendation:
     """By the product's rule."""
-    data = CampaignData(
-        s.space, history, s.instances, s.default_values(), s.blocks, s.sampler == "gp", arms=s.arms
-    )
-    best = recommend(data, s.goal)
+    best = recommend(s.problem, s.goal, history, only_verified=s.sampler == "gp")
     assert best is not None
     return best
 
@@ -163,11 +158,12 @@ def best_found(
     s: CampaignSettings, arms: bool = True, change: Callable[[Any], Any] = lambda sampler: sampler
 ) -> float:
     """True F-score of the best configuration that one campaign found beside the plain plans."""
-    plain = [dict(values) for values in s.arms.values()]
+    plain = [dict(values) for values in s.problem.arms.values()]
     if not arms:
-        s.__dict__["arms"] = {"hyb-h": s.default_values()}
+        only_default = {"hyb-h": s.problem.default}
+        s.__dict__["problem"] = dataclasses.replace(s.problem, arms=only_default)
     history = campaign(s, change)
-    model = InstanceMeanGP(s.space, history, s.instances)
+    model = InstanceMeanGP(s.space, history, s.problem.instances)
     own = [v for v in distinct_configurations(s.space, model.observations) if v not in plain]
     return mean(truths(s, own[int(model.posterior(own).mean.argmax())], s.rocks))
 
@@ -199,7 +195,7 @@ def campaigns(seeds: int) -> None:
         for seed in range(seeds):
             s = settings(rocks, seed=seed)
             best = recommended(s, campaign(s))
-            plain = {name: truths(s, values, unseen) for name, values in s.arms.items()}
+            plain = {name: truths(s, values, unseen) for name, values in s.problem.arms.items()}
             top, own = max(plain, key=lambda name: mean(plain[name])), truths(s, best.values, unseen)
             gain = mean_interval({r: [a - b for a, b in zip(own[r], plain[top][r])] for r in unseen})
             default = mean_interval({r: [a - b for a, b in zip(own[r], plain["hyb-h"][r])] for r in unseen})

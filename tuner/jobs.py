@@ -13,13 +13,13 @@ from nbv.config import load_conditions, preset
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
+from tuner.campaign.events import CampaignEvent, CampaignSummary
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings, resolved_settings
-from tuner.comparison.of_campaign import end_of_campaign, held_out, reproduction
+from tuner.comparison.of_campaign import PlannedComparison, end_of_campaign, held_out, reproduction
 from tuner.comparison.run import EvaluationRun
 from tuner.export.records import records_of
-from tuner.missions.executors import local_executor
+from tuner.missions.executors import Executor, local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 
 if TYPE_CHECKING:
@@ -70,9 +70,39 @@ def tune(
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
-        if run_campaign(campaign, executor, on_event).found and (comparison := end_of_campaign(campaign)):
-            comparison.run(executor)
+        run_to_end(campaign, executor, on_event)
     return campaign
+
+
+def run_to_end(
+    campaign: Campaign,
+    executor: Executor,
+    on_event: Callable[[CampaignEvent], None] | None = None,
+    *,
+    searched: Callable[[CampaignSummary], None] | None = None,
+    compare: Callable[[PlannedComparison], object] | None = None,
+    recommend_every: int = 0,
+    accept_changes: bool = False,
+) -> CampaignSummary:
+    """Run or resume the search, then the comparison that the campaign asks for: what `tune` and the command do.
+
+    Parameters
+    ----------
+    searched
+        Called when the search has ended, before the comparison.
+    compare
+        Runs the comparison; by default without showing anything.
+    on_event, recommend_every, accept_changes
+        As of `tuner.campaign.session.run_campaign`.
+    """
+    summary = run_campaign(
+        campaign, executor, on_event, recommend_every=recommend_every, accept_changes=accept_changes
+    )
+    if searched is not None:
+        searched(summary)
+    if summary.found and (planned := end_of_campaign(campaign)) is not None:
+        planned.run(executor) if compare is None else compare(planned)
+    return summary
 
 
 def evaluate(

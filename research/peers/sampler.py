@@ -207,7 +207,7 @@ class PeerSampler:
         # To a peer a rock under another condition is another rock.
         known = {
             instance.label: instance
-            for instance in (*self.settings.instances, *(o.instance for o in history))
+            for instance in (*self.settings.problem.instances, *(o.instance for o in history))
         }
         reply = process.request(
             "ask",
@@ -263,11 +263,11 @@ class PeerSampler:
         self._told.clear()
         shared.process.request(
             "start",
-            parameters=[_parameter(p) for p in s.space.parameters],
-            default=dict(s.default),
+            parameters=[_parameter(p) for p in s.problem.space.parameters],
+            default=dict(s.problem.default),
             design=[initial_proposal(s, i, self.name).values for i in range(s.initial)],
-            rocks=[instance.label for instance in s.instances],
-            replicates=s.replicates,
+            rocks=[instance.label for instance in s.problem.instances],
+            replicates=s.problem.replicates,
             initial=s.initial,
             seed=s.seed,
         )
@@ -275,7 +275,7 @@ class PeerSampler:
 
     def _values(self, proposed: dict[str, Any]) -> Values:
         values: Values = {}
-        for p in self.settings.space.parameters:
+        for p in self.settings.problem.space.parameters:
             value = proposed[p.path]
             if p.kind == "float" and isinstance(value, float):
                 value = _within_rounding(value, p)

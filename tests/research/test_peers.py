@@ -16,7 +16,9 @@ import research.peers.sampler as peers
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from research.peers.sampler import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import SamplerSettings
 
@@ -92,7 +94,7 @@ def mixed_history(missions: int) -> list[Observation]:
 @pytest.mark.parametrize("name", PEER_NAMES)
 def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
     default = MIXED.default(MissionConfig())
-    settings = SamplerSettings(MIXED, default, ("r0", "r1"), 3, 5, 2)
+    settings = SamplerSettings(Problem(MIXED, (Instance("r0"), Instance("r1")), default, 2), 3, 5)
     assert real(name, settings).ask([], []).values == default
     history, pending = mixed_history(11), [Observation(11, default, "r1", 1)]
     proposals = [real(name, settings).ask(history, pending) for _ in range(2)]
@@ -110,7 +112,7 @@ def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
 @pytest.mark.parametrize("name", PEER_NAMES)
 def test_real_peer_learns(name: str) -> None:
     """The best of three asks after 20 random points without noise beats nine tenths of these."""
-    settings = SamplerSettings(synthetic.SPACE, synthetic.DEFAULT, ("r0",), 0, 1)
+    settings = SamplerSettings(replace(synthetic.PROBLEM, instances=(Instance("r0"),)), 0, 1)
     rng = np.random.default_rng(0)
     points = [synthetic.DEFAULT, *(synthetic.SPACE.from_unit(rng.random(2)) for _ in range(19))]
     history = [synthetic.observe(i, v, "r0", 0.0, rng) for i, v in enumerate(points)]

@@ -86,7 +86,7 @@ def same_everywhere(street: Street, answer: dict) -> str:
     street.run(f"gatetune export runs/tune --to plan --home 47.4,8.5 --rock {campaign.settings.rocks[0]}")
     exported = config_from_dict(yaml.safe_load(street.file("runs/tune/gatetune.yaml")))
     s = campaign.settings
-    assert exported.digest() == s.config(answer["values"], s.conditions[0].name).digest()
+    assert exported.digest() == s.problem.config(answer["values"], s.conditions[0].name).digest()
     return campaign.recommended_config().digest()
 
 

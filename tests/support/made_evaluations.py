@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zlib
+from typing import Any
 
 import numpy as np
 
 from nbv.config import preset
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
-from tuner.missions.job import Trial
+from tuner.missions.job import Record, Trial
 
 
 def made_metrics(quality: float) -> dict[str, object]:
@@ -31,6 +32,17 @@ def made_metrics(quality: float) -> dict[str, object]:
         "observable": {**surface, "f_score_48mm": quality + 3},
         "sector_centers_deg": centers,
     }
+
+
+def made_trial(strategy: str, rock: str, replicate: int, *, reason: str = "", **record: Any) -> Trial:
+    """A mission of an evaluation, and what its record says."""
+    return Trial(
+        strategy=strategy,
+        rock=rock,
+        replicate=replicate,
+        reason=reason,
+        record=Record(**{"status": "ok", **record}),
+    )
 
 
 def made_run(
@@ -57,9 +69,8 @@ def made_run(
                 if (name, rock, k) in failed:
                     ended = {
                         "status": "failed",
-                        "reason": "seed_model_failed",
                         "message": "no seed model",
-                        "measured_then": {},
+                        "measured": {},
                     }
                 else:
                     quality = level + 4 * r + noise * rng.normal()
@@ -70,6 +81,7 @@ def made_run(
                         "wall_s": 75.0,
                     }
                     measured = {"metrics": made_metrics(quality), "costs": costs}
-                    ended = {"status": "ok", "measured_then": measured}
-                records.append(Trial(strategy=name, rock=rock, replicate=k, **ended))
+                    ended = {"status": "ok", "measured": measured}
+                reason = "" if ended["status"] == "ok" else "seed_model_failed"
+                records.append(made_trial(name, rock, k, reason=reason, **ended))
     return EvaluationRun(plan, records, True, 1.0)

@@ -9,7 +9,9 @@ import fake_missions
 import numpy as np
 
 from nbv.config import MissionConfig
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import Sampler, SamplerSettings
 
@@ -26,8 +28,10 @@ SPACE = space_from_dict(
     "synthetic.py",
 )
 ROCKS = ("r0", "r1", "r2", "r3")
+INSTANCES = tuple(map(Instance, ROCKS))
 BASE = SPACE.base_config(MissionConfig())
 DEFAULT = SPACE.default(MissionConfig())
+PROBLEM = Problem(SPACE, INSTANCES, DEFAULT)
 
 
 def true_value(values: Mapping[str, Any]) -> float:
@@ -80,7 +84,7 @@ def random_design(
 
 
 def sampler_settings(seed: int, initial: int = 6) -> SamplerSettings:
-    return SamplerSettings(SPACE, DEFAULT, ROCKS, seed, initial)
+    return SamplerSettings(PROBLEM, seed, initial)
 
 
 def play(sampler: Sampler, budget: int, noise_sd: float, seed: int) -> list[Observation]:

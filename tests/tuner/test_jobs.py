@@ -80,7 +80,7 @@ def test_a_campaign_becomes_a_frame(campaign: tuner.Campaign) -> None:
 
 def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> None:
     again = tuner.tune(campaign.directory, workers=1)
-    assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
+    assert [t.record.finished for t in again.trials()] == [t.record.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
         tuner.tune(campaign.directory, rocks=["boulder"], space="gate_and_weights", budget=3)
 

@@ -19,11 +19,12 @@ from scipy import special
 
 from nbv.types import Bools, Floats
 from tuner.acquisition.expected_saving import LogExpectedSaving
-from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, LogNoisyImprovement, maximise
-from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
-from tuner.problem.instances import InstanceLike
+from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise, noisy_improvement
+from tuner.problem.deterministic_metrics import with_second_first
+from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.problem import Problem
+from tuner.problem.search_space import Values
 from tuner.problem.share import SURE, ShareEstimate
 from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
@@ -33,37 +34,44 @@ from tuner.surrogate.settings import SurrogateSettings
 _CHUNK = 64
 HOPELESS = 0.05  # probability of meeting the constraint
 Allowed = Callable[[Floats], Bools]
-Outcome = InstanceMeanGP | DeterministicOutcome
+ObjectiveModel = InstanceMeanGP | DeterministicOutcome
 
 
 def two_models(
-    space: SearchSpace,
+    problem: Problem,
+    goal: Goal,
     observations: Sequence[Observation],
-    instances: Sequence[InstanceLike],
     settings: SurrogateSettings | None = None,
-    exact: DeterministicMetrics | None = None,
-) -> tuple[Outcome, Outcome]:
+) -> tuple[ObjectiveModel, ObjectiveModel]:
     """Return a model of each objective, on the missions that have both outcomes or failed.
 
     An objective that the configuration decides is computed, but one of the two is always a surrogate: where both are decided,
     the second one. ``ValueError`` means that there are no such missions.
     """
+    second = second_model(problem, goal, observations, settings)
+    if goal.exact.first is not None:
+        return DeterministicOutcome(problem.space, goal.exact.first), second
     both = [o for o in observations if o.outcome is None or o.second is not None]
-    exact = exact or DeterministicMetrics()
-    if exact.first is not None:
-        second = InstanceMeanGP(space, with_second_first(both), instances, settings)
-        return DeterministicOutcome(space, exact.first), second
-    first = InstanceMeanGP(space, both, instances, settings)
-    if exact.second is not None:
-        return first, DeterministicOutcome(space, exact.second)
-    return first, InstanceMeanGP(space, with_second_first(both), instances, settings)
+    return InstanceMeanGP(problem.space, both, problem.instances, settings), second
+
+
+def second_model(
+    problem: Problem,
+    goal: Goal,
+    observations: Sequence[Observation],
+    settings: SurrogateSettings | None = None,
+) -> ObjectiveModel:
+    """Return the model of the second objective, as `two_models`."""
+    if goal.exact.first is None and goal.exact.second is not None:
+        return DeterministicOutcome(problem.space, goal.exact.second)
+    return InstanceMeanGP(problem.space, with_second_first(observations), problem.instances, settings)
 
 
 @dataclass(frozen=True)
 class Constraint:
     """A lower limit on the second objective's mean over the training instances."""
 
-    model: Outcome  # of what has the limit
+    model: ObjectiveModel  # of what has the limit
     at_least: float  # oriented so that larger is better
     is_share: bool = False  # of rocks, in percent
 
@@ -120,8 +128,8 @@ class Constraint:
         """Return the limit on the model's common landscape, whose offsets belong to the limit."""
         model = self.model
         assert isinstance(model, InstanceMeanGP)
-        unit = np.unique(model.unit, axis=0)
-        mean, _ = self.means_and_sds([model.space.from_unit(u) for u in unit])
+        unit, configurations = model.evaluated
+        mean, _ = self.means_and_sds(configurations)
         with torch.no_grad():
             level, _ = moments(model.model.posterior(model.inputs(unit)))
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
@@ -130,13 +138,11 @@ class Constraint:
         """Whether nothing that was run has a chance to meet the constraint, which only missions show."""
         if isinstance(self.model, DeterministicOutcome):
             return False
-        evaluated = [self.model.space.from_unit(u) for u in np.unique(self.model.unit, axis=0)]
-        return bool((self.probability(evaluated) < HOPELESS).all())
+        return bool((self.probability(self.model.evaluated[1]) < HOPELESS).all())
 
-    def promising(self, first: Outcome) -> Floats:
+    def promising(self, first: ObjectiveModel) -> Floats:
         """Return (few, d) unit positions run: the best that may meet the constraint, else those nearest to it."""
-        unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
-        configurations = [first.space.from_unit(u) for u in unit]
+        unit, configurations = surrogate_of((first, self.model)).evaluated
         chance = self.probability(configurations)
         if isinstance(first, DeterministicOutcome):
             own = first.posterior(configurations).mean
@@ -156,13 +162,13 @@ class Constraint:
         return lambda unit: model.keeps(model.at(torch.from_numpy(unit)).numpy(), self.at_least)
 
 
-def surrogate_of(models: Sequence[Outcome]) -> InstanceMeanGP:
+def surrogate_of(models: Sequence[ObjectiveModel]) -> InstanceMeanGP:
     """Return the first of ``models`` that is a surrogate."""
     return next(model for model in models if isinstance(model, InstanceMeanGP))
 
 
 def propose_constrained(
-    first: Outcome, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
+    first: ObjectiveModel, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, float]:
     """Return the configuration with the largest noisy expected improvement within the limit, and that improvement.
 
@@ -171,25 +177,19 @@ def propose_constrained(
     every point, as the constraint so that nothing that violates it is proposed.
     """
     model, known = surrogate_of((first, constraint.model)), constraint.allowed()
-    running = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
+    running = model.inputs_at(pending) if pending else None
     with numerics():
         near = constraint.promising(first)
         if constraint.is_hopeless():
             model = surrogate_of((constraint.model,))
-            baseline = pruned(model.model, model.inputs(near), seed)
-            baseline = baseline if running is None else torch.unique(torch.cat([baseline, running]), dim=0)
-            acquisition: AcquisitionFunction = LogNoisyImprovement(
-                model.model, baseline, MONTE_CARLO_SAMPLES, seed
-            )
+            acquisition: AcquisitionFunction = noisy_improvement(model, near, running, seed)
         elif known is not None:
-            unit = np.unique(model.unit, axis=0)
+            unit, _ = model.evaluated
             kept = unit[known(unit)]
-            baseline = pruned(model.model, model.inputs(kept if len(kept) else near[:1]), seed)
             running = None if running is None else running[known(running[:, : model.space.dimension].numpy())]
-            baseline = baseline if running is None else torch.unique(torch.cat([baseline, running]), dim=0)
-            acquisition = LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed)
+            acquisition = noisy_improvement(model, kept if len(kept) else near[:1], running, seed)
         elif isinstance(first, DeterministicOutcome):
-            evaluated = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
+            _, evaluated = model.evaluated
             keeping = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
             # Before anything counts as meeting the constraint, all that may keep it saves against the most expensive there is.
             best = float(max(first.posterior(keeping).mean) if keeping else first.worst() - 1.0)
@@ -210,7 +210,7 @@ def _with_probability(
     model = ModelListGP(first.model, second.model)
     objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
     constraints = [lambda samples: floor - samples[..., 1]]
-    evaluated = first.inputs(np.unique(first.unit, axis=0))
+    evaluated = first.inputs(first.evaluated[0])
     return qLogNoisyExpectedImprovement(
         model,
         X_baseline=pruned(model, evaluated, seed, objective=objective, constraints=constraints),

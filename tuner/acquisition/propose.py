@@ -22,7 +22,7 @@ from tuner.surrogate.fit import EXACT_MISSIONS
 from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 
-BLOCK = 128  # points tried at once
+POINTS_AT_ONCE = 128
 LOCAL_BEST = 4
 LOCAL_SD = (0.01, 0.25)  # of the unit cube: smallest and largest, evenly spread logarithms
 MONTE_CARLO_SAMPLES = 64
@@ -45,13 +45,20 @@ def propose(model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: i
     Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ.
     """
     with numerics():
-        known = pruned(model.model, model.inputs(model.promising(BASELINE)), seed)
-        if pending:
-            running = model.inputs(np.array([model.space.to_unit(v) for v in pending]))
-            known = torch.unique(torch.cat([known, running]), dim=0)
-        acquisition = LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
+        running = model.inputs_at(pending) if pending else None
+        acquisition = noisy_improvement(model, model.promising(BASELINE), running, seed)
         position, score = maximise(model, acquisition, seed)
     return model.space.from_unit(position), math.exp(score) * model.mean_scale
+
+
+def noisy_improvement(
+    model: InstanceMeanGP, unit: Floats, running: torch.Tensor | None, seed: int
+) -> LogNoisyImprovement:
+    """Return the expected improvement over the best of (n, d) positions that have run and of (m, inputs) in flight."""
+    baseline = pruned(model.model, model.inputs(unit), seed)
+    if running is not None:
+        baseline = torch.unique(torch.cat([baseline, running]), dim=0)
+    return LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed)
 
 
 def maximise(
@@ -79,7 +86,7 @@ def maximise(
         points = only_allowed(model, points, allowed, seed)
     starts = model.inputs(points).unsqueeze(1)
     with torch.no_grad():
-        scores = torch.cat([acquisition(block) for block in starts.split(BLOCK)])
+        scores = torch.cat([acquisition(some) for some in starts.split(POINTS_AT_ONCE)])
     order = scores.argsort(descending=True)
     best, best_score = points[int(order[0])], float(scores[order[0]])
     if len(discrete) == d:

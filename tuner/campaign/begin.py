@@ -16,7 +16,7 @@ from typing import Any
 
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, write_atomic
-from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_settings
+from tuner.campaign.campaign import LEARNED_FILE, Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     FORMAT_VERSION,
@@ -28,6 +28,7 @@ from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.missions.long_runs import exclusive
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
+from tuner.problem.problem import MissionProblem
 from tuner.problem.search_space import Configuration, SearchSpace, Values, value_at
 from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 from tuner.samplers.registry import make_sampler
@@ -52,8 +53,8 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
     learned = None
     if settings.sources:
-        learned = learn_from(settings.sources, settings.space, settings.base_config(), settings.objective)
-    make_sampler(settings.sampler, sampler_settings(settings))  # refuses a search space that it cannot handle
+        learned = learn_from(settings.sources, settings.problem, settings.objective)
+    make_sampler(settings.sampler, settings.search)  # refuses a search space that it cannot handle
     identity = uuid.uuid4().hex
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -61,14 +62,14 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
             "format": FORMAT_VERSION,
             "id": identity,
             "created": _now(),
-            "base_config_digest": settings.base_config().digest(),
+            "base_config_digest": settings.problem.base.digest(),
             "settings": settings.to_dict(),
         }
         if learned is not None:
             write_atomic(directory / LEARNED_FILE, learned.to_json())
         write_settings(directory, tree)
         # Ended between the two, it is a campaign without missions, which a resume goes on with.
-        ledger = Ledger(directory, settings, identity)
+        ledger = Ledger(directory, settings.name, settings.problem, settings.goal, identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)
@@ -102,17 +103,14 @@ def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
     return Campaign(directory, settings, campaign.ledger)
 
 
-def learn_from(
-    directories: Sequence[str], space: SearchSpace, base: Configuration, objective: Objective
-) -> EarlierMissions:
-    """Return the missions of earlier campaigns that are configurations of ``space``.
+def learn_from(directories: Sequence[str], problem: MissionProblem, objective: Objective) -> EarlierMissions:
+    """Return the missions of earlier campaigns that are configurations of the problem's space.
 
-    A mission counts where its tuned values lie in ``space``, what ``space`` does not tune is as in ``base``, and the
-    objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
-    campaign held it at.
+    A mission counts where its tuned values lie in the space, what the space does not tune is as in the problem's base
+    configuration, and the objective's metric was measured. A parameter that the space tunes and the earlier campaign did not has
+    the value that campaign held it at.
 
-    ``directories``: the campaigns' run directories, or ``shipped``. ``base``: the configuration on which its tuned
-    values are laid.
+    ``directories``: the campaigns' run directories, or ``shipped``.
 
     Raises `UserError`: no campaign in a directory, too few such missions in it, a directory named twice, or nothing
     shipped.
@@ -125,24 +123,22 @@ def learn_from(
     rocks: list[str] = []
     for number, directory in enumerate(directories, start=1):
         if directory == SHIPPED:
-            one = shipped_missions(space, objective)
+            one = shipped_missions(problem.space, objective)
         else:
-            one = _missions_of(directory, space, base, objective)
+            one = _missions_of(directory, problem, objective)
         # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
         names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
         found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
         rocks += names.values()
-    return EarlierMissions(space, tuple(rocks), tuple(found))
+    return EarlierMissions(problem.space, tuple(rocks), tuple(found))
 
 
-def _missions_of(
-    directory: str, space: SearchSpace, base: Configuration, objective: Objective
-) -> EarlierMissions:
-    campaign = Campaign.open(Path(directory), read_only=True)
-    held, own = campaign.settings.base_config(), list[Observation]()
+def _missions_of(directory: str, problem: MissionProblem, objective: Objective) -> EarlierMissions:
+    campaign, space = Campaign.open(Path(directory), read_only=True), problem.space
+    held, own = campaign.settings.problem.base, list[Observation]()
     for t in campaign.trials():
-        values = _values_in(t.values, held, space, base)
-        if values is None or not t.status:
+        values = _values_in(t.values, held, space, problem.base)
+        if values is None or not t.record.status:
             continue
         raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
         outcome = objective.oriented(raw)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import dataclasses
 import functools
 import json
 import math
@@ -35,10 +36,9 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
-from tuner.missions.registry import kind_on
-from tuner.problem.observations import Block, Observation, Proposal
+from tuner.problem.goal import Goal
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -50,39 +50,6 @@ if TYPE_CHECKING:
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
-
-
-def sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None = None) -> SamplerSettings:
-    """Return what a campaign's sampler is made from; ``learned`` are missions run before the campaign."""
-    return SamplerSettings(
-        space=settings.space,
-        default=settings.default_values(),
-        places=settings.instances,
-        seed=settings.seed,
-        initial=settings.initial_size(),
-        replicates=settings.blocks,
-        earlier=learned,
-        budget=settings.budget,
-        trusted_default=settings.trusted_default,
-        arms=arm_proposals(settings),
-        goal=settings.goal,
-        default_beside=settings.draws_rocks,
-    )
-
-
-def arm_proposals(settings: CampaignSettings) -> tuple[Proposal, ...]:
-    """Return the missions that come first: every plain plan on the same blocks, block by block, the default before the others."""
-    reference, arms = settings.problem.reference, settings.arms
-    names = tuple(dict.fromkeys([reference, *arms]))
-    blocks = [(instance, k) for k in range(settings.arm_blocks) for instance in settings.instances]
-
-    def proposal(name: str, block: Block) -> Proposal:
-        metadata = {"phase": "default" if name == reference else "arm", "arm": name}
-        on = block if len(names) > 1 else (None, None)  # one alone takes blocks in turn
-        return Proposal(dict(arms[name]), metadata, *on)
-
-    missions = [proposal(name, block) for block in blocks[: settings.arm_blocks] for name in names]
-    return tuple(missions[: settings.arm_missions])
 
 
 class Campaign:
@@ -100,12 +67,12 @@ class Campaign:
         return f"Campaign({s.name} in {self.directory}: space {s.space.name}, rocks {', '.join(s.rocks)}, {s.budget} missions)"
 
     @functools.cached_property
-    def _asked(self) -> SamplerSettings:
-        return sampler_settings(self.settings, self.learned)
+    def _sampler_settings(self) -> SamplerSettings:
+        return dataclasses.replace(self.settings.search, earlier=self.learned)
 
     @functools.cached_property
     def _sampler(self) -> Sampler:
-        return make_sampler(self.settings.sampler, self._asked)
+        return make_sampler(self.settings.sampler, self._sampler_settings)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -151,7 +118,7 @@ class Campaign:
                 )
         if not read_only:
             settings.problem.require_named(mission is not None)
-        if settings.base_config().digest() != digest:
+        if settings.problem.base.digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
                 "the version that began it, or start a new campaign"
@@ -159,7 +126,9 @@ class Campaign:
         with contextlib.ExitStack() as stack:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
-            ledger = Ledger(directory, settings, identity, read_only=read_only)
+            ledger = Ledger(
+                directory, settings.name, settings.problem, settings.goal, identity, read_only=read_only
+            )
         return Campaign(directory, settings, ledger)
 
     # -- looking ---------------------------------------------------------------------------------------------
@@ -186,7 +155,7 @@ class Campaign:
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
         trials = self.trials()
-        done = [t for t in trials if t.status]
+        done = [t for t in trials if t.record.status]
         values = [t.raw for t in done if t.raw is not None]
         return CampaignStatus(
             name=self.settings.name,
@@ -199,7 +168,7 @@ class Campaign:
                 c.name: sum(t.condition == c.name for t in trials) for c in self.settings.conditions
             },
             failures=dict(collections.Counter(t.reason for t in done if t.raw is None)),
-            mission_wall_s=float(sum(t.wall_s for t in done)),
+            mission_wall_s=float(sum(t.record.wall_s for t in done)),
             repeats=len(repeated(trials)),
         )
 
@@ -216,20 +185,13 @@ class Campaign:
             return saved
         from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
-        s = self.settings
-        verified = s.sampler == "gp"
-        repeatable = [i for i in s.instances if kind_on(i.rock, s.fidelity).photographs == "taken"]
-        data = CampaignData(
-            s.space,
+        # Samplers that run nothing again leave no configuration that has run often enough: theirs is any that has run.
+        result = recommend(
+            self.settings.problem,
+            self.goal(history),
             history,
-            s.instances,
-            s.default_values(),
-            s.blocks,
-            verified,
-            repeatable=repeatable,
-            arms=s.arms,
+            only_verified=self.settings.sampler == "gp",
         )
-        result = recommend(data, self.goal(history))
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
@@ -239,7 +201,7 @@ class Campaign:
         history, s = self.history() if history is None else history, self.settings
         if not any(o.feasible for o in history):
             return f"none of the {len(history)} finished missions succeeded"
-        first = min(max(2, s.arm_missions), s.budget)
+        first = min(max(2, len(s.search.arms)), s.budget)
         if len(history) < first:
             return f"{len(history)} of the first {first} missions have ended, which show how the plain plans vary over rocks and replicates"
         return ""
@@ -248,22 +210,20 @@ class Campaign:
         """Return the surrogate of `Goal.modelled` behind such a recommendation; ``ValueError`` without a success."""
         from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
-        s = self.settings
-        return InstanceMeanGP(s.space, self.goal(history).outcomes(history), s.instances)
+        p = self.settings.problem
+        return InstanceMeanGP(p.space, self.goal(history).as_modelled(history), p.instances)
 
-    def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
-        """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""
-        history, running = self.history(trials[:known]), self.ledger.pending(trials, known)
-        return ask_many(self._sampler, self._asked, history, running, 1)[0]
-
-    def propose_many(
-        self, trials: Sequence[Trial], reserved: Sequence[Proposal], count: int
+    def propose(
+        self, trials: Sequence[Trial], known: int, count: int = 1, reserved: Sequence[Proposal] = ()
     ) -> list[Proposal]:
-        """Return ``count`` missions more, after ``trials`` and proposals ``reserved`` that are not in the ledger yet."""
-        history, running = self.history(trials), self.ledger.pending(trials, len(trials))
+        """Return the sampler's next missions after the first ``known`` trials; the others count as in flight.
+
+        So do the proposals ``reserved``, which are not in the ledger yet.
+        """
+        history, running = self.history(trials[:known]), self.ledger.pending(trials, known)
         for proposal in reserved:
-            running.append(in_flight(self._asked, history, running, proposal))
-        return ask_many(self._sampler, self._asked, history, running, count)
+            running.append(in_flight(self._sampler_settings, history, running, proposal))
+        return ask_many(self._sampler, self._sampler_settings, history, running, count)
 
     def job(self, trial: Trial, config: Configuration) -> MissionJob:
         """Return the job that runs ``config`` where ``trial`` runs, and writes into its directory."""
@@ -271,9 +231,9 @@ class Campaign:
         return MissionJob(
             id=f"{trial.number:04d}",
             config=config,
-            rock=s.drawn_rock(trial.rock, trial.replicate),
+            rock=s.problem.drawn_rock(trial.rock, trial.replicate),
             replicate=trial.replicate,
-            directory=trial.path,
+            directory=trial.record.directory,
             keep=s.keep,
             fidelity=s.fidelity,
         )
@@ -288,7 +248,7 @@ class Campaign:
         """
         chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates)
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
-        seen |= {self.settings.drawn_rock(t.rock, t.replicate) for t in self.trials()}
+        seen |= {self.settings.problem.drawn_rock(t.rock, t.replicate) for t in self.trials()}
         for rock in chosen:
             if rock in seen:
                 raise UserError(
@@ -308,7 +268,7 @@ class Campaign:
 
     def recommended_config(self) -> Configuration:
         """Return the recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
-        return self.settings.config(self.recommended().values)
+        return self.settings.problem.config(self.recommended().values)
 
     def recommended(self) -> Recommendation:
         """Return the `recommendation` without saving it.

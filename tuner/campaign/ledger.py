@@ -16,7 +16,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import optuna
 from optuna.trial import FrozenTrial, TrialState, create_trial
@@ -24,24 +24,22 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, open_journal
-from tuner.missions.job import Trial, repeated
-from tuner.problem.instances import Instance, instances_of
+from tuner.missions.job import Record, Trial, repeated
+from tuner.problem.goal import Goal
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, Proposal
+from tuner.problem.problem import Problem
 from tuner.samplers.optuna import distributions
-
-if TYPE_CHECKING:
-    from tuner.campaign.settings import CampaignSettings
 
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
-_NO_LONGER = ("sampler_state", "directory")  # entered by earlier versions
-_ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switched")  # of it, as in `Trial`
+_ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switched")  # of it, as in `Record`
 
 
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
-    ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``read_only``: only
+    ``name``: the campaign's. ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``read_only``: only
     look: leave the files of a campaign that may be running alone.
 
     Raises `UserError`: the journal cannot be read, or holds another campaign's study or none.
@@ -50,40 +48,41 @@ class Ledger:
     def __init__(
         self,
         directory: Path,
-        settings: CampaignSettings,
+        name: str,
+        problem: Problem,
+        goal: Goal,
         campaign_id: str,
         *,
         read_only: bool = False,
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._directory, self._settings, self._campaign_id = directory, settings, campaign_id
-        self._distributions = distributions(settings.space)
-        self._instances = frozenset(instances_of(settings.instances))
+        self._directory, self._goal, self._campaign_id = directory, goal, campaign_id
+        self._distributions = distributions(problem.space)
+        self._instances = frozenset(problem.instances)
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self._alone = False  # no other process may write now, so `_known` is complete
         self._shown = shown = str(directory / JOURNAL_FILE)
         # Before its first mission a campaign may not have a ledger yet or, if it was killed, half of one.
         begun = read_only or (directory / "missions").exists()
         storage = open_journal(directory, must_exist=begun, heal=not read_only)
-        direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
+        direction = "maximize" if goal.objective.direction == "maximise" else "minimize"
         try:
             if begun:
-                self._study = optuna.load_study(study_name=settings.name, storage=storage)
+                self._study = optuna.load_study(study_name=name, storage=storage)
             else:
                 self._study = optuna.create_study(
-                    study_name=settings.name, storage=storage, direction=direction, load_if_exists=True
+                    study_name=name, storage=storage, direction=direction, load_if_exists=True
                 )
                 if _CAMPAIGN_ID not in self._study.user_attrs and not self._study.get_trials():
                     self._study.set_user_attr(_CAMPAIGN_ID, campaign_id)
         except KeyError as error:
             raise UserError(
-                f"{shown} holds no study {settings.name!r}; the ledger was moved or never made: "
+                f"{shown} holds no study {name!r}; the ledger was moved or never made: "
                 "restore it, or start a new campaign"
             ) from error
         if self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
-                f"the study {settings.name!r} in {shown} belongs to another campaign; "
-                "restore the ledger of this one"
+                f"the study {name!r} in {shown} belongs to another campaign; restore the ledger of this one"
             )
         self._require_all_there()
 
@@ -150,17 +149,17 @@ class Ledger:
     def finish(self, number: int, ended: Trial) -> Trial:
         """Enter how a mission ended, once per mission, with the objectives' values."""
         self.trials()
-        frozen, asked = self._known[number]
+        frozen, entered = self._known[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
-        objective, second, limit = self._settings.objective, self._settings.second, self._settings.limit
-        measurements = {**ended.measurements, "costs": {**asked.values, **ended.costs}}
-        value, why_not = objective.outcome(ended.status, measurements)
+        objective, second, limit = self._goal.objective, self._goal.second, self._goal.limit
+        measurements = {**ended.measurements, "costs": {**entered.values, **ended.costs}}
+        value, why_not = objective.value_or_reason(ended.record.status, measurements)
         also = None if value is None or second is None else second.measure(measurements)
-        if second is not None and second.is_share and ended.status == "failed":
+        if second is not None and second.is_share and ended.record.status == "failed":
             also = 0.0  # a rock without a model reaches nothing
-        end: dict[str, Any] = {name: getattr(ended, name) for name in _ENDING}
-        end |= {"wall_s": round(ended.wall_s, 3), "second": also}
+        end: dict[str, Any] = {name: getattr(ended.record, name) for name in _ENDING}
+        end |= {"wall_s": round(ended.record.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")
         end["of_trial"] = self._checksum(number, frozen.params, frozen.user_attrs, value, end)
         told = optuna.trial.Trial(self._study, number)  # a journal of one study counts its trials from 0
@@ -178,8 +177,8 @@ class Ledger:
     def _checksum(
         self, number: int, params: Mapping[str, Any], entry: Mapping[str, Any], *ending: Any
     ) -> str:
-        asked = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
-        return checksum_of([self._campaign_id, number, params, asked, *ending])
+        facts = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
+        return checksum_of([self._campaign_id, number, params, facts, *ending])
 
     # -- reading ---------------------------------------------------------------------------------------------
 
@@ -192,7 +191,7 @@ class Ledger:
     def _trial(self, row: FrozenTrial) -> Trial:
         """Return a row of the study; finished ones never change, so theirs are kept."""
         known = self._known.get(row.number)
-        if known is None or (known[0] is not row and not known[1].status):
+        if known is None or (known[0] is not row and not known[1].record.status):
             row.distributions = self._distributions  # the same of all: kept once
             known = self._known[row.number] = (row, self._read(row))
         return known[1]
@@ -211,24 +210,31 @@ class Ledger:
             ending = (value, end) if finished else ()
             if known != self._checksum(row.number, row.params, entry, *ending):
                 raise KeyError
-            asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END, *_NO_LONGER)}
-            instance = Instance(entry["rock"], entry["condition"])
+            instance, replicate = Instance(entry["rock"], entry["condition"]), int(entry["replicate"])
             if instance not in self._instances:
                 raise KeyError
-            second, limited = end.pop("second", None), self._settings.second
+            second, limited = end.pop("second", None), self._goal.second
+            reason = end.pop("reason", "")
+            directory = self._directory / mission_directory(row.number, instance, replicate)
             return Trial(
-                metadata=asked.pop("why"),
                 number=row.number,
                 values=row.params,
+                rock=instance.rock,
+                condition=instance.condition,
+                replicate=replicate,
                 raw=value,
-                outcome=self._settings.objective.oriented(value),
+                outcome=self._goal.objective.oriented(value),
                 second=None if limited is None else limited.oriented(second),
-                run=self._directory,
-                directory=mission_directory(row.number, instance, int(entry["replicate"])),
-                started=row.datetime_start,
-                finished=row.datetime_complete,
-                **asked,
-                **end,
+                reason=reason,
+                record=Record(
+                    metadata=entry["why"],
+                    code=entry.get("code", ""),
+                    config_digest=entry.get("config_digest", ""),
+                    directory=directory,
+                    started=row.datetime_start,
+                    finished=row.datetime_complete,
+                    **end,
+                ),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise UserError(
@@ -238,16 +244,18 @@ class Ledger:
 
     def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
         """Return the finished missions, which samplers and the surrogate learn from."""
-        asked = self.trials() if trials is None else trials
-        again = repeated(asked)
-        return [dataclasses.replace(t, repeat=True) if t.number in again else t for t in asked if t.status]
+        chosen = self.trials() if trials is None else trials
+        again = repeated(chosen)
+        return [
+            dataclasses.replace(t, repeat=True) if t.number in again else t for t in chosen if t.record.status
+        ]
 
     def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
             dataclasses.replace(t, outcome=None, second=None)
             for i, t in enumerate(trials)
-            if not t.status or i >= known
+            if not t.record.status or i >= known
         ]
 
 

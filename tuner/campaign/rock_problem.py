@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from nbv.cache import digest
-from nbv.config import IDEAL, Condition, MissionConfig, preset, under
+from nbv.config import IDEAL, Condition, MissionConfig, under
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
-from tuner.missions.registry import code_of
+from tuner.missions.registry import code_of, kind_on
 from tuner.problem.baselines import (
     ARMS,
     EVALUATION_BASELINES,
@@ -36,10 +35,11 @@ from tuner.problem.baselines import (
     tuned_configs,
 )
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
-from tuner.problem.instances import are_drawn, held_out_rocks_of, with_families
-from tuner.problem.objective import COUNTS, Objective, require_share
+from tuner.problem.goal import require_share
+from tuner.problem.instances import Instance, are_drawn, held_out_rocks_of, instances_over, with_families
+from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
-from tuner.problem.problem import Evaluated, Problem, Strategies
+from tuner.problem.problem import Evaluated, MissionProblem, Strategies
 from tuner.problem.search_space import SearchSpace, Values, value_at
 from tuner.problem.share import rocks_that_show
 
@@ -47,67 +47,66 @@ HIGHEST_DEG = 60.0
 MOST_ENDS = 256
 
 
-def with_overrides(space: SearchSpace, name: str, overrides: Mapping[str, Any]) -> MissionConfig:
-    """Return the preset with overrides and the fixed values of ``space``, at once: one may need the other."""
-    return preset(name).with_values({**overrides, **space.base})
+@dataclass(frozen=True, kw_only=True)
+class RockProblem(MissionProblem):
+    """Missions over rocks, or over families of rocks."""
 
-
-@dataclass(frozen=True)
-class RockProblem(Problem):
-    """What the settings of a campaign over rocks say of its missions."""
-
-    space: SearchSpace
-    preset: str
-    overrides: Mapping[str, Any]
-    rocks: tuple[str, ...]
+    base: MissionConfig
     conditions: tuple[Condition, ...]
-    campaign_fidelity: str  # the campaign's fidelity
+    fidelity_name: str  # the campaign's
 
-    instance_word = "rock"
-    code_word = "code"
     reference = "hyb-h"
 
-    def base_config(self) -> MissionConfig:
-        """Return the preset with overrides, the space's fixed values and the default ones."""
-        return self._base
+    @staticmethod
+    def of(
+        space: SearchSpace,
+        asked: MissionConfig,
+        rocks: Sequence[str],
+        conditions: Sequence[Condition],
+        fidelity: str,
+        *,
+        replicates: int,
+        budget: int,
+        seed: int,
+    ) -> RockProblem:
+        """Return the problem; ``asked``: the preset with overrides and the fixed values of ``space``.
 
-    @functools.cached_property
-    def _base(self) -> MissionConfig:
-        return self.space.config(with_overrides(self.space, self.preset, self.overrides), self._default)
+        Of a family every replicate is another rock: there are as many as the ``budget`` may need.
 
-    def default_values(self) -> Values:
-        """Return the paper's values, or those that the space has in their place."""
-        return dict(self._default)
+        Raises `UserError`: the space does not fit the preset; there is no such family; rocks beside families.
+        """
+        with_families(rocks)
+        instances = instances_over(rocks, [condition.name for condition in conditions])
+        if are_drawn(rocks):
+            replicates = max(replicates, -(-budget // len(instances)))
+        default = space.default(asked)
+        base = space.config(asked, default)
+        return RockProblem(
+            space=space,
+            instances=instances,
+            default=default,
+            replicates=replicates,
+            arms={**_arms(space, base), RockProblem.reference: default},
+            base=base,
+            seed=seed,
+            conditions=tuple(conditions),
+            fidelity_name=fidelity,
+        )
 
-    @functools.cached_property
-    def _default(self) -> Values:
-        return self.space.default(with_overrides(self.space, self.preset, self.overrides))
+    @property
+    def repeatable(self) -> tuple[Instance, ...]:
+        """The sets of photographs."""
+        return tuple(i for i in self.instances if kind_on(i.rock, self.fidelity_name).photographs == "taken")
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
         """Return the configuration at ``values`` under one of the campaign's conditions, or none."""
-        config = self._base.with_values(self.space.complete(values))
+        config = self.base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
 
-    def arms(self) -> dict[str, Values]:
-        """Return plain orbits and random views where the space holds them, all with the default's number, and the default."""
-        default, found = self.default_values(), dict[str, Values]()
-        for name in ARMS:
-            config = baseline(name).config(self._base)
-            values = {path: value_at(config, path) for path in self.space.paths}
-            if all(p.contains(values[p.path]) for p in self.space.parameters) and (
-                mission_key(self.config(values)) == mission_key(config)
-            ):
-                found[name] = self.space.settled(values)
-        return {**found, self.reference: default}
-
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         """Return the number of photographs where nothing ends a mission early."""
-        return photographs_metric(self.space, self.config, self._default, objective)
-
-    def check_instances(self, rocks: Sequence[str]) -> None:
-        """Raise `UserError` for a family that there is not, and for rocks beside families."""
-        with_families(rocks)
+        return photographs_metric(self.space, self.config, self.default, objective)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` for fewer photographs than all missions take, and for a share that few rocks cannot show."""
@@ -133,7 +132,7 @@ class RockProblem(Problem):
         found = list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), MOST_ENDS):
             with contextlib.suppress(UserError):  # ends that exclude one another
-                config = self.config({**self._default, **{p.path: end for p, end in zip(tuned, ends)}})
+                config = self.config({**self.default, **{p.path: end for p, end in zip(tuned, ends)}})
                 found.append(config.seed.total if config.stop.may_end_early else photographs(config))
         return min(found, default=0)
 
@@ -142,11 +141,8 @@ class RockProblem(Problem):
 
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
-        used = [plugin.facts for plugin in self.config(self._default).plugins_used]
-        return digest(code_of(self.campaign_fidelity), used) if used else code_of(self.campaign_fidelity)
-
-    def photographs(self, values: Mapping[str, Any]) -> int:
-        return photographs(self.config(values))
+        used = [plugin.facts for plugin in self.config(self.default).plugins_used]
+        return digest(code_of(self.fidelity_name), used) if used else code_of(self.fidelity_name)
 
     def held_out(self) -> tuple[str, ...]:
         """Return the procedural held-out rocks."""
@@ -164,12 +160,12 @@ class RockProblem(Problem):
         """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
         counted = self._counted(tuned)
         if names is None:
-            looking = target_must_be_located(self._base, _conditions_of_target(tuned))
+            looking = target_must_be_located(self.base, _conditions_of_target(tuned))
             names = (*EVALUATION_BASELINES, *(RETARGETED_ORBITS if looking else ()))
-        baselines = baseline_configs(list(names), self._base)
+        baselines = baseline_configs(list(names), self.base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
         controls, notes = where_photographed(equal, tuned.rocks)
-        arms = tuned_configs(self.config(tuned.values), self._base, counted)
+        arms = tuned_configs(self.config(tuned.values), self.base, counted)
         if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
             arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
         return Strategies({TUNED: arms.pop(TUNED), **controls, **arms}, notes)
@@ -187,7 +183,7 @@ class RockProblem(Problem):
 
     def provenance(self) -> tuple[str, str]:
         """Return the preset."""
-        return "mission preset", self.preset
+        return "mission preset", self.base.preset
 
     def can_run(self, values: Mapping[str, Any]) -> bool:
         """Return whether there is a configuration at ``values``."""
@@ -196,6 +192,19 @@ class RockProblem(Problem):
         except UserError:
             return False
         return True
+
+
+def _arms(space: SearchSpace, base: MissionConfig) -> dict[str, Values]:
+    """Return plain orbits and random views where the space holds them, all with the default's number."""
+    found = dict[str, Values]()
+    for name in ARMS:
+        config = baseline(name).config(base)
+        values = {path: value_at(config, path) for path in space.paths}
+        if all(p.contains(values[p.path]) for p in space.parameters) and (
+            mission_key(base.with_values(space.complete(values))) == mission_key(config)
+        ):
+            found[name] = space.settled(values)
+    return found
 
 
 def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:

@@ -191,12 +191,12 @@ class _Session:
         trials = self._ledger.trials()
         self._repeats = len(repeated(trials))
         self._taken = {t.photographs_taken for t in trials}
-        self._finished = sum(bool(t.status) for t in trials) - self._repeats
+        self._finished = sum(bool(t.record.status) for t in trials) - self._repeats
         for trial in trials:
-            if trial.status:
+            if trial.record.status:
                 continue
             try:
-                config = self._settings.config(trial.values, trial.condition)
+                config = self._settings.problem.config(trial.values, trial.condition)
             except UserError as error:
                 self._count(self._refuse(trial, error))
                 continue
@@ -210,7 +210,9 @@ class _Session:
 
     def _does_not_count(self, trial: Trial, ended: Trial) -> bool:
         """Return whether the end does not count: the machine failed, or the mesh has been replaced since."""
-        return ended.infrastructure_failure or self._reproducibility.is_another(trial, ended.rock_sha256)
+        return ended.infrastructure_failure or self._reproducibility.is_another(
+            trial, ended.record.rock_sha256
+        )
 
     # -- what `run_jobs` asks ---------------------------------------------------------------------------------------
 
@@ -266,18 +268,19 @@ class _Session:
         else:
             in_step = self._settings.in_step
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
-            if in_step is not None and not all(t.status for t in trials[:known]):
+            if in_step is not None and not all(t.record.status for t in trials[:known]):
                 return None  # its turn comes when they have ended
-            proposal = self._stop.computed(lambda: self.campaign.propose(trials, known))
+            (proposal,) = self._stop.computed(lambda: self.campaign.propose(trials, known)) or (None,)
             self._ask_s += time.monotonic() - started
         if proposal is None:
             return None
-        instance, replicate = next_block(self._settings.instances, self._settings.blocks, trials, proposal)
+        problem = self._settings.problem
+        instance, replicate = next_block(problem.instances, problem.replicates, trials, proposal)
         enter = functools.partial(
             self._ledger.start, proposal, instance, replicate, self._reproducibility.code
         )
         try:
-            config = self._settings.config(proposal.values, instance.condition)
+            config = self._settings.problem.config(proposal.values, instance.condition)
         except UserError as error:  # some values exclude one another
             return self._refuse(enter(), error)
         trial = enter(config.digest())
@@ -285,12 +288,12 @@ class _Session:
 
     def _has_run_all(self, trials: Sequence[Trial]) -> bool:
         """Return whether every configuration has run with every replicate in every instance: what follows would be repeats."""
-        s = self._settings
-        every = s.space.size * len(s.instances) * s.blocks
+        p = self._settings.problem
+        every = p.space.size * len(p.instances) * p.replicates
         if len(trials) < every:
             return False
-        run = {(configuration_key(s.space, t.values), t.instance, t.replicate) for t in trials}
-        return sum(replicate < s.blocks for _, _, replicate in run) >= every
+        run = {(configuration_key(p.space, t.values), t.instance, t.replicate) for t in trials}
+        return sum(replicate < p.replicates for _, _, replicate in run) >= every
 
     def _no_planned_view_can_register(self, trials: Sequence[Trial]) -> bool:
         """Return whether no planned photograph of the first `FIRST_FEW` missions registered in the sparse model, and no tuned
@@ -299,7 +302,11 @@ class _Session:
         if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
             return False
         if self._nothing_registers is None:
-            traces = [MissionResult.load(t.path).trace for t in few if (t.path / RESULT).is_file()]
+            traces = [
+                MissionResult.load(t.record.directory).trace
+                for t in few
+                if (t.record.directory / RESULT).is_file()
+            ]
             self._nothing_registers = len(traces) == FIRST_FEW and all(
                 trace and not any(record.registered for record in trace) for trace in traces
             )
@@ -307,38 +314,38 @@ class _Session:
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
-        return self._ledger.finish(
-            trial.number, dataclasses.replace(trial, status="failed", reason=REFUSED, message=str(why))
-        )
+        record = dataclasses.replace(trial.record, status="failed", message=str(why))
+        return self._ledger.finish(trial.number, dataclasses.replace(trial, reason=REFUSED, record=record))
 
     def _finish(self, ended: Trial) -> Trial | None:
-        trial = self._in_flight.pop(ended.job_id)
+        trial = self._in_flight.pop(ended.record.job_id)
         if ended.infrastructure_failure:  # the trial stays open: neither counted nor learned from
             self._infrastructure_failures += 1
             self._note_failure(ended)
             self._last_infrastructure_failure = self._last_failure
-            self._emit("lost", trial, message=f"{ended.reason}: {ended.message}")
+            self._emit("lost", trial, message=f"{ended.reason}: {ended.record.message}")
             return None
         self._require_measured(ended)
         return self._enter(trial, ended)
 
     def _note_failure(self, trial: Trial) -> None:
         self._failures_in_row += 1
-        self._last_failure = f"{trial.reason!r}" + (f" ({trial.message})" if trial.message else "")
+        self._last_failure = f"{trial.reason!r}" + (
+            f" ({trial.record.message})" if trial.record.message else ""
+        )
 
     def _require_measured(self, ended: Trial) -> None:
         """Raise `UserError` where the first missions end well without a metric that they are tuned for."""
         s = self._settings
-        if ended.status != "failed" and not any(t.state == "complete" for t in self._ledger.trials()):
-            objectives = [o for o in (s.objective, s.second) if o is not None]
-            s.problem.require_measured(objectives, {**ended.metrics, "costs": ended.costs})
+        if ended.record.status != "failed" and not any(t.state == "complete" for t in self._ledger.trials()):
+            s.problem.require_measured(s.goal.objectives, {**ended.metrics, "costs": ended.costs})
 
     def _enter(self, trial: Trial, ended: Trial) -> Trial:
-        self._reproducibility.require(trial, ended.rock_sha256)
+        self._reproducibility.require(trial, ended.record.rock_sha256)
         return self._ledger.finish(trial.number, ended)
 
     def _count(self, trial: Trial) -> None:
-        if trial.photographs and trial.photographs_taken in self._taken:
+        if trial.record.photographs and trial.photographs_taken in self._taken:
             self._repeats, self._repeats_in_row = self._repeats + 1, self._repeats_in_row + 1
             self._emit("finished", trial, message="repeats the photographs of an earlier trial")
             return
@@ -348,10 +355,10 @@ class _Session:
         if trial.state == "failed":
             if trial.reason != REFUSED:
                 self._note_failure(trial)
-            self._emit("failed", trial, message=trial.message)
+            self._emit("failed", trial, message=trial.record.message)
         else:
             self._failures_in_row = 0
-            self._emit("finished", trial, message=trial.message)
+            self._emit("finished", trial, message=trial.record.message)
         last = self._finished >= self._settings.budget  # whose recommendation the summary has
         if self.recommend_every and self._finished % self.recommend_every == 0 and not last:
             best = self._stop.computed(self.campaign.recommendation)
@@ -377,7 +384,7 @@ class ProposalPrefetch:
         self._campaign = campaign
         self._ready: collections.deque[Proposal] = collections.deque()
         self._thread = concurrent.futures.ThreadPoolExecutor(1)
-        self._asked: concurrent.futures.Future[list[Proposal]] | None = None
+        self._computing: concurrent.futures.Future[list[Proposal]] | None = None
 
     def next(self, trials: Sequence[Trial], workers: int, left: int) -> Proposal | None:
         """Return the next proposal after ``trials``; ``left``: how many more the budget allows.
@@ -387,25 +394,25 @@ class ProposalPrefetch:
         self._collect()
         batch = max(2, min(workers // SHARE, MAX_BATCH))
         left -= len(self._ready)
-        if self._asked is None and left > 0 and len(self._ready) < batch:
-            self._asked = self._thread.submit(
-                self._campaign.propose_many, list(trials), list(self._ready), min(batch, left)
+        if self._computing is None and left > 0 and len(self._ready) < batch:
+            self._computing = self._thread.submit(
+                self._campaign.propose, list(trials), len(trials), min(batch, left), list(self._ready)
             )
         return self._ready.popleft() if self._ready else None
 
     @property
     def has_pending(self) -> bool:
         """Whether a batch of proposals is being computed."""
-        return self._asked is not None
+        return self._computing is not None
 
     def close(self) -> None:
         """Drop the prefetched proposals; a batch that is being computed ends first, in seconds."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _collect(self) -> None:
-        if self._asked is not None and self._asked.done():
-            asked, self._asked = self._asked, None
-            self._ready.extend(asked.result())
+        if self._computing is not None and self._computing.done():
+            computed, self._computing = self._computing, None
+            self._ready.extend(computed.result())
 
 
 class ReproducibilityCheck:
@@ -424,11 +431,11 @@ class ReproducibilityCheck:
         if accept:
             return
         trials = campaign.trials()
-        known = [t for t in trials if t.code]
-        if known and known[-1].code != self.code:
+        known = [t for t in trials if t.record.code]
+        if known and known[-1].record.code != self.code:
             self._ask(f"the {problem.code_word} of its missions changed after trial {known[-1].number}")
         for trial in trials:
-            self._remember(trial, trial.rock_sha256)
+            self._remember(trial, trial.record.rock_sha256)
 
     def require(self, trial: Trial, rock_sha256: str) -> None:
         """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""

@@ -10,37 +10,33 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import (
-    IDEAL,
     IDEAL_CONDITION,
     PRESETS,
     Condition,
+    MissionConfig,
     condition_from_dict,
     load_conditions,
+    preset,
     require_distinct,
 )
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.rock_choice import procedural_rocks
-from tuner.campaign.rock_problem import RockProblem, with_overrides
+from tuner.campaign.rock_problem import RockProblem
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.external.problem import MissionFileProblem
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, FIDELITIES
 from tuner.problem.deterministic_metrics import DeterministicMetrics
-from tuner.problem.instances import (
-    Instance,
-    are_drawn,
-    instances_over,
-    require_rocks,
-    training_rock,
-)
+from tuner.problem.goal import Goal
+from tuner.problem.instances import require_rocks
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
-from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES
-from tuner.problem.problem import Problem
-from tuner.problem.search_space import Configuration, SearchSpace, Values
+from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES, Block, Proposal
+from tuner.problem.problem import MissionProblem
+from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.recommendation.inputs import Goal
+from tuner.samplers.base import SamplerSettings
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import SAMPLERS
 
@@ -251,28 +247,30 @@ class CampaignSettings(Section):
         super().__post_init__()
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
-        if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
-            asked = with_overrides(self.space, self.preset, self.overrides)
-            object.__setattr__(self, "space", self.space.with_defaults(self.overrides).fitted(asked))
+        FIDELITIES.require(self.fidelity)
         require_rocks(self.rocks)
         require_distinct(self.conditions)
+        if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
+            space = self.space.with_defaults(self.overrides).fitted(self._asked(self.space))
+            object.__setattr__(self, "space", space)
         if twice := set(self.compare_on) & set(self.rocks):
             raise UserError(
                 f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
             )
-        FIDELITIES.require(self.fidelity)
         self._check_mission()
         self._check_options()
-        self.default_values()  # the space must fit the preset
         self._check_conditions()
         self._check_limit()
+
+    def _asked(self, space: SearchSpace) -> MissionConfig:
+        """Return the preset with overrides and the fixed values of ``space``, at once: one may need the other."""
+        return preset(self.preset).with_values({**self.overrides, **space.base})
 
     def _check_mission(self) -> None:
         if (self.fidelity == EXTERNAL) != (self.mission is not None):
             raise UserError(
                 "the fidelity external and a mission file belong together; name one with --mission"
             )
-        self.problem.check_instances(self.rocks)
         if self.mission is None:
             return
         for what, given in {
@@ -296,7 +294,7 @@ class CampaignSettings(Section):
                         raise UserError(
                             f"{path} is set by condition {condition.name!r} and by {what}; leave one of them out"
                         )
-            self.config(self.default_values(), condition.name)
+            self.problem.config(self.problem.default, condition.name)
 
     def _check_options(self) -> None:
         asked = {
@@ -321,99 +319,84 @@ class CampaignSettings(Section):
             self.problem.check_limit(self.second, self.limit)
 
     @functools.cached_property
-    def exact(self) -> DeterministicMetrics:
-        """The objectives that the configuration alone decides, before any mission has contradicted that."""
-        of = self.problem.deterministic_metric
-        return DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
-
-    @property
-    def goal(self) -> Goal:
-        """The objectives and the limit, before any mission has run."""
-        return Goal(self.objective, self.second, self.limit, self.exact)
-
-    @property
-    def blocks(self) -> int:
-        """Replicates per instance; of a family, where each replicate is another rock, as many as the budget may need."""
-        return (
-            max(self.replicates, -(-self.budget // len(self.instances)))
-            if self.draws_rocks
-            else self.replicates
+    def problem(self) -> MissionProblem:
+        """What a trial is: a mission over rocks, or that of a mission file."""
+        if self.mission is not None:
+            return MissionFileProblem.of(self.mission, self.rocks, self.replicates)
+        return RockProblem.of(
+            self.space,
+            self._asked(self.space),
+            self.rocks,
+            self.conditions,
+            self.fidelity,
+            replicates=self.replicates,
+            budget=self.budget,
+            seed=self.seed,
         )
-
-    @property
-    def draws_rocks(self) -> bool:
-        """Whether every mission meets a fresh rock of a family."""
-        return are_drawn(self.rocks)
-
-    def drawn_rock(self, rock: str, replicate: int) -> str:
-        """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""
-        return training_rock(rock, replicate, self.seed)
-
-    @property
-    def instances(self) -> tuple[Instance, ...]:
-        """Every rock under every condition, in the order in which missions take them."""
-        return instances_over(self.rocks, [condition.name for condition in self.conditions])
 
     @functools.cached_property
-    def problem(self) -> Problem:
-        """What is tuned: missions over rocks, or the one of a mission file."""
-        if self.mission is not None:
-            return MissionFileProblem(self.mission)
-        return RockProblem(
-            self.space, self.preset, self.overrides, self.rocks, self.conditions, self.fidelity
+    def goal(self) -> Goal:
+        """What is good, before any mission has contradicted what the configuration alone decides."""
+        of = self.problem.deterministic_metric
+        exact = DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
+        return Goal(self.objective, self.second, self.limit, exact)
+
+    @functools.cached_property
+    def search(self) -> SamplerSettings:
+        """What the sampler is made from, beside the missions of earlier campaigns."""
+        return SamplerSettings(
+            self.problem,
+            self.seed,
+            self.initial_size(),
+            self.goal,
+            budget=self.budget,
+            arms=self._arms,
+            trusted_default=self._trusted_default,
         )
 
-    def base_config(self) -> Configuration:
-        """Return the configuration on which conditions and tuned values are laid."""
-        return self.problem.base_config()
-
-    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
-        """Return the configuration at tuned ``values``, under one of the campaign's conditions or none."""
-        return self.problem.config(values, condition)
-
-    def default_values(self) -> Values:
-        """Return the values at which every sampler starts."""
-        return self.problem.default_values()
-
     @property
-    def trusted_default(self) -> bool:
+    def _trusted_default(self) -> bool:
         """Whether half of the initial design stays near the default, whose values were chosen by hand.
 
         Not where the cheapest is sought: that is far away. Other samplers keep the designs their authors recommend.
         """
-        return self.sampler == "gp" and (self.second is None or self.exact.first is None)
+        return self.sampler == "gp" and (self.second is None or self.goal.exact.first is None)
 
     @functools.cached_property
-    def arms(self) -> dict[str, Values]:
-        """The plain plans that run in every campaign, as values by strategy, the default among them."""
-        return self.problem.arms()
+    def _arms(self) -> tuple[Proposal, ...]:
+        """The missions that come first: every plain plan on the same blocks, block by block, the default before the others.
 
-    @property
-    def arm_blocks(self) -> int:
-        """Blocks on which every arm runs first: all replicates in every instance, as far as two thirds of the budget go.
-
-        One where rocks are drawn and the default is the only arm: there it runs beside all that is proposed.
+        Blocks are all replicates in every instance, as far as two thirds of the budget go; one where rocks are drawn and the
+        default is the only plan: there it runs beside all that is proposed.
         """
-        if self.draws_rocks and len(self.arms) == 1:
-            return 1
-        share = self.budget // 2 if len(self.arms) == 1 else 2 * self.budget // 3
-        most = share if self.initial is None else min(self.initial, self.budget)
-        return max(1, min(len(self.instances) * self.replicates, most // len(self.arms)))
+        problem, reference = self.problem, self.problem.reference
+        names = tuple(dict.fromkeys([reference, *problem.arms]))
+        share = self.budget // 2 if len(names) == 1 else 2 * self.budget // 3
+        if (
+            self.initial is not None
+        ):  # a resume is told the length of the design, which lies beyond that of the arms
+            share = min(self.initial, share)
+        count = max(1, min(len(problem.instances) * self.replicates, share // len(names)))
+        if problem.draws_rocks and len(names) == 1:
+            count = 1
+        blocks = [(instance, k) for k in range(count) for instance in problem.instances][:count]
 
-    @property
-    def arm_missions(self) -> int:
-        """Missions of the arms, which come first."""
-        return min(self.budget, self.arm_blocks * len(self.arms))
+        def proposal(name: str, block: Block) -> Proposal:
+            metadata = {"phase": "default" if name == reference else "arm", "arm": name}
+            on = block if len(names) > 1 else (None, None)  # one alone takes blocks in turn
+            return Proposal(dict(problem.arms[name]), metadata, *on)
+
+        return tuple(proposal(name, block) for block in blocks for name in names)[: self.budget]
 
     def initial_size(self) -> int:
-        """Missions of the initial design, those of the arms included."""
+        """Missions of the initial design, those of the plain plans included."""
         if self.initial is not None:
             return min(self.initial, self.budget)
-        behind_arms = self.arm_missions - 1
+        behind_arms = len(self._arms) - 1
         return behind_arms + initial_design_size(
             self.space.dimension,
             self.budget,
-            trusted_default=self.trusted_default,
+            trusted_default=self._trusted_default,
             earlier=bool(self.sources),
         )
 

@@ -26,8 +26,9 @@ from tuner.campaign.rock_choice import (
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, mission_kind
+from tuner.problem.goal import asked_goal
 from tuner.problem.instances import with_families
-from tuner.problem.objective import Direction, asked_objective, reached
+from tuner.problem.objective import Direction, reached
 from tuner.problem.search_space import builtin
 
 SETTINGS_FILE = "campaign.yaml"
@@ -102,7 +103,7 @@ def _with_objectives_expanded(
     full = dict(tree)
     for key in ("second", "objective"):
         if isinstance(tree.get(key), str):
-            asked = asked_objective(tree[key], directions)
+            asked = asked_goal(tree[key], directions)
             full[key] = SETTINGS[key].to_yaml(asked.objective)
             if asked.second is not None:
                 full |= {"second": SETTINGS["second"].to_yaml(asked.second), "limit": asked.limit}
@@ -257,10 +258,10 @@ def _require_metrics(settings: CampaignSettings) -> None:
     kind = mission_kind(settings.fidelity)
     if not (kind.truth or kind.predicts):
         return
-    thresholds = builtin(settings.base_config()).evaluation.thresholds_mm
+    thresholds = builtin(settings.problem.base).evaluation.thresholds_mm
     measured = PREDICTED if kind.predicts else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
-    for objective in filter(None, (settings.objective, settings.second)):
+    for objective in settings.goal.objectives:
         share = reached(objective.metric)
         *surface, key = (share[0] if share else objective.metric).split(".")
         if surface[:1] == ["registered"]:

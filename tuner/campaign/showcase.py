@@ -23,13 +23,14 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None or not mission_kind(s.fidelity).uses_catalogue:
         return []
-    instance = s.instances[0]
+    problem = s.problem
+    instance = problem.instances[0]
     jobs: dict[str, MissionJob] = {}
     for name, values in (("default", best.default_values), ("recommended", best.values)):
-        config = s.config(values, instance.condition)
+        config = problem.config(values, instance.condition)
         folder = campaign.directory / SHOWN / name
         job = MissionJob(
-            f"{SHOWN}-{name}", config, s.drawn_rock(instance.rock, 0), 0, folder, "all", s.fidelity
+            f"{SHOWN}-{name}", config, problem.drawn_rock(instance.rock, 0), 0, folder, "all", s.fidelity
         )
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())
@@ -44,4 +45,4 @@ def run_showcase(campaign: Campaign, executor: Executor) -> None:
 def was_run(job: MissionJob) -> bool:
     """Return whether the job's directory holds a finished mission of the job's configuration."""
     trial = load_trial(job)
-    return trial is not None and trial.status != "failed"
+    return trial is not None and trial.record.status != "failed"

@@ -29,7 +29,7 @@ def simplified(campaign: Campaign) -> list[Proposal]:
         return []
     trials, space = campaign.trials(), s.space
     own = [t for t in trials if t.state == "complete" and t.values == best.values]
-    if not own or not all(t.photographs for t in own):
+    if not own or not all(t.record.photographs for t in own):
         return []
     values = dict(best.values)
     for paths in _parts(best.changed):
@@ -51,9 +51,9 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _same_photographs(campaign: Campaign, own: Sequence[Trial], values: Values) -> bool:
-    config = campaign.settings.config
+    config = campaign.settings.problem.config
     return all(
-        known_photographs(campaign.job(trial, config(values, trial.condition))) == trial.photographs
+        known_photographs(campaign.job(trial, config(values, trial.condition))) == trial.record.photographs
         for trial in own
     )
 

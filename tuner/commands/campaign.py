@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +15,7 @@ from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import run_campaign
+from tuner.campaign.events import CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings
 from tuner.campaign.shipped import SHIPPED
@@ -54,10 +55,10 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
-from tuner.comparison.of_campaign import end_of_campaign
+from tuner.comparison.of_campaign import PlannedComparison
+from tuner.jobs import run_to_end
 from tuner.missions import executors
 from tuner.missions.registry import mission_kind
-from tuner.problem.objective import objective_text
 from tuner.report.answer import use_sentence
 from tuner.report.labels import duration
 
@@ -234,7 +235,7 @@ def _row(directory: Path) -> dict[str, Any]:
         answer = f"not computed yet: gatetune campaign status {directory}"
     return {
         **row,
-        "objective": objective_text(s.objective, s.second, s.limit),
+        "objective": str(s.goal),
         "place": s.problem.instance_word,
         "rocks": s.rocks,
         "conditions": [condition.name for condition in s.conditions],
@@ -267,7 +268,7 @@ def run_and_report(
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )
-    note_dense_stage(mission_kind(settings.fidelity), settings.base_config())
+    note_dense_stage(mission_kind(settings.fidelity), settings.problem.base)
     about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
     if remaining := campaign.status().remaining:
         then = "; then a comparison" if settings.compare_on else ""
@@ -283,30 +284,39 @@ def run_and_report(
                 else ""
             )
         )
-    with executor:
-        with CampaignProgress(settings, about_s) as progress:
-            summary = run_campaign(
-                campaign,
-                executor,
-                (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
-                recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
-                accept_changes=accept_changes,
-            )
-        if summary.stopped == "interrupted":  # and the prompt is back at once
-            where = shlex.join([str(campaign.directory), *settings.problem.options()])
-            output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
+    with executor, contextlib.ExitStack() as shown:
+        progress = shown.enter_context(CampaignProgress(settings, about_s))
+
+        def searched(summary: CampaignSummary) -> None:
+            shown.close()
+            if summary.stopped == "interrupted":  # and the prompt is back at once
+                where = shlex.join([str(campaign.directory), *settings.problem.options()])
+                output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
+                output.print(
+                    f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
+                )
+                raise typer.Exit(130)
+            if not comparing(summary):
+                show_recommendation(summary.recommendation, campaign)
             output.print(
-                f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
+                f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
             )
-            raise typer.Exit(130)
-        comparing = bool(settings.compare_on and summary.found)
-        if not comparing:
-            show_recommendation(summary.recommendation, campaign)
-        output.print(
-            f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
+            if comparing(summary):
+                output.print(f"preparing the comparison, {LOADING_ROCKS}")
+
+        def comparing(summary: CampaignSummary) -> bool:
+            return bool(settings.compare_on and summary.found)
+
+        summary = run_to_end(
+            campaign,
+            executor,
+            (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
+            searched=searched,
+            compare=lambda planned: show_comparison(campaign, planned, executor),
+            recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
+            accept_changes=accept_changes,
         )
-        if comparing:
-            compare_strategies(campaign, executor)
+        if comparing(summary):
             show_recommendation(summary.recommendation, campaign)
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
@@ -314,16 +324,13 @@ def run_and_report(
         raise typer.Exit(1)
 
 
-def compare_strategies(campaign: Campaign, executor: executors.Executor) -> None:
+def show_comparison(campaign: Campaign, planned: PlannedComparison, executor: executors.Executor) -> None:
     """Run the recommendation, the paper's strategies and the controls on held-out and training rocks; print the table.
 
     What has been run before is not run again.
     """
     from tuner.report import comparison
 
-    with working(f"preparing the comparison, {LOADING_ROCKS}"):
-        planned = end_of_campaign(campaign)
-    assert planned is not None, "the campaign asks for one"
     plan = planned.plan
     output.print(
         f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"

@@ -44,7 +44,9 @@ class CampaignProgress(MissionProgress):
         if self._began is None:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
-            self.launched(str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.path)
+            self.launched(
+                str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.record.directory
+            )
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
             self._failed += event.kind == "failed"
             self.ended(str(trial.number), mission_line(event, self._settings))
@@ -68,7 +70,7 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
     elif (seconds := mission_kind(s.fidelity).seconds) is not None:
-        one_s = seconds(builtin(s.config(s.default_values())))
+        one_s = seconds(builtin(s.problem.config(s.problem.default)))
     return one_s * status.remaining / max(1, workers)
 
 
@@ -97,12 +99,12 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
     elif event.kind == "failed":
         outcome = f"failed: {trial.reason} {event.message}"
     else:
-        mark = " degraded" if trial.status == "degraded" else ""
+        mark = " degraded" if trial.record.status == "degraded" else ""
         second = trial.measured(settings.second) if settings.second else None
         also = f" at {number_text(second)}" if second is not None else ""
         raw = trial.raw or 0.0
-        value = f"{f'{raw:g}' if settings.exact.first else number_text(raw):>7}{also}{mark}"
-        outcome = f"{value} {trial.wall_s:4.0f} s  {trial.metadata.get('phase', '')}"
+        value = f"{f'{raw:g}' if settings.goal.exact.first else number_text(raw):>7}{also}{mark}"
+        outcome = f"{value} {trial.record.wall_s:4.0f} s  {trial.record.metadata.get('phase', '')}"
     line = f"#{trial.number:04d} {trial.instance.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
@@ -119,8 +121,10 @@ def event_line(event: CampaignEvent) -> str:
         fields["message"] = event.message
     if (t := event.trial) is not None:
         fields["mission"] = t.number
-        for name in ("rock", "condition", "replicate", "values", "status", "reason", "wall_s", "directory"):
+        for name in ("rock", "condition", "replicate", "values", "reason"):
             fields[name] = getattr(t, name)
+        for name in ("status", "wall_s", "directory"):
+            fields[name] = getattr(t.record, name)
         fields["value"] = t.raw
     if (best := event.recommendation) is not None:
         fields["recommendation"] = {"keep_default": best.keep_default, **best.to_dict()}

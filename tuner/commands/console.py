@@ -183,9 +183,9 @@ class ComparisonProgress(MissionProgress):
         else:
             value = trial.value(self._metric)
             text = "not measured" if value is None else number_text(value)
-            if trial.status == "failed":
-                text = f"failed: {trial.reason} {trial.message}"
-            line = f"{strategy:<22} {instance.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
+            if trial.record.status == "failed":
+                text = f"failed: {trial.reason} {trial.record.message}"
+            line = f"{strategy:<22} {instance.label:<16} r{job.replicate} {text}  {trial.record.wall_s:.0f} s"
             self.ended(job.id, line)
         self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 

@@ -102,7 +102,7 @@ def export(
     for line in advice_lines(advice, best, campaign.settings):
         _say(line)
     strategy = strategy or base_name(advice.fly)
-    if strategy == base_name(advice.fly) and strategy not in (TUNED, *campaign.settings.arms):
+    if strategy == base_name(advice.fly) and strategy not in (TUNED, *campaign.settings.problem.arms):
         return _export_outside(campaign, advice, to, home, out)
     best = _asked(campaign, best, strategy)
     if to is Format.plan:
@@ -198,7 +198,7 @@ def _export_outside(
 
 def _asked(campaign: Campaign, best: Recommendation, strategy: str) -> Recommendation:
     """The recommendation, or with its values those of the plain plan that is named or advised."""
-    arms = campaign.settings.arms
+    arms = campaign.settings.problem.arms
     if strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
         return best
     if strategy not in arms:
@@ -213,7 +213,7 @@ def _export_plan(
 ) -> None:
     """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
     s, run = campaign.settings, campaign.directory
-    config = s.config(best.values, s.conditions[0].name)
+    config = s.problem.config(best.values, s.conditions[0].name)
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
@@ -223,7 +223,7 @@ def _export_plan(
     own = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
     if math.isnan(best.improvement):
         raise UserError(f"{best.plain} plans views, which hold for one target: {own}")
-    source, shown = _recommended_mission(run), Path(s.drawn_rock(s.rocks[0], 0)).stem
+    source, shown = _recommended_mission(run), Path(s.problem.drawn_rock(s.rocks[0], 0)).stem
     if rock is None or Path(rock).stem != shown:
         raise UserError(
             f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {own}"

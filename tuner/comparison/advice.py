@@ -69,14 +69,14 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
 def training_results(campaign: Campaign, best: Recommendation) -> Results:
     """Return the campaign's trials of the recommendation and of the plain plans, with the records of confirmations."""
     s, trials = campaign.settings, campaign.trials()
-    names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.arms}
+    names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.problem.arms}
     records = [
-        dataclasses.replace(t, strategy=name, rock=s.drawn_rock(t.rock, t.replicate))
+        dataclasses.replace(t, strategy=name, rock=s.problem.drawn_rock(t.rock, t.replicate))
         for name, values in names.items()
         for t in trials
-        if t.status and dict(t.values) == dict(values)
+        if t.record.status and dict(t.values) == dict(values)
     ]
-    configs = {name: s.config(values) for name, values in names.items()}
+    configs = {name: s.problem.config(values) for name, values in names.items()}
     for where, plan in evaluations(campaign, TRAINING, configs[TUNED]):
         renamed = {
             name: next((n for n, c in configs.items() if mission_key(c) == mission_key(own)), name)
@@ -142,7 +142,7 @@ class Advice:
 def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     """Return the advice from everything in the campaign's directory; ``best``: its recommendation."""
     s = campaign.settings
-    tuned, quality = s.config(best.values), asked_of(s).shown
+    tuned, quality = s.problem.config(best.values), asked_of(s).shown
     reference = s.problem.reference
     found = held_out_results(campaign, tuned)
     if found is None or not _plain(found.strategies, reference):
@@ -218,7 +218,7 @@ def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | 
             return Next.FLY_PLAIN
         return Next.TRY_PLANNERS if advice.is_plain and advice.planners_may_gain else Next.FLY
     rival = best.runner_up
-    if best.keep_default and len(s.arms) == 1:
+    if best.keep_default and len(s.problem.arms) == 1:
         hopeless = rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd)
         return Next.KEEP if hopeless else Next.MORE
     return Next.EVALUATE if s.problem.held_out() else Next.CONFIRM

@@ -262,7 +262,9 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
     ]
     taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
     ended = missions_at[:1] if source in of else missions_at
-    failed = tuple(t for missions in ended for own in missions.values() for t in own if t.status == "failed")
+    failed = tuple(
+        t for missions in ended for own in missions.values() for t in own if t.record.status == "failed"
+    )
     if name == BY_HEIGHT:
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
             [_believed_height_m(target.rock, suite.base_of(target), suite.fidelity) for target in targets]
@@ -316,7 +318,7 @@ def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list
             of_reason.setdefault(trial.reason, []).append(trial)
         for reason, failed in of_reason.items():
             labels, first = tuple(dict.fromkeys(t.instance.label for t in failed)), failed[0]
-            example = f"{first.strategy} on {first.instance.label}: {first.message}"
+            example = f"{first.strategy} on {first.instance.label}: {first.record.message}"
             found.append(Zero(_strategy_run(one.name), labels, reason, len(failed), example))
         ran = np.array([target not in {trial.instance for trial in one.failed} for target in targets])
         if (lacking := (one.scores == 0.0) & ran).any():

@@ -144,7 +144,7 @@ def read_enough(
     whole = next(iter(everything.records), None)
     reached = None if whole is None else whole.value(metric)
     if whole is None or reached is None:
-        why = "" if whole is None else f" ({whole.reason}: {whole.message})"
+        why = "" if whole is None else f" ({whole.reason}: {whole.record.message})"
         raise UserError(f"the mission with all photographs gave no {metric}{why}")
     asked = keep_percent / 100.0 * reached
     found: dict[str, list[Point]] = {way: [] for way in WAYS}

@@ -41,7 +41,7 @@ class MissionObjective:
     @property
     def default(self) -> Values:
         """The paper's values by path."""
-        return self.settings.default_values()
+        return self.settings.problem.default
 
     def __call__(self, values: Mapping[str, Any] | Sequence[float]) -> float:
         """The metric in its own unit and direction.
@@ -63,17 +63,17 @@ class MissionObjective:
             A path is not in the space, or a value is out of its range.
         """
         s, found = self.settings, self._by_path(values)
-        run, outcomes = mission_function(s.fidelity), list[float]()
-        for instance in s.instances:
-            config = s.config(found, instance.condition)
+        run, measurements = mission_function(s.fidelity), list[float]()
+        for instance in s.problem.instances:
+            config = s.problem.config(found, instance.condition)
             for replicate in range(s.replicates):
-                result = run(config, s.drawn_rock(instance.rock, replicate), replicate, None)
+                result = run(config, s.problem.drawn_rock(instance.rock, replicate), replicate, None)
                 measured = {**result.metrics, "costs": result.costs}
-                outcome, _ = s.objective.outcome(result.status, measured)
-                if outcome is None:
+                value, _ = s.objective.value_or_reason(result.status, measured)
+                if value is None:
                     return self.failed
-                outcomes.append(outcome)
-        return sum(outcomes) / len(outcomes)
+                measurements.append(value)
+        return sum(measurements) / len(measurements)
 
     def _by_path(self, values: Mapping[str, Any] | Sequence[float]) -> Values:
         parameters = {p.path: p for p in self.settings.space.parameters}

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
@@ -26,7 +26,8 @@ from tuner.problem.baselines import (
     baseline_configs,
     reference_of,
 )
-from tuner.problem.objective import COUNTS, Objective
+from tuner.problem.goal import Goal
+from tuner.problem.objective import Objective
 from tuner.problem.problem import Evaluated
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
@@ -37,32 +38,16 @@ HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparis
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """The metrics in which strategies are compared, and the loss of quality that still counts as none."""
+    """The goal by which strategies are compared, and the loss of quality that still counts as none."""
 
-    objective: Objective
-    second: Objective | None = None
-    limit: float | None = None  # of the second, its unit
+    goal: Goal = field(default_factory=Goal)
     margin: float = DEFAULT_MARGIN  # of the quality, its unit
-    decided: frozenset[str] = frozenset(
-        COUNTS
-    )  # metrics that the configuration decides: they have no interval
-    instance_word: str = "rock"  # what missions run on, as `Problem.instance_word`
-
-    @property
-    def counts(self) -> list[Objective]:
-        """Those objectives that the configuration decides."""
-        return [o for o in (self.objective, self.second) if o is not None and o.metric in self.decided]
-
-    @property
-    def quality(self) -> Objective | None:
-        """The objective that missions decide; None where the configuration decides all."""
-        both = (self.objective, self.second)
-        return next((o for o in both if o is not None and o.metric not in self.decided), None)
+    instance_word: str = "rock"  # what missions run on, as `MissionProblem.instance_word`
 
     @property
     def shown(self) -> Objective:
         """The quality, or the objective where the configuration decides all."""
-        return self.quality or self.objective
+        return self.goal.quality or self.goal.objective
 
 
 @dataclass(frozen=True)
@@ -149,12 +134,14 @@ def confirmation(
     if found.keep_default:
         return None
     controls, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
-    first = max([s.blocks, *(trial.replicate + 1 for trial in source.trials())])  # that nothing has run
-    if s.draws_rocks:
-        chosen = tuple(s.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
+    first = max(
+        [s.problem.replicates, *(trial.replicate + 1 for trial in source.trials())]
+    )  # that nothing has run
+    if s.problem.draws_rocks:
+        chosen = tuple(s.problem.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
-        {TUNED: s.config(found.values), "default": s.config(s.default_values()), **controls},
+        {TUNED: s.problem.config(found.values), "default": s.problem.config(s.problem.default), **controls},
         chosen,
         replicates,
         first_replicate=first,
@@ -197,7 +184,7 @@ def reproduction(
     return PlannedComparison(
         plan,
         reference_of(configs, "hyb-h"),
-        ComparisonSpec(Objective("whole.completeness_48mm")),
+        ComparisonSpec(Goal(Objective("whole.completeness_48mm"))),
         f"Table I reproduced with preset {base.preset}: {how}",
         Path("runs/reproduce"),
     )
@@ -230,11 +217,7 @@ def _evaluated(
 
 def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:
     """What the campaign was asked for."""
-    exact = settings.exact
-    computed = {cost.objective.metric for cost in (exact.first, exact.second) if cost is not None}
-    decided = frozenset({*COUNTS, *computed})
-    word = settings.problem.instance_word
-    return ComparisonSpec(settings.objective, settings.second, settings.limit, margin, decided, word)
+    return ComparisonSpec(settings.goal, margin, settings.problem.instance_word)
 
 
 def _notes(found: Recommendation) -> tuple[str, ...]:

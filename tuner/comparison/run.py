@@ -38,7 +38,7 @@ class EvaluationRun:
 
     def __repr__(self) -> str:
         """``EvaluationRun(tuned, hyb-h on arch, fin: 24 missions, 0 failed, complete)``."""
-        failed = sum(record.status == "failed" for record in self.records)
+        failed = sum(trial.record.status == "failed" for trial in self.records)
         return (
             f"EvaluationRun({', '.join(self.plan.strategies)} on {', '.join(self.plan.rocks)}: "
             f"{len(self.records)} missions, {failed} failed, {'complete' if self.complete else 'incomplete'})"
@@ -47,7 +47,7 @@ class EvaluationRun:
     @property
     def failures(self) -> dict[str, int]:
         """Failed missions by reason."""
-        return dict(collections.Counter(r.reason for r in self.records if r.status == "failed"))
+        return dict(collections.Counter(r.reason for r in self.records if r.record.status == "failed"))
 
 
 def run_evaluation(
@@ -70,7 +70,7 @@ def run_evaluation(
         if on_event is not None:
             on_event(EvaluationEvent(job, trial, len(jobs) - evaluated.open, len(jobs)))
 
-    evaluated = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.job_id], trial))
+    evaluated = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.record.job_id], trial))
     with long_run(directory) as stop:
         run_jobs(evaluated, executor, stop)
     return EvaluationRun(plan, plan.records(directory), not evaluated.open, time.monotonic() - began)

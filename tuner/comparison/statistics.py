@@ -161,8 +161,8 @@ def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dic
     """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
     taken: dict[str, dict[tuple[str, str, int], str]] = {name: {} for name in strategies}
     for r in records:
-        if r.strategy in taken and r.status != "failed":
-            taken[r.strategy][r.rock, r.condition, r.replicate] = r.photographs
+        if r.strategy in taken and r.record.status != "failed":
+            taken[r.strategy][r.rock, r.condition, r.replicate] = r.record.photographs
     found: dict[str, str] = {}
     for i, name in enumerate(strategies):
         own = taken[name]
@@ -192,8 +192,8 @@ def comparison_table(
             if name != reference
         }
         table.append(ComparisonRow(metric, cells, best, rock_floor(records, metric), differences))
-    counts = collections.Counter(r.strategy for r in records if r.status != "failed")
-    failures = collections.Counter(r.strategy for r in records if r.status == "failed")
+    counts = collections.Counter(r.strategy for r in records if r.record.status != "failed")
+    failures = collections.Counter(r.strategy for r in records if r.record.status == "failed")
     return ComparisonTable(
         tuple(strategies),
         reference,

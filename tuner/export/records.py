@@ -25,16 +25,16 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
     if isinstance(source, EvaluationRun):
         named = [({"strategy": t.strategy}, t) for t in source.records]
     else:
-        named = [(_of_campaign(t), t) for t in source.trials()]
+        named = [(_of_campaign(t, source.directory), t) for t in source.trials()]
     return [
         {
             **own,
             "rock": t.rock,
             "condition": t.condition,
             "replicate": t.replicate,
-            "status": t.status,
+            "status": t.record.status,
             "reason": t.reason,
-            "wall_s": t.wall_s,
+            "wall_s": t.record.wall_s,
             **_flat("metrics", t.metrics),
             **_flat("costs", t.costs),
         }
@@ -42,14 +42,14 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
     ]
 
 
-def _of_campaign(t: Trial) -> dict[str, Any]:
+def _of_campaign(t: Trial, run: Path) -> dict[str, Any]:
     return {
         "trial": t.number,
         "state": t.state,
-        "phase": str(t.metadata.get("phase", "")),
+        "phase": str(t.record.metadata.get("phase", "")),
         "value": t.raw,
-        "directory": t.directory,
-        "config_digest": t.config_digest,
+        "directory": str(t.record.directory.relative_to(run)),
+        "config_digest": t.record.config_digest,
         **_flat("config", t.values),
     }
 

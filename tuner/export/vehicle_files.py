@@ -62,7 +62,7 @@ def vehicle_files(
     """
     s = campaign.settings
     only = s.conditions[0].name if len(s.conditions) == 1 else IDEAL
-    config = s.config(best.values, only)
+    config = s.problem.config(best.values, only)
     header = "\n".join(_header(campaign, best, best.changed))  # a name may hold a new line
     comment = "".join(f"# {line}\n" for line in header.splitlines())
     if isinstance(config, ExternalConfig):
@@ -80,7 +80,7 @@ def vehicle_files(
 def _their_file(name: str, campaign: Campaign, best: Recommendation, onto: Path | None) -> VehicleFile:
     theirs = read_file(onto, name) if onto is not None else None
     try:
-        values, remarks = WRITERS[name](builtin(campaign.settings.config(best.values)), theirs)
+        values, remarks = WRITERS[name](builtin(campaign.settings.problem.config(best.values)), theirs)
         kept = _carried(name, campaign.settings, best)
     except UserError as error:  # the gate does not exist there
         return VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),))
@@ -99,10 +99,10 @@ def _carried(name: str, s: CampaignSettings, best: Recommendation) -> list[str]:
     for path in best.changed:
         pair = best.values, {**best.values, path: default[path]}
         try:
-            with_it, without = (builtin(s.config(values)) for values in pair)
+            with_it, without = (builtin(s.problem.config(values)) for values in pair)
         except UserError:
             pair = {**default, path: best.values[path]}, default
-            with_it, without = (builtin(s.config(values)) for values in pair)
+            with_it, without = (builtin(s.problem.config(values)) for values in pair)
         (values, remarks), (before, remarks_before) = write(with_it), write(without)
         if path in {remark.key for remark in remarks if not remark.partly}:
             continue

@@ -84,17 +84,17 @@ class MissionJob:
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
         return MissionJob(**{**tree, "config": config, "directory": directory})
 
-    def trial(self, **ended: Any) -> Trial:
-        """Return the trial of this job that ``ended`` so."""
+    def trial(self, *, reason: str = "", **ended: Any) -> Trial:
+        """Return the trial of this job whose record says that it ``ended`` so; ``reason``: why it failed."""
         return Trial(
             rock=self.rock,
             replicate=self.replicate,
-            directory=str(self.directory),
             condition=self.config.condition,
             values=self.config.values if isinstance(self.config, ExternalConfig) else {},
-            config_digest=self.config.digest(),
-            job_id=self.id,
-            **ended,
+            reason=reason,
+            record=Record(
+                directory=self.directory, config_digest=self.config.digest(), job_id=self.id, **ended
+            ),
         )
 
     def has_finished(self) -> bool:
@@ -108,66 +108,69 @@ class MissionJob:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial(Observation):
-    """One mission, of a campaign or an evaluation: what was asked for, where it stands, how it ended.
+class Record:
+    """What ran, when, where, how long and how it ended: nothing learns from it."""
 
-    A campaign's samplers and surrogate are given the trials themselves, and know them as observations. What a mission measured
-    is in its ``mission.json`` alone, and read when it is asked for.
-    """
-
-    number: int = 0  # in a campaign
-    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
-    directory: str = ""  # of the mission, in ``run`` unless it is absolute
-    run: Path = Path()
-    config_digest: str = ""
     status: Literal["", "ok", "degraded", "failed"] = ""  # empty while it is in flight
     message: str = ""
     wall_s: float = 0.0
+    directory: Path = Path()  # of the mission
+    job_id: str = ""
+    config_digest: str = ""
     rock_sha256: str = ""  # of the rock that was run, where the mission says so
     checksum: str = ""  # of its mission.json
     photographs: str = ""  # `photographs_key`
     switched: bool | None = None  # whether its views are of more than one scorer; None where none was planned
-    job_id: str = ""
-    strategy: str = ""  # in an evaluation
     # In a campaign:
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of its proposal: sampler, phase, ...
     code: str = ""  # digest of what runs it, see `tuner.campaign.session.ReproducibilityCheck`
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
-    measured_then: Mapping[str, Any] | None = field(
-        default=None, repr=False, compare=False
-    )  # where it was read
+    # What its mission.json has, where that was read.
+    measured: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial(Observation):
+    """One mission, of a campaign or an evaluation: an observation, which samplers and the surrogate know, and its record.
+
+    What a mission measured is in its ``mission.json`` alone, and read when it is asked for.
+    """
+
+    number: int = 0  # in a campaign
+    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
+    strategy: str = ""  # in an evaluation
+    record: Record = Record()
 
     def __repr__(self) -> str:
         """``Trial(12: complete, 94.57 on slab r1)``, in an evaluation ``Trial(tuned: ok on slab r1)``."""
         found = self.reason if self.raw is None else f"{self.raw:.4g}"
-        what = f"{self.strategy}: {self.status}" if self.strategy else f"{self.number}: {self.state}, {found}"
+        what = (
+            f"{self.strategy}: {self.record.status}"
+            if self.strategy
+            else f"{self.number}: {self.state}, {found}"
+        )
         return f"Trial({what} on {self.instance.label} r{self.replicate})"
 
     @property
     def state(self) -> Literal["running", "complete", "failed"]:
         """``failed`` also without the objective's metric."""
-        if not self.status:
+        if not self.record.status:
             return "running"
         return "failed" if self.raw is None else "complete"
 
     @property
     def photographs_taken(self) -> tuple[Instance, int, str, float | None]:
         """Equal for trials that took the same photographs in one instance and replicate, and so had the same outcome."""
-        return self.instance, self.replicate, self.photographs, self.raw
-
-    @property
-    def path(self) -> Path:
-        """Its directory."""
-        return self.run / self.directory
+        return self.instance, self.replicate, self.record.photographs, self.raw
 
     @functools.cached_property
     def _document(self) -> Mapping[str, Any]:
         """What ``mission.json`` says was measured; nothing where it is gone or not the one that the mission left."""
-        if self.measured_then is not None:
-            return self.measured_then
-        tree = _result_in(self.path) if self.status else None
-        if tree is None or (self.checksum and tree.get(CHECKSUM) != self.checksum):
+        if self.record.measured is not None:
+            return self.record.measured
+        tree = _result_in(self.record.directory) if self.record.status else None
+        if tree is None or (self.record.checksum and tree.get(CHECKSUM) != self.record.checksum):
             return {}
         return {key: tree.get(key) or {} for key in _MEASURED}
 
@@ -188,7 +191,7 @@ class Trial(Observation):
 
     def measured(self, objective: Objective) -> float | None:
         """An objective's metric, perhaps another than the campaign's; None while running, where it failed or has none."""
-        if self.status in ("", "failed"):
+        if self.record.status in ("", "failed"):
             return None
         return objective.measure(self.measurements)
 
@@ -199,12 +202,12 @@ class Trial(Observation):
     @property
     def infrastructure_failure(self) -> bool:
         """Whether the machine ended it: this says nothing about the configuration, and the mission may be run again."""
-        return self.status == "failed" and self.reason.partition(":")[0] in _INFRASTRUCTURE_FAILURES
+        return self.record.status == "failed" and self.reason.partition(":")[0] in _INFRASTRUCTURE_FAILURES
 
     @property
     def possibly_machine_fault(self) -> bool:
         """Whether the machine or the configuration may have ended it."""
-        return self.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
+        return self.record.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
 
 
 def should_retry(attempts: Sequence[Trial]) -> bool:
@@ -231,12 +234,12 @@ def blamed(job: MissionJob, attempts: Sequence[Trial]) -> Trial:
     plugin = job.planners[0]
     where = line_in_log(job) or (f" in {plugin.file}" if plugin.file else "")
     message = (
-        f"{plugin.label} came to no end in {len(attempts)} attempts{where} ({last.reason}: {last.message}); "
+        f"{plugin.label} came to no end in {len(attempts)} attempts{where} ({last.reason}: {last.record.message}); "
         f"remove {job.directory} to try again"
     )
     with contextlib.suppress(OSError):
         record_failure(job.to_dict(), "plugin_failed", message)
-    return job.failed("plugin_failed", message, last.wall_s)
+    return job.failed("plugin_failed", message, last.record.wall_s)
 
 
 def line_in_log(job: MissionJob) -> str:
@@ -273,14 +276,14 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
         checksum=str(tree.get(CHECKSUM) or ""),
         photographs="" if tree.get("status") == "failed" else photographs_key(job.config, chosen),
         switched=len(scorers) > 1 if scorers else None,
-        measured_then={key: tree.get(key) or {} for key in _MEASURED},
+        measured={key: tree.get(key) or {} for key in _MEASURED},
     )
 
 
 def repeated(trials: Iterable[Trial]) -> set[int]:
     """Return the numbers of those trials whose photographs an earlier one has taken in the same instance and replicate."""
     first: dict[tuple[Instance, int, str, float | None], int] = {}
-    taken = [t for t in trials if t.photographs]
+    taken = [t for t in trials if t.record.photographs]
     return {t.number for t in taken if first.setdefault(t.photographs_taken, t.number) != t.number}
 
 

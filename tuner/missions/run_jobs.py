@@ -105,10 +105,10 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
             trials = executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S)
             lost = [trial for trial in trials if trial.reason in LOST]
             for trial in trials:
-                job, attempts = running.pop(trial.job_id)
+                job, attempts = running.pop(trial.record.job_id)
                 suspects = [suspect for suspect in suspects if suspect[0] is not job]
                 if trial.reason == "user_error":
-                    raise UserError(trial.message)
+                    raise UserError(trial.record.message)
                 together = trial in lost and len(lost) > 1
                 counted = attempts if together else [*attempts, trial]
                 if not together and not should_retry(counted):

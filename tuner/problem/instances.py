@@ -34,14 +34,6 @@ class Instance(NamedTuple):
         return safe if self.condition == IDEAL else f"{safe}_{self.condition}"
 
 
-InstanceLike = Instance | str  # a rock's name alone: that rock under ``ideal``
-
-
-def instances_of(given: Iterable[InstanceLike]) -> tuple[Instance, ...]:
-    """Return them as instances; a rock's name alone means that rock under ``ideal``."""
-    return tuple(Instance(one) if isinstance(one, str) else one for one in given)
-
-
 def instances_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[Instance, ...]:
     """Return every rock under every condition, once, in an order in which neighbours differ in both where they can."""
     return tuple(

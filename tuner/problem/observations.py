@@ -10,7 +10,7 @@ from typing import Any
 
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
-from tuner.problem.instances import Instance, InstanceLike, instances_of
+from tuner.problem.instances import Instance
 from tuner.problem.search_space import PLANNERS, Configuration, SearchSpace, Values
 
 MAX_MISSIONS = 100_000  # of a campaign
@@ -58,7 +58,7 @@ class Proposal:
 
 
 def next_block(
-    instances: Sequence[InstanceLike], replicates: int, missions: Sequence[Observation], proposal: Proposal
+    instances: Sequence[Instance], replicates: int, missions: Sequence[Observation], proposal: Proposal
 ) -> tuple[Instance, int]:
     """Return the instance and the replicate of the next mission where the sampler left them open.
 
@@ -68,7 +68,7 @@ def next_block(
     if proposal.instance is not None and proposal.replicate is not None:
         return proposal.instance, proposal.replicate
     visits = collections.Counter(t.instance for t in missions)
-    instance = proposal.instance or min(instances_of(instances), key=lambda own: visits[own])
+    instance = proposal.instance or min(instances, key=lambda own: visits[own])
     if proposal.replicate is not None:
         return instance, proposal.replicate
     here = [t for t in missions if t.instance == instance]

@@ -1,19 +1,22 @@
-"""What a campaign tunes, behind one interface: missions over rocks, or a mission of the user's own.
+"""What a trial is: all that a search knows of it (`Problem`), and how it runs (`MissionProblem`).
 
-The first is `tuner.campaign.rock_problem.RockProblem`, the second `tuner.missions.external.problem.MissionFileProblem`. What
-differs between the two is a method here, so that no other code asks which one it is.
+Missions over rocks are `tuner.campaign.rock_problem.RockProblem`, a mission of the user's own is
+`tuner.missions.external.problem.MissionFileProblem`. What differs between the two is a method here, so that no other code asks
+which one it is.
 """
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from nbv.config import IDEAL, Condition
 from tuner.problem.deterministic_metrics import DeterministicMetric
+from tuner.problem.instances import Instance, are_drawn, rocks_of, training_rock
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import Configuration, Values
+from tuner.problem.search_space import Configuration, SearchSpace, Values
 
 
 class Strategies(NamedTuple):
@@ -32,22 +35,48 @@ class Evaluated(NamedTuple):
     rocks: Sequence[str]
 
 
-class Problem(abc.ABC):
-    """Instances, default, baselines, how a trial runs, and how it is shown."""
+@dataclass(frozen=True)
+class Problem:
+    """A trial is a configuration of ``space`` in one of the ``instances`` with one of the ``replicates``.
 
-    instance_word: str  # what missions run on: "rock" or "instance"
-    code_word: str  # what may change between two sessions: "code" or "program"
-    reference: str  # the baseline that differences are from
+    This is all that samplers, the surrogate and the recommendation know of it.
+    """
+
+    space: SearchSpace
+    instances: tuple[Instance, ...]  # training instances
+    default: Values  # the configuration that everything starts from
+    replicates: int = 1  # per instance
+    # The plain plans that run beside what is searched, by strategy, the simplest first; the default is one of them.
+    arms: Mapping[str, Values] = field(default_factory=dict)
+
+    @property
+    def rocks(self) -> tuple[str, ...]:
+        """The training rocks, or families of them."""
+        return rocks_of(self.instances)
+
+    @property
+    def draws_rocks(self) -> bool:
+        """Whether every mission meets a fresh rock of a family."""
+        return are_drawn(self.rocks)
+
+    @property
+    def repeatable(self) -> tuple[Instance, ...]:
+        """The instances in which a mission repeats exactly: no outcome is an outlier there."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionProblem(Problem, abc.ABC):
+    """How a trial runs, what it is compared with, and how it is shown."""
+
+    base: Configuration  # on which conditions and tuned values are laid
+    seed: int = 0  # of the rocks that are drawn
+
+    instance_word = "rock"  # what missions run on: "rock" or "instance"
+    code_word = "code"  # what may change between two sessions: "code" or "program"
+    reference = ""  # the baseline that differences are from
 
     # -- configurations --------------------------------------------------------------------------------------
-
-    @abc.abstractmethod
-    def base_config(self) -> Configuration:
-        """Return the configuration on which conditions and tuned values are laid."""
-
-    @abc.abstractmethod
-    def default_values(self) -> Values:
-        """Return the values at which every sampler starts."""
 
     @abc.abstractmethod
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
@@ -57,17 +86,11 @@ class Problem(abc.ABC):
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         """Return the objective as a function of the tuned values; None where only a mission can tell it."""
 
-    def arms(self) -> dict[str, Values]:
-        """Return the plain plans that a campaign runs beside what it searches, by strategy; the default is one of them."""
-        return {self.reference: self.default_values()}
+    def drawn_rock(self, rock: str, replicate: int) -> str:
+        """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""
+        return training_rock(rock, replicate, self.seed)
 
-    # -- what may be asked -----------------------------------------------------------------------------------
-
-    @abc.abstractmethod
-    def check_instances(self, rocks: Sequence[str]) -> None:
-        """Raise `UserError` where a campaign cannot be tuned on ``rocks``."""
-
-    def check_limit(self, limited: Objective, limit: float) -> None:  # noqa: B027  most limits are possible
+    def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` where nothing can meet the constraint, or where it cannot be shown that it is kept."""
 
     # -- how a trial runs ------------------------------------------------------------------------------------
@@ -80,16 +103,10 @@ class Problem(abc.ABC):
     def code(self) -> str:
         """Return the digest of what runs a mission."""
 
-    @abc.abstractmethod
-    def photographs(self, values: Mapping[str, Any]) -> int:
-        """Return how many photographs a mission takes at most; 0 where that is not known before it runs."""
-
-    def require_named(self, named: bool) -> None:  # noqa: B027  code of this program needs no trust
+    def require_named(self, named: bool) -> None:
         """Raise `UserError` where missions run a program that the user has not ``named``: a run directory may be anybody's."""
 
-    def require_measured(  # noqa: B027  what missions of this program measure is known before
-        self, objectives: Sequence[Objective], measured: Mapping[str, Any]
-    ) -> None:
+    def require_measured(self, objectives: Sequence[Objective], measured: Mapping[str, Any]) -> None:
         """Raise `UserError` where a first mission has ended without a metric that it is tuned for."""
 
     # -- what it is compared with ----------------------------------------------------------------------------

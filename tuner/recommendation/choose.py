@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from tuner.acquisition.constrained import Constraint, Outcome
+from tuner.acquisition.constrained import Constraint, second_model
 from tuner.problem.baselines import is_orbit
-from tuner.problem.deterministic_metrics import with_second_first
-from tuner.problem.instances import Instance, InstanceLike, are_drawn, conditions_of, instances_of, rocks_of
+from tuner.problem.goal import Goal
+from tuner.problem.instances import Instance, are_drawn, conditions_of, rocks_of
 from tuner.problem.observations import (
     Block,
     Key,
@@ -34,9 +34,9 @@ from tuner.problem.observations import (
     changes,
     configuration_key,
 )
+from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
 from tuner.problem.standardise import FEW
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.limit import limit_of
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import (
@@ -50,6 +50,7 @@ from tuner.recommendation.recommendation import (
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import DeterministicOutcome, interval_95, probability_positive
+from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
@@ -61,32 +62,40 @@ ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 
 
 @numerics()
-def recommend(data: CampaignData, goal: Goal) -> Recommendation | None:
-    """Return the recommendation after the missions of ``data``; None before the first feasible one."""
-    if not any(o.feasible for o in data.observations):
+def recommend(
+    problem: Problem,
+    goal: Goal,
+    history: Sequence[Observation],
+    *,
+    only_verified: bool = True,
+    settings: SurrogateSettings | None = None,
+) -> Recommendation | None:
+    """Return the recommendation after the finished missions of ``history``; None before the first feasible one.
+
+    With ``only_verified`` a configuration has to have run often enough. ``settings``: of the surrogate; None: by the space.
+    """
+    if not any(o.feasible for o in history):
         return None
-    history, data = (
-        data.observations,
-        dataclasses.replace(data, observations=goal.outcomes(data.observations)),
-    )
-    every = InstanceMeanGP(data.space, data.observations, data.instances, data.settings)
-    model, outliers = without_outliers(every, instances_of(data.repeatable))
-    choice = Choice(data, goal, model, constraint_of(history, data, goal, model), outliers)
+    observations = goal.as_modelled(history)
+    every = InstanceMeanGP(problem.space, observations, problem.instances, settings)
+    model, outliers = without_outliers(every, problem.repeatable)
+    constraint = constraint_of(problem, goal, history, model, settings)
+    choice = Choice(problem, goal, observations, model, constraint, outliers, only_verified=only_verified)
     return choice.recommendation(choice.chosen_index())
 
 
 def constraint_of(
-    history: Sequence[Observation], data: CampaignData, goal: Goal, model: InstanceMeanGP
+    problem: Problem,
+    goal: Goal,
+    history: Sequence[Observation],
+    model: InstanceMeanGP,
+    settings: SurrogateSettings | None = None,
 ) -> Constraint | None:
     """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes."""
     both = [o for o in history if o.outcome is not None and o.second is not None]
     if goal.second is None or goal.at_least is None or not both:
         return None
-    limited: Outcome = model
-    if goal.exact.first is None and goal.exact.second is not None:
-        limited = DeterministicOutcome(data.space, goal.exact.second)
-    elif goal.exact.first is None:
-        limited = InstanceMeanGP(data.space, with_second_first(both), data.instances, data.settings)
+    limited = model if goal.exact.first is not None else second_model(problem, goal, both, settings)
     return Constraint(limited, goal.at_least, goal.second.is_share)
 
 
@@ -111,16 +120,24 @@ class Candidates:
 
 
 def candidates_of(
-    data: CampaignData, goal: Goal, constraint: Constraint | None, outliers: Collection[Observation]
+    problem: Problem,
+    goal: Goal,
+    observations: Sequence[Observation],
+    constraint: Constraint | None,
+    outliers: Collection[Observation],
+    *,
+    only_verified: bool,
 ) -> Candidates:
     """Return the configurations that have run with success, ``outliers`` left out, and which may be recommended."""
     groups: dict[Key, list[Observation]] = {}
-    for o in (o for o in data.observations if o not in outliers):
-        groups.setdefault(configuration_key(data.space, o.values), []).append(o)
+    for o in (o for o in observations if o not in outliers):
+        groups.setdefault(configuration_key(problem.space, o.values), []).append(o)
     missions = [group for group in groups.values() if any(o.feasible for o in group)]
     values = [dict(group[0].values) for group in missions]
     keeps = [True] * len(values) if constraint is None else constraint.keeps(values)
-    allowed = may_be_recommended(data, values) if data.only_verified else [True] * len(values)
+    allowed = [True] * len(values)
+    if only_verified:
+        allowed = may_be_recommended(problem, observations, values)
     # Where even the default has failed there is nothing better than what has not.
     kept = [i for i, keep in enumerate(keeps) if keep]
     eligible = [i for i in kept if allowed[i]] or kept
@@ -155,22 +172,28 @@ class Choice:
 
     def __init__(
         self,
-        data: CampaignData,
+        problem: Problem,
         goal: Goal,
+        observations: Sequence[Observation],
         model: InstanceMeanGP,
         constraint: Constraint | None,
         outliers: Sequence[Observation],
+        *,
+        only_verified: bool,
     ) -> None:
-        self.data, self.goal, self.model = data, goal, model
+        self.problem, self.goal, self.model = problem, goal, model
         self.constraint, self.outliers = constraint, outliers
-        self.candidates = candidates_of(data, goal, constraint, outliers)
+        self.failures = sum(not o.feasible for o in observations)
+        self.candidates = candidates_of(
+            problem, goal, observations, constraint, outliers, only_verified=only_verified
+        )
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
         # In the candidates' order, and the default behind them.
-        values = [*self.candidates.values, data.default]
+        values = [*self.candidates.values, problem.default]
         self.modelled = self.objective = model.posterior(values)
         if goal.exact.first is not None:
-            self.objective = DeterministicOutcome(data.space, goal.exact.first).posterior(values)
+            self.objective = DeterministicOutcome(problem.space, goal.exact.first).posterior(values)
 
     def _most_promising(self) -> Candidates:
         """Return the best by posterior mean, few enough for a joint posterior.
@@ -202,13 +225,13 @@ class Choice:
 
     def changes(self, index: int) -> int:
         """Return in how many parameters a candidate differs from the default."""
-        return len(changes(self.candidates.values[index], self.data.default))
+        return len(changes(self.candidates.values[index], self.problem.default))
 
     def chosen_index(self) -> int:
         """Return the index of the candidate to recommend, by the rule in this file's docstring."""
         among = self.candidates.eligible if self.goal.exact.first is None else self._cheapest()
         index = self._fewest_changes(among)
-        if self.data.arms and index in self.plain_plans(among):
+        if self.problem.arms and index in self.plain_plans(among):
             return index
         own = self.candidates.outcomes(index)
         same = [i for i in among if i == index or own.items() <= self.candidates.outcomes(i).items()]
@@ -216,7 +239,7 @@ class Choice:
 
     def _cheapest(self) -> list[int]:
         """Return the eligible of the least cost; the default alone where none is cheaper and it may meet the constraint."""
-        candidates, cost, default = self.candidates, self.objective, self.data.default
+        candidates, cost, default = self.candidates, self.objective, self.problem.default
         best = max(cost.mean[i] for i in candidates.eligible)
         among = [i for i in candidates.eligible if cost.mean[i] == best]
         may_keep = self.constraint is None or self.constraint.probability([default])[0] >= MAY_KEEP
@@ -254,7 +277,7 @@ class Choice:
 
     def plain_plans(self, among: Sequence[int]) -> dict[int, str]:
         """Return the indices of those of ``among`` that are plain plans, with the plan's strategy."""
-        arms: Mapping[str, Mapping[str, Any]] = self.data.arms or {"": self.data.default}
+        arms: Mapping[str, Mapping[str, Any]] = self.problem.arms or {"": self.problem.default}
         return {
             i: name for name, own in arms.items() for i in among if self.candidates.values[i] == dict(own)
         }
@@ -271,7 +294,7 @@ class Choice:
     def _best_plain(self, index: int) -> tuple[str, BestPlain | None]:
         """Return which plain plan a candidate is, and the best of them with the candidate's gain over it."""
         plain = self.plain_plans(range(len(self.candidates)))
-        if len(self.data.arms) < 2 or not plain:
+        if len(self.problem.arms) < 2 or not plain:
             return "", None
         best = max(plain, key=lambda i: (self.modelled.mean[i], i == index))
         gain, sd = self.modelled.difference(index, best)
@@ -281,12 +304,12 @@ class Choice:
 
     def recommendation(self, index: int) -> Recommendation:
         """Return the recommendation of a candidate, with all that is said of it."""
-        data, goal, model, posterior = self.data, self.goal, self.model, self.objective
+        problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
         values, own = self.candidates.values[index], self.candidates.missions[index]
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
-        elsewhere = _on_next_rock(values, data, model)
+        elsewhere = _on_next_rock(values, problem, model)
         plain, best_plain = self._best_plain(index)
         return Recommendation(
             values=values,
@@ -294,14 +317,14 @@ class Choice:
             sd=sd,
             interval_95=interval_95(mean, sd),
             per_rock=[self._rock_row(instance, index) for instance in model.instances],
-            default_values=dict(data.default),
+            default_values=dict(problem.default),
             default_mean=sign * self.plausible(posterior.mean[-1]),
             improvement=gain,
             improvement_sd=gain_sd,
             improvement_interval_95=interval_95(gain, gain_sd),
             noise_sd=model.noise_sd,
             observations=len(model.observations),
-            failures=sum(not o.feasible for o in data.observations),
+            failures=self.failures,
             metric=goal.objective.metric,
             direction=goal.objective.direction,
             leave_one_out=model.leave_one_out(),
@@ -310,7 +333,7 @@ class Choice:
             runner_up=self._runner_up(index),
             next_rock=elsewhere,
             limit=limit_of(
-                data,
+                problem,
                 goal,
                 self.constraint,
                 values,
@@ -341,7 +364,7 @@ class Choice:
             return None
         rival = max(leads, key=lambda i: posterior.mean[i])
         values = candidates.values[rival]
-        if values == dict(self.data.default):
+        if values == dict(self.problem.default):
             return None
         difference = posterior.difference(rival, index)
         improvement = posterior.difference(rival, len(candidates))
@@ -364,14 +387,16 @@ class Choice:
         return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 
 
-def _on_next_rock(values: Values, data: CampaignData, model: InstanceMeanGP) -> NextRock | None:
+def _on_next_rock(values: Values, problem: Problem, model: InstanceMeanGP) -> NextRock | None:
     """Return the gain on a rock never run; None for the default, families, and one rock: how rocks differ is unknown."""
     rocks = rocks_of(model.instances)
-    if values == dict(data.default) or len(rocks) == 1 or are_drawn(rocks):
+    if values == dict(problem.default) or len(rocks) == 1 or are_drawn(rocks):
         return None
     departing = dataclasses.replace(model.settings, own_landscapes=True)
     return next_rock(
-        InstanceMeanGP(data.space, model.observations, data.instances, departing), values, data.default
+        InstanceMeanGP(problem.space, model.observations, problem.instances, departing),
+        values,
+        problem.default,
     )
 
 
@@ -404,9 +429,8 @@ def without_outliers(
     return model, left_out
 
 
-def enough(evaluated: Collection[Block], instances: Collection[InstanceLike], replicates: int) -> bool:
+def enough(evaluated: Collection[Block], training: Collection[Instance], replicates: int) -> bool:
     """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
-    training = instances_of(instances)
     own = [(instance, replicate) for instance, replicate in evaluated if instance in training]
     seen = [instance for instance, _ in own]
     return (
@@ -416,9 +440,11 @@ def enough(evaluated: Collection[Block], instances: Collection[InstanceLike], re
     )
 
 
-def may_be_recommended(data: CampaignData, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
+def may_be_recommended(
+    problem: Problem, observations: Sequence[Observation], configurations: Sequence[Mapping[str, Any]]
+) -> list[bool]:
     """Return for each configuration whether it has run often enough, failures not counted; the plain plans always have."""
-    evaluated = blocks_evaluated(data.space, [o for o in data.observations if o.feasible])
-    trusted = {configuration_key(data.space, values) for values in (data.default, *data.arms.values())}
-    keys = [configuration_key(data.space, values) for values in configurations]
-    return [key in trusted or enough(evaluated.get(key, ()), data.instances, data.replicates) for key in keys]
+    p, evaluated = problem, blocks_evaluated(problem.space, [o for o in observations if o.feasible])
+    trusted = {configuration_key(p.space, values) for values in (p.default, *p.arms.values())}
+    keys = [configuration_key(p.space, values) for values in configurations]
+    return [key in trusted or enough(evaluated.get(key, ()), p.instances, p.replicates) for key in keys]

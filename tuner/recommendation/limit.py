@@ -10,10 +10,11 @@ import numpy as np
 from scipy import special
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.instances import are_drawn, instances_of, rocks_of
+from tuner.problem.goal import Goal
+from tuner.problem.instances import are_drawn, rocks_of
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.share import ShareEstimate
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
 from tuner.surrogate.model import InstanceMeanGP
@@ -21,7 +22,7 @@ from tuner.surrogate.posterior import DeterministicOutcome, interval_95
 
 
 def limit_of(
-    data: CampaignData,
+    problem: Problem,
     goal: Goal,
     constraint: Constraint | None,
     values: Mapping[str, Any],
@@ -39,10 +40,9 @@ def limit_of(
     second, limit = goal.second, goal.limit
     if constraint is None or second is None or limit is None:
         return None
-    rocks = rocks_of(instances_of(data.instances))
-    several = len(rocks) > 1 or are_drawn(rocks)
-    posterior, sign = constraint.model.posterior([values, data.default]), second.sign
-    probability, of_default = constraint.probability([values, data.default])
+    several = len(problem.rocks) > 1 or problem.draws_rocks
+    posterior, sign = constraint.model.posterior([values, problem.default]), second.sign
+    probability, of_default = constraint.probability([values, problem.default])
     mean, default_mean, sd = (
         sign * float(posterior.mean[0]),
         sign * float(posterior.mean[1]),
@@ -52,7 +52,7 @@ def limit_of(
     if constraint.is_share:
         next_rocks, default_mean = (
             constraint.shares([values])[0],
-            constraint.shares([data.default])[0].share * 100.0,
+            constraint.shares([problem.default])[0].share * 100.0,
         )
         low, high = next_rocks.interval_95
         mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)

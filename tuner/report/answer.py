@@ -66,7 +66,7 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     if best.limit is not None and not best.limit.kept:
         nearest = "the default" if best.keep_default else configuration_words(best.values, best, s)
         return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); nearest to it comes {nearest}, which misses it by {best.limit.missed_by:.3g}."
-    plan = plan_words(s.config(best.values))
+    plan = plan_words(s.problem.config(best.values))
     if best.plain and not best.keep_default:
         what = "the orbit" if is_orbit(best.plain) else strategy_label(best.plain).lower()
         return f"Fly {what}: {plan}; no planner was better on the training {word}s."
@@ -145,7 +145,7 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
     s, status = campaign.settings, campaign.status()
     run = shlex.join([str(campaign.directory), *s.problem.options()])
     resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
-    if s.draws_rocks:
+    if s.problem.draws_rocks:
         evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
     commands = {
         Next.RUN: resume,
@@ -190,9 +190,9 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
     """Which parameters of a configuration differ from the default."""
     changed = [path for path, value in values.items() if value != best.default_values[path]]
     planned = [path for path in changed if path.startswith(PLAN)]
-    plan = plan_words(s.config(values)) if planned else ""
+    plan = plan_words(s.problem.config(values)) if planned else ""
     rest = [path for path in changed if not plan or path not in planned]
-    if plan and builtin(s.config(values)).adaptive_budget == 0:
+    if plan and builtin(s.problem.config(values)).adaptive_budget == 0:
         rest = []
     if len(rest) > FEW:
         named = f"{len(rest)} changes"
@@ -263,7 +263,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         if next_rock.against:
             names = ", ".join(Path(rock).stem for rock in next_rock.against)
             lines.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
-    elif len(s.rocks) == 1 and not s.draws_rocks:
+    elif len(s.rocks) == 1 and not s.problem.draws_rocks:
         lines.append(
             f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
         )
@@ -366,26 +366,28 @@ def traces_of(trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord
     found = []
     for t in trials:
         with contextlib.suppress(UserError, OSError):
-            trace = MissionResult.load(t.path).trace
+            trace = MissionResult.load(t.record.directory).trace
             found += [(t, trace)] if trace else []
     return found
 
 
 def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
     """Return in how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
-    planned = [t for t in trials if t.switched is not None]
+    planned = [t for t in trials if t.record.switched is not None]
     if not planned:
         return []
-    switched = sum(bool(t.switched) for t in planned)
+    switched = sum(bool(t.record.switched) for t in planned)
     said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
-    reset = [t.metadata["without_effect"] for t in trials if t.metadata.get("phase") == "simplified"]
+    reset = [
+        t.record.metadata["without_effect"] for t in trials if t.record.metadata.get("phase") == "simplified"
+    ]
     if reset:
         named = ", ".join(parameter_label(path).name for path in reset[-1])
         said.append(f"Without effect on any photograph, so left at the default: {named}.")
-    default = campaign.settings.default_values()
-    traces = traces_of([t for t in trials if t.values == default and t.switched is False])
+    default = campaign.settings.problem.default
+    traces = traces_of([t for t in trials if t.values == default and t.record.switched is False])
     spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
-    gate = builtin(campaign.settings.config(default)).gate
+    gate = builtin(campaign.settings.problem.config(default)).gate
     if spread and not min(spread) < gate.d95_m < max(spread):
         said.append(
             f"At the default it does not switch where d95 is {min(spread):.2f} to {max(spread):.2f} m, since the threshold is "

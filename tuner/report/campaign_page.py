@@ -86,7 +86,7 @@ class CampaignFacts:
         self.goal = campaign.goal()
         self.modelled = self.goal.modelled  # of the model and its checks
         self.label = metric_label(self.modelled.metric)
-        self.default: dict[str, Any] = self.settings.default_values()
+        self.default: dict[str, Any] = self.settings.problem.default
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
         self.several_conditions = len(self.settings.conditions) > 1
         self.word = self.settings.problem.instance_word
@@ -129,10 +129,10 @@ class CampaignFacts:
     def planned_config(self) -> MissionConfig | None:
         """The recommended configuration; None without one, and where it is a mission file's."""
         best = self.recommendation
-        config = None if best is None else self.settings.config(best.values)
+        config = None if best is None else self.settings.problem.config(best.values)
         return config if isinstance(config, MissionConfig) else None
 
-    def outcome(self, trial: Trial) -> float | None:
+    def modelled_value(self, trial: Trial) -> float | None:
         """A mission's value of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 
@@ -199,7 +199,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         next_command=command,
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
         warnings=_warnings(facts),
-        degraded=sum(t.state == "complete" and t.status == "degraded" for t in facts.trials),
+        degraded=sum(t.state == "complete" and t.record.status == "degraded" for t in facts.trials),
         computing=duration(facts.status.mission_wall_s),
         facts=facts,
         best=best,
@@ -271,7 +271,7 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, in
     found: dict[tuple[Instance, int], list[list[float]]] = {}
     for side, values in enumerate((best.default_values, best.values)):
         for t in facts.evaluated(values):
-            if (outcome := facts.outcome(t)) is not None:
+            if (outcome := facts.modelled_value(t)) is not None:
                 sides = found.setdefault((t.instance, t.replicate), [[], []])
                 sides[side].append(facts.modelled.sign * outcome)
     return {
@@ -298,7 +298,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
         return [*said, OPTIMISM_NOTE]
     mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
     said.append(
-        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.instances)} {word}s"
+        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.problem.instances)} {word}s"
         f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
         f"the recommendation gains {mean} of {facts.label.name} on average, and is better in "
         f"{sum(d > 0 for d in both.values())} of {len(both)}."
@@ -334,10 +334,10 @@ def gate_figure(facts: CampaignFacts) -> str:
     common = set.intersection(*map(set, found.values()))
     if not common:  # nor has a mission file's configuration a gate
         return ""
-    gates = {name: builtin(facts.settings.config(values)).gate for name, values in sides.items()}
+    gates = {name: builtin(facts.settings.problem.config(values)).gate for name, values in sides.items()}
     if any(gate.kind != "hyb-h" for gate in gates.values()):
         return ""
-    block = min(common, key=lambda b: (facts.settings.instances.index(b[0]), b[1]))
+    block = min(common, key=lambda b: (facts.settings.problem.instances.index(b[0]), b[1]))
     where = f"{facts.instance_name(block[0])}, replicate {block[1]}"
     return draw_gate([(f"{name}, {where}", gate, found[name][block]) for name, gate in gates.items()])
 
@@ -365,7 +365,7 @@ def _warnings(facts: CampaignFacts) -> list[str]:
         )
     if at_bounds := bounds_text(facts):
         out.append(at_bounds)
-    degraded = sum(t.status == "degraded" for t in facts.trials)
+    degraded = sum(t.record.status == "degraded" for t in facts.trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:
             out.append(f"{count} of {status.finished} finished missions {what}; see below.")
@@ -424,7 +424,7 @@ def _rock_table(facts: CampaignFacts, best: Recommendation) -> Table:
     rows = []
     for row in best.per_rock:
         own = [t for t in facts.trials if t.state != "running" and t.instance == row.instance]
-        outcomes = [facts.outcome(t) for t in own if t.values == best.default_values]
+        outcomes = [facts.modelled_value(t) for t in own if t.values == best.default_values]
         default = [value for value in outcomes if value is not None]
         rows.append(
             [
@@ -449,7 +449,7 @@ def _failure_table(facts: CampaignFacts) -> Table:
     """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
     groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
     for t in facts.trials:
-        if t.state == "failed" or t.status == "degraded":
+        if t.state == "failed" or t.record.status == "degraded":
             groups[t.reason or "unknown", "failed" if t.state == "failed" else "degraded"].append(t)
     rows = [
         [
@@ -457,7 +457,7 @@ def _failure_table(facts: CampaignFacts) -> Table:
             outcome,
             str(len(group)),
             "; ".join(sorted({facts.instance_name(t.instance) for t in group})),
-            group[-1].message,
+            group[-1].record.message,
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
@@ -480,7 +480,7 @@ def _outcome_figures(facts: CampaignFacts) -> list[str]:
     def figure(x: str, place: Callable[[Trial], float | None], sign: float) -> str:
         points = {
             facts.instance_name(i): [
-                (at, facts.outcome(t), kind(t))
+                (at, facts.modelled_value(t), kind(t))
                 for t in shown
                 if t.instance == i and (at := place(t)) is not None
             ]
@@ -509,17 +509,24 @@ def _difference_figure(result: GateResult | None) -> str:
 
 def _provenance(facts: CampaignFacts) -> list[tuple[str, str]]:
     """When, by what, with which settings, on which rocks."""
-    s, directory = facts.settings, facts.campaign.directory
-    hashes = {facts.rock_names.get(t.rock, t.rock): t.rock_sha256[:12] for t in facts.trials if t.rock_sha256}
-    times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
+    s = facts.settings
+    hashes = {
+        facts.rock_names.get(t.rock, t.rock): t.record.rock_sha256[:12]
+        for t in facts.trials
+        if t.record.rock_sha256
+    }
+    times = (
+        [t.record.started for t in facts.trials if t.record.started],
+        [t.record.finished for t in facts.trials if t.record.finished],
+    )
     between = f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"
     named = ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items()))
     return [
         ("run between", between),
-        *recorded_rows(recorded([directory / t.directory for t in facts.trials])),
+        *recorded_rows(recorded([t.record.directory for t in facts.trials])),
         s.problem.provenance(),
         ("conditions", ", ".join(condition.name for condition in s.conditions)),
-        ("base configuration", s.base_config().digest()),
+        ("base configuration", s.problem.base.digest()),
         ("sampler and seed", f"{s.sampler}, {s.seed}"),
         (
             "ledger",

@@ -143,7 +143,7 @@ class ComparisonFacts:
         notes: Sequence[str] = (),
     ) -> None:
         self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
-        self.asked = asked or ComparisonSpec(Objective())
+        self.asked = asked or ComparisonSpec()
         self.strategies = tuple(in_table_order(self.plan.strategies))
         self.reference = reference or ("hyb-h" if "hyb-h" in self.strategies else self.strategies[0])
         self.word = self.asked.instance_word
@@ -208,16 +208,17 @@ class ComparisonFacts:
     def _summary(self, records: Sequence[Trial]) -> ComparisonTable:
         asked = self.asked
         costs = [o for o in COSTS_SHOWN if any(r.measured(o) is not None for r in records)]
-        objectives = [o for o in (asked.objective, asked.second) if o is not None and o != asked.quality]
+        quality = asked.goal.quality
+        objectives = [o for o in asked.goal.objectives if o != quality]
         counts = {o.metric: o for o in (*objectives, *costs)}
-        rows = [_row_of(o) for o in (*counts.values(), *([asked.quality] if asked.quality else []))]
+        rows = [_row_of(o) for o in (*counts.values(), *([quality] if quality else []))]
         table = comparison_table(records, self.strategies, self.reference, rows)
         # A cost is read beside the others': its difference would only be in the way.
         found = [
             dataclasses.replace(row, differences={}) if row.metric.key in counts else row
             for row in table.rows
         ]
-        if asked.limit is not None:
+        if asked.goal.limit is not None:
             shares = {name: self._share(records, name) for name in self.strategies}
             most = max((share.mean for share in shares.values() if share is not None), default=0.0)
             best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
@@ -226,18 +227,16 @@ class ComparisonFacts:
         return dataclasses.replace(table, rows=found)
 
     def _share(self, records: Sequence[Trial], strategy: str) -> Interval | None:
-        asked = self.asked
-        assert asked.second is not None and asked.limit is not None
-        return share_kept(
-            records, strategy, asked.second, asked.limit, exact=asked.second.metric in asked.decided
-        )
+        goal = self.asked.goal
+        assert goal.second is not None and goal.limit is not None
+        return share_kept(records, strategy, goal.second, goal.limit, exact=goal.second in goal.decided)
 
     # -- sentences -----------------------------------------------------------------------------------------------
 
     @cached_property
     def verdicts(self) -> list[Sentence]:
         """The verdict on the tuned strategy, without one on the first that is not the reference, line by line."""
-        asked, reference = self.asked, self.reference
+        goal, reference = self.asked.goal, self.reference
         others = [name for name in self.plan.strategies if name != reference]
         if not others:
             return []
@@ -255,14 +254,14 @@ class ComparisonFacts:
                     Sentence("{} took the same photographs as {} in every mission.".format(*both), "no")
                 )
                 continue
-            out += [self._count(name, o) for o in asked.counts]
-            if asked.quality is not None:
-                margin = 0.0 if asked.limit is None else asked.margin
-                out.append(self._quality(name, reference, asked.quality, margin))
-        if subject == TUNED and asked.limit is not None:
+            out += [self._count(name, o) for o in goal.decided]
+            if goal.quality is not None:
+                margin = 0.0 if goal.limit is None else self.asked.margin
+                out.append(self._quality(name, reference, goal.quality, margin))
+        if subject == TUNED and goal.limit is not None:
             out += self._limit()
-        if subject == TUNED and asked.quality is not None:
-            out += self._best_control(asked.quality)
+        if subject == TUNED and goal.quality is not None:
+            out += self._best_control(goal.quality)
         return out
 
     def _count(self, name: str, o: Objective) -> Sentence:
@@ -283,12 +282,12 @@ class ComparisonFacts:
         return Sentence(verdict_text(verdict, self.word, whom), TONES.get(verdict.kind, "no"))
 
     def _limit(self) -> list[Sentence]:
-        asked, share = self.asked, self._share(self.records, TUNED)
-        if share is None or asked.second is None:
+        goal, share = self.asked.goal, self._share(self.records, TUNED)
+        if share is None or goal.second is None:
             return []
-        label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
-        bound = "at least" if asked.second.direction == "maximise" else "at most"
-        text = f"Constraint ({label.full}: {bound} {asked.limit:g} {label.unit}".rstrip()
+        label, kept = metric_label(goal.second.metric), round(share.mean * share.rocks / 100)
+        bound = "at least" if goal.second.direction == "maximise" else "at most"
+        text = f"Constraint ({label.full}: {bound} {goal.limit:g} {label.unit}".rstrip()
         text += f"): met on {kept} of {counted(share.rocks, self.word)}"
         if share.low is not None and share.high is not None:
             text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
@@ -501,5 +500,5 @@ def _provenance(run: EvaluationRun, word: str) -> list[tuple[str, str]]:
         ("conditions", ", ".join(condition.name for condition in plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(sorted({config.preset for config in plan.strategies.values()}))),
-        *recorded_rows(recorded([Path(r.directory) for r in run.records])),
+        *recorded_rows(recorded([r.record.directory for r in run.records])),
     ]

@@ -109,7 +109,7 @@ class GateResult:
 def gate_result(campaign: Campaign, best: Recommendation | None = None) -> GateResult | None:
     """Return all strategies beside the present recommendation, from everything in the run directory; None without evaluation."""
     s, best = campaign.settings, best or campaign.recommendation(save=False)
-    found = None if best is None else held_out_results(campaign, s.config(best.values))
+    found = None if best is None else held_out_results(campaign, s.problem.config(best.values))
     if best is None or found is None or not _against_hyb_h(found):
         return None
     training = training_results(campaign, best)

@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from tuner.problem.instances import Instance, InstanceLike, instances_of
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Goal
 from tuner.problem.observations import Block, Observation, Proposal, configuration_key, next_block
-from tuner.problem.search_space import SearchSpace, Values
-from tuner.recommendation.inputs import Goal
+from tuner.problem.problem import Problem
 from tuner.samplers.design import sobol_point
 
 if TYPE_CHECKING:
@@ -44,23 +42,14 @@ class Sampler(Protocol):
 class SamplerSettings:
     """What every sampler is built from."""
 
-    space: SearchSpace
-    default: Values  # the configuration everything starts from: the paper's
-    places: tuple[InstanceLike, ...]  # training instances
+    problem: Problem
     seed: int
     initial: int  # size of the initial design, the default configuration included
-    replicates: int = 1  # per instance, for samplers that choose them
-    earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
+    goal: Goal = field(default_factory=Goal)
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
-    trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     arms: tuple[Proposal, ...] = ()  # missions of the plain plans, which come first; none: one of the default
-    goal: Goal = field(default_factory=lambda: Goal(Objective()))
-    default_beside: bool = False  # on new rocks the default runs, too: a gain is not taken for an easy rock
-
-    @property
-    def instances(self) -> tuple[Instance, ...]:
-        """The training instances, every one with its condition."""
-        return instances_of(self.places)
+    earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
+    trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
 
     @property
     def first(self) -> int:
@@ -84,10 +73,10 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
         arm = settings.arms[number]
         return dataclasses.replace(arm, metadata={"sampler": sampler, **arm.metadata})
     if number == 0:
-        return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
+        return Proposal(dict(settings.problem.default), {"sampler": sampler, "phase": "default"})
     point = number - settings.first
     metadata = {"sampler": sampler, "phase": "initial design", "point": point}
-    return Proposal(sobol_point(settings.space, settings.seed, point), metadata)
+    return Proposal(sobol_point(settings.problem.space, settings.seed, point), metadata)
 
 
 def in_flight(
@@ -98,7 +87,8 @@ def in_flight(
 ) -> Observation:
     """Return a proposal as a pending mission, for the proposal after it."""
     number = missions_asked(history, running)
-    instance, replicate = next_block(settings.instances, settings.replicates, [*history, *running], proposal)
+    problem = settings.problem
+    instance, replicate = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
     return Observation(number, proposal.values, instance.rock, replicate, condition=instance.condition)
 
 
@@ -111,15 +101,15 @@ def ask_many(
 ) -> list[Proposal]:
     """Return ``count`` proposals, each knowing those before; made at once where the sampler can.
 
-    With ``settings.default_beside`` the default is proposed on every rock that it has not run.
+    Where rocks are drawn the default is proposed on every one that it has not run: a gain is not taken for an easy rock.
     """
     at_once, proposals, running = getattr(sampler, "ask_many", None), list[Proposal](), list(pending)
     while (left := count - len(proposals)) > 0:
-        if settings.default_beside and (block := _without_default(settings, [*history, *running])):
+        if settings.problem.draws_rocks and (block := _without_default(settings, [*history, *running])):
             metadata = {"sampler": sampler.name, "phase": "beside the default"}
-            found = [Proposal(dict(settings.default), metadata, *block)]
+            found = [Proposal(dict(settings.problem.default), metadata, *block)]
         elif at_once is not None:
-            found = at_once(history, running, (left + 1) // 2 if settings.default_beside else left)
+            found = at_once(history, running, (left + 1) // 2 if settings.problem.draws_rocks else left)
         else:
             found = [sampler.ask(history, running)]
         for proposal in found:
@@ -132,9 +122,10 @@ def _without_default(settings: SamplerSettings, missions: Sequence[Observation])
     """Return the first block on which the default is missing; None after verification has begun."""
     if settings.budget is not None and len(missions) >= VERIFICATION_BEGINS * settings.budget:
         return None
-    default, evaluated = configuration_key(settings.space, settings.default), dict[Block, bool]()
+    space, evaluated = settings.problem.space, dict[Block, bool]()
+    default = configuration_key(space, settings.problem.default)
     for m in missions:
         block = (m.instance, m.replicate)
-        has_default = configuration_key(settings.space, m.values) == default
+        has_default = configuration_key(space, m.values) == default
         evaluated[block] = evaluated.get(block, False) or has_default
     return next((block for block, has_default in evaluated.items() if not has_default), None)

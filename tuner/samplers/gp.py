@@ -9,18 +9,17 @@ from typing import Any
 
 from tuner.acquisition.constrained import (
     Constraint,
-    Outcome,
+    ObjectiveModel,
     propose_constrained,
     surrogate_of,
     two_models,
 )
 from tuner.acquisition.propose import propose
 from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.instances import are_drawn, rocks_of
+from tuner.problem.goal import Goal
 from tuner.problem.observations import Key, Observation, Proposal, configuration_key
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
-from tuner.recommendation.inputs import Goal
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
@@ -73,13 +72,13 @@ class GPSampler:
 
         With more in flight than `MAX_JOINT` all are drawn.
         """
-        s, proposals, running = self.settings, list[Proposal](), list(pending)
+        s, problem, proposals, running = self.settings, self.settings.problem, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
         goal = s.goal.after(history)
         both = goal.at_least is not None and (
             sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
         )
-        models: tuple[Outcome, ...] = ()
+        models: tuple[ObjectiveModel, ...] = ()
         constraint: Constraint | None = None
         modelled, drawn = 0, list[Values]()
         while len(proposals) < count:
@@ -88,14 +87,14 @@ class GPSampler:
                 proposal = self._design(number, goal, history)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
                 metadata = {"sampler": self.name, "phase": "exploration"}
-                proposal = Proposal(sobol_point(s.space, s.seed, ASIDE + number), metadata)
+                proposal = Proposal(sobol_point(problem.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and goal.at_least is not None and goal.second is not None:
-                    models = two_models(s.space, history, s.instances, self.model, goal.exact)
+                    models = two_models(problem, goal, history, self.model)
                     constraint = Constraint(models[1], goal.at_least, goal.second.is_share).within_reach()
                 elif not models:
-                    models = (InstanceMeanGP(s.space, history, s.instances, self.model),)
+                    models = (InstanceMeanGP(problem.space, history, problem.instances, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 configurations = [p.values for p in running]
                 if modelled >= most or len(running) > MAX_JOINT:
@@ -116,28 +115,26 @@ class GPSampler:
 
     def _verified(
         self,
-        models: tuple[Outcome, ...],
+        models: tuple[ObjectiveModel, ...],
         constraint: Constraint | None,
         history: Sequence[Observation],
         running: Sequence[Observation],
         gain: float,
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
-        s = self.settings
+        s, problem = self.settings, self.settings.problem
         number = missions_asked(history, running) - sum(o.repeat for o in history)
         if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
-        rocks = rocks_of(s.instances)
         # A family has as many replicates as the budget has missions.
-        last = number >= s.budget - len(rocks) * min(
-            s.replicates, REPLICATES if are_drawn(rocks) else s.replicates
-        )
+        replicates = min(problem.replicates, REPLICATES) if problem.draws_rocks else problem.replicates
+        last = number >= s.budget - len(problem.rocks) * replicates
         model, exact = (
             surrogate_of(models),
             models[0] if isinstance(models[0], DeterministicOutcome) else None,
         )
         return verification(
-            model, history, running, s.replicates, gain, last=last, constraint=constraint, exact=exact
+            model, history, running, problem.replicates, gain, last=last, constraint=constraint, exact=exact
         )
 
     def _design(self, number: int, goal: Goal, history: Sequence[Observation]) -> Proposal:
@@ -156,9 +153,9 @@ class GPSampler:
 
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
         """Return point ``number`` of the design, which begins with 1 behind the plain plans."""
-        s, rank = self.settings, number // 2 - 1
-        if 1 <= number <= len(s.space.begin):
-            values = {**s.default, **s.space.begin[number - 1]}
+        s, space, rank = self.settings, self.settings.problem.space, number // 2 - 1
+        if 1 <= number <= len(space.begin):
+            values = {**s.problem.default, **space.begin[number - 1]}
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
         places = places_for_earlier(s.initial - s.first + 1)
         if number in places and s.earlier is not None and s.earlier.usable:
@@ -166,24 +163,24 @@ class GPSampler:
             best = s.earlier.best(nth + 1)
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
-        if not stays_near_default(s.space.dimension, s.trusted_default) and len(s.arms) < 2:
+        if not stays_near_default(space.dimension, s.trusted_default) and len(s.arms) < 2:
             return initial_proposal(s, number + s.first - 1, self.name)
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
         if number % 2 == 1:
-            values = near_default(s.space, self._best_plain(history), s.seed, number // 2)
+            values = near_default(space, self._best_plain(history), s.seed, number // 2)
             return Proposal(values, {**metadata, "near": "best plain plan", "point": number // 2})
-        return Proposal(sobol_point(s.space, s.seed, rank), {**metadata, "point": rank})
+        return Proposal(sobol_point(space, s.seed, rank), {**metadata, "point": rank})
 
     def _best_plain(self, history: Sequence[Observation]) -> Values:
         """Return the plain plan with the best mean outcome so far: the design stays near it."""
-        outcomes: dict[Key, list[float]] = {}
+        space, outcomes = self.settings.problem.space, dict[Key, list[float]]()
         for o in history:
             if o.outcome is not None:
-                outcomes.setdefault(configuration_key(self.settings.space, o.values), []).append(o.outcome)
-        plans = [dict(self.settings.default), *(dict(arm.values) for arm in self.settings.arms)]
+                outcomes.setdefault(configuration_key(space, o.values), []).append(o.outcome)
+        plans = [dict(self.settings.problem.default), *(dict(arm.values) for arm in self.settings.arms)]
 
         def mean(values: Values) -> float:
-            known = outcomes.get(configuration_key(self.settings.space, values))
+            known = outcomes.get(configuration_key(space, values))
             return sum(known) / len(known) if known else -math.inf
 
         return max(plans, key=mean)

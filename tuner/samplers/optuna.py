@@ -40,7 +40,7 @@ class OptunaSampler:
                 warnings.simplefilter("ignore")
                 study = optuna.create_study(direction="maximize", sampler=self._sampler(number))
                 study.add_trials(self._replay(history, pending))
-                trial = study.ask(distributions(self.settings.space))
+                trial = study.ask(distributions(self.settings.problem.space))
         finally:
             optuna.logging.set_verbosity(verbosity)
         return Proposal(dict(trial.params), {"sampler": self.name, "phase": "model"})
@@ -59,7 +59,7 @@ class OptunaSampler:
         outcomes = winsorised(instances, [o.outcome or 0.0 for o in feasible])
         standard = RockStandardiser.fit(instances, outcomes).standardise(instances, outcomes)
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
-        known, running = distributions(self.settings.space), {p.number for p in pending}
+        known, running = distributions(self.settings.problem.space), {p.number for p in pending}
 
         def replayed(mission: Observation) -> FrozenTrial:
             value = value_of.get(mission.number)

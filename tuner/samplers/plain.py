@@ -23,5 +23,6 @@ class PlainSampler:
         if self.name == "sobol" or number < s.first:
             return initial_proposal(s, number, self.name)
         rng = np.random.default_rng(derived_seed(s.seed, number))
-        values = s.space.from_unit(rng.random(s.space.dimension))
+        space = s.problem.space
+        values = space.from_unit(rng.random(space.dimension))
         return Proposal(values, {"sampler": self.name, "phase": "random"})

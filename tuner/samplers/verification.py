@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 
 from tuner.acquisition.constrained import Constraint
@@ -108,8 +107,8 @@ def _worth_confirming(
     if not open_:
         favourite = max(done, key=lambda i: costs[i], default=None)
         return None if favourite is None else (configurations[favourite], 0.0)
-    x = model.inputs(np.array([model.space.to_unit(configurations[i]) for i in open_]))
-    running = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
+    x = model.inputs_at([configurations[i] for i in open_])
+    running = model.inputs_at([p.values for p in pending]) if pending else None
     value = LogExpectedSaving(model, exact, constraint.at_least, constraint.quantile, float(best), running)
     with torch.no_grad():
         scores = value(x.unsqueeze(1))

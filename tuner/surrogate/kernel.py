@@ -106,7 +106,7 @@ def mission_kernel(
     kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
     if settings.own_landscapes:
         kernel = kernel + _scaled(f * instance, *OWN_VARIANCE)
-    if settings.blocks:
+    if settings.block_offsets:
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
     if settings.trend and ordered:
         prior, mode = log_normal(*TREND_VARIANCE)

@@ -34,9 +34,9 @@ from botorch.cross_validation import efficient_loo_cv
 from gpytorch.kernels import Kernel
 
 from nbv.types import Floats
-from tuner.problem.instances import Instance, InstanceLike, instances_of
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace
+from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
 from tuner.surrogate.kernel import (
@@ -60,15 +60,14 @@ class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
     ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
-    feasible. ``instances``: the training instances over which the mean is taken; a rock alone is that rock under
-    ``ideal``.
+    feasible. ``instances``: the training instances over which the mean is taken.
     """
 
     def __init__(
         self,
         space: SearchSpace,
         observations: Sequence[Observation],
-        instances: Sequence[InstanceLike],
+        instances: Sequence[Instance],
         settings: SurrogateSettings | None = None,
     ) -> None:
         self.settings = settings or surrogate_settings(space)
@@ -76,14 +75,14 @@ class InstanceMeanGP:
         if not feasible:
             raise ValueError("no feasible observation to learn from")
         self.space = space
-        self.instances = instances_of(instances)
+        self.instances = tuple(instances)
         self.observations = tuple(feasible)
         self.winsorised = outcomes = winsorised(
             [o.instance for o in feasible], [o.outcome or 0.0 for o in feasible]
         )
         rocks = [o.rock for o in feasible]
         evaluated = [(o.instance, o.replicate) for o in feasible]
-        self._models_blocks = self.settings.blocks and blocks_identifiable(evaluated)
+        self._models_blocks = self.settings.block_offsets and blocks_identifiable(evaluated)
         self.standardiser = RockStandardiser.fit(
             rocks, outcomes, shrink_centres=False, blocks=evaluated if self._models_blocks else None
         )
@@ -112,12 +111,12 @@ class InstanceMeanGP:
         return Feasibility(self.space, self.unit, np.array(self._failed))
 
     def _kernels(self) -> list[Kernel]:
-        settings = dataclasses.replace(self.settings, blocks=self._models_blocks)
+        settings = dataclasses.replace(self.settings, block_offsets=self._models_blocks)
         categorical, instance_column = self.space.categorical_dimensions, self.space.dimension
         taus = SPARSE_TAUS if settings.sparse and self._ordered else (None,)
         return [mission_kernel(self._ordered, categorical, instance_column, settings, tau) for tau in taus]
 
-    def levels(self, instance: InstanceLike | None, block: float = NO_OFFSET) -> list[float]:
+    def levels(self, instance: Instance | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's: instance and block.
 
         ``instance`` is a known one, or None for none: there the offsets are 0, so configurations are compared by their
@@ -125,18 +124,21 @@ class InstanceMeanGP:
         """
         if instance is None:
             return [NO_OFFSET, block]
-        (known,) = instances_of([instance])
-        return [self._instance_index[known], block]
+        return [self._instance_index[instance], block]
 
     def inputs(
-        self, unit: Floats, instance: InstanceLike | None = None, block: float = NO_OFFSET
+        self, unit: Floats, instance: Instance | None = None, block: float = NO_OFFSET
     ) -> torch.Tensor:
         """Return (m, d + 2) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
         return tensor(np.column_stack([unit, np.tile(self.levels(instance, block), (len(unit), 1))]))
 
+    def inputs_at(self, values: Sequence[Mapping[str, Any]]) -> torch.Tensor:
+        """Return (m, d + 2) model inputs of configurations, without offsets."""
+        return self.inputs(np.array([self.space.to_unit(v) for v in values]))
+
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
         """Return the joint posterior of the mean over the training instances at the configurations."""
-        x = self.inputs(np.array([self.space.to_unit(v) for v in values]))
+        x = self.inputs_at(values)
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
             mean, covariance = self.mean_over_instances(x)
         return Posterior(mean.numpy(), covariance.numpy())
@@ -163,28 +165,32 @@ class InstanceMeanGP:
 
     def best_first(self, values: Sequence[Mapping[str, Any]]) -> list[int]:
         """Return the indices of the configurations, the best posterior mean first, in time linear in their number."""
-        unit = np.array([self.space.to_unit(v) for v in values])
-        means = posterior_means(self.model, self.inputs(unit))
+        means = posterior_means(self.model, self.inputs_at(values))
         order: list[int] = means.argsort(descending=True, stable=True).tolist()
         return order
 
+    @functools.cached_property
+    def evaluated(self) -> tuple[Floats, list[Values]]:
+        """(m, d) unit positions run, each once, and their configurations."""
+        unit = np.unique(self.unit, axis=0)
+        return unit, [self.space.from_unit(u) for u in unit]
+
     def promising(self, count: int) -> Floats:
         """Return (m, d) unit positions run, each once: all, or the ``count`` with the best posterior means."""
-        seen = np.unique(self.unit, axis=0)
+        seen, _ = self.evaluated
         if len(seen) <= count:
             return seen
         means = posterior_means(self.model, self.inputs(seen)).numpy()
         chosen: Floats = seen[np.sort(np.argsort(-means)[:count])]
         return chosen
 
-    def predict_mission(self, values: Mapping[str, Any], instance: InstanceLike) -> tuple[float, float]:
+    def predict_mission(self, values: Mapping[str, Any], instance: Instance) -> tuple[float, float]:
         """Return ``(mean, sd)`` of the outcome of one new mission in a known instance, on a new block, its noise included."""
-        (known,) = instances_of([instance])
-        x = self.inputs(self.space.to_unit(values)[None], known, float(len(self._block_index)))
+        x = self.inputs(self.space.to_unit(values)[None], instance, float(len(self._block_index)))
         with torch.no_grad():
             mean, covariance = moments(self.model.posterior(x, observation_noise=True))
-        scale = self.standardiser.scale(known.rock)
-        return self.standardiser.centre(known.rock) + scale * float(mean[0]), scale * math.sqrt(
+        scale = self.standardiser.scale(instance.rock)
+        return self.standardiser.centre(instance.rock) + scale * float(mean[0]), scale * math.sqrt(
             covariance[0, 0]
         )
 

@@ -16,7 +16,7 @@ class SurrogateSettings:
     """What the Gaussian process has beside the common landscape and the offsets of rocks and conditions."""
 
     # An offset per (instance, replicate), as soon as the data can tell it from rock and noise.
-    blocks: bool = True
+    block_offsets: bool = True
     own_landscapes: bool = False  # each rock departs from the common landscape, not only by an offset
     sparse: bool = False  # SAAS prior of the length scales: most parameters are expected to be without effect
     trend: bool = False  # a linear trend beside f's other part, one slope per ordered parameter

@@ -100,7 +100,7 @@ def test_a_campaign_uses_sampler_fidelity_and_family(installed, tmp_path):
     assert run.exit_code == 0, run.output
     trials = Campaign.open(tmp_path / "a", read_only=True).trials()
     assert {trial.state for trial in trials} == {"complete"} and len(trials) >= 4
-    assert "drawn" in {trial.metadata["sampler"] for trial in trials}
+    assert "drawn" in {trial.record.metadata["sampler"] for trial in trials}
     assert all("views" in trial.metrics for trial in trials)
 
 

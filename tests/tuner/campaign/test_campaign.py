@@ -57,12 +57,12 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
     assert kinds["launched"] == kinds["finished"] == 8 and kinds["done"] == 1
     first = campaign.trials()[0]
     assert first.values == {"gate.budget_fraction": 0.4, "gate.d95_m": 0.14}  # the paper's, before all else
-    assert first.metadata["phase"] == "default"
+    assert first.record.metadata["phase"] == "default"
     assert set(first.values) == set(campaign.settings.space.paths)
     saved = json.loads((tmp_path / "run" / "recommendation.json").read_text())
     assert saved["observations"] == 8
     for t in campaign.trials():
-        result = json.loads((tmp_path / "run" / t.directory / "mission.json").read_text())
+        result = json.loads((t.record.directory / "mission.json").read_text())
         assert result["metrics"]["observable"]["f_score_48mm"] == t.raw
 
 
@@ -150,7 +150,7 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
         assert (after[number].values, after[number].rock) == (t.values, t.rock)
     for number in finished_before:  # what was told stays as it was and is not run again
         assert after[number] == before[number]
-        assert (directory / after[number].directory / "run.txt").read_text() == "run\n"
+        assert (after[number].record.directory / "run.txt").read_text() == "run\n"
 
 
 def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
     assert reasons["fail"] == "seed_model_failed"
     assert reasons["hang"] == "timeout"
     assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
-    messages = {t.rock: t.message for t in campaign.trials()}
+    messages = {t.rock: t.record.message for t in campaign.trials()}
     assert "an exception nobody expected" in messages["raise"]
     assert summary.recommendation is not None and summary.recommendation.failures == 8
 
@@ -205,9 +205,9 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
-    assert all("theta_low_deg" in t.message and "\n" not in t.message for t in refused)
-    assert not any(t.path.exists() for t in refused)
-    assert [e.message for e in events if e.kind == "failed"] == [t.message for t in refused]
+    assert all("theta_low_deg" in t.record.message and "\n" not in t.record.message for t in refused)
+    assert not any(t.record.directory.exists() for t in refused)
+    assert [e.message for e in events if e.kind == "failed"] == [t.record.message for t in refused]
     found = resumed.recommendation()
     assert found is not None and found.failures == len(refused)
     assert "configuration_refused" in write_campaign_report(resumed).read_text()
@@ -266,9 +266,9 @@ def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> 
     campaign = run(tmp_path / "run", sampler=sampler, space=space, budget=8, initial=5, replicates=2)
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 8
-    assert trials[0].values == campaign.settings.default_values()
+    assert trials[0].values == campaign.settings.problem.default
     assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
-    searching = [t for t in trials if t.metadata["phase"] not in ("default", "verification")]
+    searching = [t for t in trials if t.record.metadata["phase"] not in ("default", "verification")]
     assert len(searching) >= 2
     assert len({tuple(t.values.values()) for t in searching}) == len(searching)
 
@@ -323,7 +323,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     saved = json.loads(path.read_text())
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
     path.write_text(json.dumps({**saved, "values": other}))
-    assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.config(other)
+    assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.problem.config(other)
     for stale in (
         {**saved, "values": other, "observations": 5},
         {**saved, "values": {**other, "gate.d95_m": 1e9}},  # never run
@@ -332,7 +332,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     ):
         path.write_text(json.dumps(stale) if stale is not None else "{")
         found = Campaign.open(tmp_path / "run").recommended_config()
-        assert found == campaign.settings.config(saved["values"])
+        assert found == campaign.settings.problem.config(saved["values"])
 
 
 @pytest.mark.parametrize("sampler", ["gp", "random"])
@@ -354,7 +354,7 @@ def test_nothing_is_said_before_the_default_has_its_replicates_on_every_rock(
     run_campaign(campaign, InProcessExecutor())
     first = campaign.trials()[:4]
     assert {(t.rock, t.replicate) for t in first} == {(rock, k) for rock in "ab" for k in (0, 1)}
-    assert all(t.values == campaign.settings.default_values() for t in first)
+    assert all(t.values == campaign.settings.problem.default for t in first)
     assert campaign.trials()[4].values != first[0].values and campaign.recommendation() is not None
 
 
@@ -396,9 +396,11 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     assert run_campaign(campaign, executor).stopped == "budget"
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 4
-    assert {"model", "verification"} & {t.metadata["phase"] for t in trials}
+    assert {"model", "verification"} & {t.record.metadata["phase"] for t in trials}
     keys = [
-        tuple(t.values.values()) for t in trials if t.metadata["phase"] not in ("default", "verification")
+        tuple(t.values.values())
+        for t in trials
+        if t.record.metadata["phase"] not in ("default", "verification")
     ]
     assert len(set(keys)) == len(keys)
     assert Wide.capacity >= session.FROM_WORKERS

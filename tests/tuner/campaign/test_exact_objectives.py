@@ -44,7 +44,7 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     assert best.improvement_interval_95 == (best.improvement, best.improvement)
     assert best.values in [t.values for t in fewest.trials()]  # run
     saved = json.loads((fewest.directory / "recommendation.json").read_text())
-    assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.config(
+    assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.problem.config(
         best.values
     )
 

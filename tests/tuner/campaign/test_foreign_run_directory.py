@@ -163,7 +163,7 @@ def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> No
                 Campaign.open(run)
             continue
         campaign = Campaign.open(run)
-        assert campaign.trials()[2].path.parent == run / "missions"
+        assert campaign.trials()[2].record.directory.parent == run / "missions"
         run_campaign(campaign, InProcessExecutor())
         assert not (tmp_path / "outside").exists()
 

@@ -45,7 +45,7 @@ def test_trials_that_repeat_photographs_use_no_budget(ended):
     trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
     again = repeated(trials)
     searched = [t for t in trials if t.number not in again]
-    assert len(searched) == 20 and again, [t.metadata for t in trials]
+    assert len(searched) == 20 and again, [t.record.metadata for t in trials]
     taken = [t.photographs_taken for t in searched]
     assert len(set(taken)) == len(taken)
     first = {t.photographs_taken: t.raw for t in searched}
@@ -62,12 +62,12 @@ def test_nothing_inert_is_recommended(ended):
         reset = {**best.values, path: best.default_values[path]}
         same = []
         for t in own:
-            job = s.config(reset, t.condition), t.rock, t.replicate
+            job = s.problem.config(reset, t.condition), t.rock, t.replicate
             from nbv.geometric import run_geometric_mission
             from tuner.problem.observations import photographs_key
 
             trace = run_geometric_mission(*job, None, keep="summary").trace
-            same.append(photographs_key(job[0], [r.chosen for r in trace]) == t.photographs)
+            same.append(photographs_key(job[0], [r.chosen for r in trace]) == t.record.photographs)
         assert not all(same), path
 
 
@@ -136,6 +136,6 @@ def test_a_mission_that_is_not_in_the_store_is_not_known(ended):
     campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
     from tuner.missions.job import MissionJob
 
-    config = campaign.settings.config(campaign.settings.default_values())
+    config = campaign.settings.problem.config(campaign.settings.problem.default)
     job = MissionJob("1", config, "slab", 977, campaign.directory)
     assert known_photographs(job) == ""  # photogrammetric, a replicate that nobody has run

@@ -92,8 +92,8 @@ def test_changed_settings_are_named(copy):
 def test_a_changed_result_is_not_believed(copy):
     campaign = Campaign.open(copy)
     trial = campaign.trials()[0]
-    directory = copy / trial.directory
-    config = campaign.settings.config(trial.values)
+    directory = trial.record.directory
+    config = campaign.settings.problem.config(trial.values)
 
     def job(**changes):
         fields = {"config": config, "rock": trial.rock, "replicate": trial.replicate, **changes}

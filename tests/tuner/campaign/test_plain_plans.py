@@ -15,15 +15,15 @@ import yaml
 from nbv.config import config_from_dict, preset
 from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
-from tuner.campaign.campaign import Campaign, arm_proposals
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import settings_from_dict
 from tuner.comparison.advice import advice_of
 from tuner.problem.baselines import baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData
 from tuner.report.answer import use_sentence
 
 SEEDS = {"kind": "int", "low": 8, "high": 30}
@@ -48,16 +48,16 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 def test_the_default_is_the_papers_plan_and_all_take_as_many_photographs() -> None:
     s = settings(overrides={})
-    assert seed_viewpoints(s.base_config()) == seed_viewpoints(preset("campaign"))  # type: ignore[arg-type]
+    assert seed_viewpoints(s.problem.base) == seed_viewpoints(preset("campaign"))  # type: ignore[arg-type]
     twenty = settings()
-    for values in [*twenty.arms.values(), *(twenty.space.from_unit([k / 7] * 15) for k in range(8))]:
-        config: Any = twenty.config(values)
+    for values in [*twenty.problem.arms.values(), *(twenty.space.from_unit([k / 7] * 15) for k in range(8))]:
+        config: Any = twenty.problem.config(values)
         assert config.seed.total + config.adaptive_budget == 20
 
 
 def test_what_the_user_sets_is_the_default_and_is_checked() -> None:
     """An override of a tuned parameter is no longer ignored where the space has a default of its own."""
-    assert settings(overrides={**TWENTY, "pool.max_elevation_deg": 30.0}).default_values()[
+    assert settings(overrides={**TWENTY, "pool.max_elevation_deg": 30.0}).problem.default[
         "pool.max_elevation_deg"
     ] == pytest.approx(30.0)
     with pytest.raises(UserError, match=r"seed\.lowest_deg has the default 80"):
@@ -72,21 +72,28 @@ def test_what_equal_photographs_decides_is_refused(kind: str) -> None:
         space_from_dict(tree, "mine.yaml")
 
 
+@pytest.mark.parametrize("budget", [6, 16, 24])
+def test_a_resume_has_the_same_plain_plans(budget: int) -> None:
+    """``campaign.yaml`` has the length of the whole design, which must not make room for further blocks."""
+    begun = settings(budget=budget, sampler="random")
+    assert settings_from_dict(begun.to_dict(), "campaign.yaml").search == begun.search
+
+
 def test_every_plain_plan_runs_on_the_same_blocks_the_default_first(campaign: Campaign) -> None:
     s = campaign.settings
-    assert list(s.arms) == ["orbit", "orbit-high", "random", "hyb-h"]
+    assert list(s.problem.arms) == ["orbit", "orbit-high", "random", "hyb-h"]
     blocks: dict[str, list[Any]] = {}
-    for p in arm_proposals(s):
+    for p in s.search.arms:
         blocks.setdefault(p.metadata["arm"], []).append((p.instance, p.replicate))
     assert list(blocks) == ["hyb-h", "orbit", "orbit-high", "random"]
     assert all(own == blocks["hyb-h"] for own in blocks.values()) and len(blocks["hyb-h"]) == 3
-    first = campaign.trials()[: s.arm_missions]
-    assert [dict(t.values) for t in first[:2]] == [s.arms["hyb-h"], s.arms["orbit"]]
+    first = campaign.trials()[: len(s.search.arms)]
+    assert [dict(t.values) for t in first[:2]] == [s.problem.arms["hyb-h"], s.problem.arms["orbit"]]
 
 
 def test_what_nothing_reads_is_at_its_default() -> None:
     space = settings().space
-    default = settings().default_values()
+    default = settings().problem.default
     orbit = space.settled({**default, "seed.count": 20, "covis.weights.nov": 0.5, "gate.kind": "random"})
     assert orbit == {**default, "seed.count": 20}
     at_random = space.settled({**default, "gate.kind": "random", "gate.d95_m": 0.5})
@@ -96,14 +103,13 @@ def test_what_nothing_reads_is_at_its_default() -> None:
 def recommended(extra: Mapping[str, tuple[Values, float]], arms: Mapping[str, float]) -> Any:
     """After missions on two rocks and two replicates: of the plain plans with these means, and of other configurations."""
     s, observations = settings(), list[Observation]()
-    plans = {name: (s.arms[name], mean) for name, mean in arms.items()} | dict(extra)
+    plans = {name: (s.problem.arms[name], mean) for name, mean in arms.items()} | dict(extra)
     wobble = [0.06, -0.04, 0.05, -0.05]
     for values, mean in plans.values():
         for k, (rock, replicate) in enumerate([("a", 0), ("b", 0), ("a", 1), ("b", 1)]):
             y = mean + wobble[(k + len(observations)) % 4] + (2.0 if rock == "b" else 0.0)
             observations.append(Observation(len(observations), values, rock, replicate, y, y))
-    data = CampaignData(s.space, observations, s.instances, s.default_values(), 2, True, arms=s.arms)
-    best = recommend(data, s.goal)
+    best = recommend(s.problem, s.goal, observations)
     assert best is not None
     return s, best
 
@@ -112,7 +118,7 @@ ARMS = {"orbit": 97.0, "orbit-high": 96.0, "random": 95.0, "hyb-h": 90.0}
 
 
 def test_a_plan_that_an_orbit_beats_is_not_recommended() -> None:
-    tried = {**settings().default_values(), "seed.count": 18}
+    tried = {**settings().problem.default, "seed.count": 18}
     s, best = recommended({"tried": (tried, 96.4)}, ARMS)
     assert (best.plain, best.best_plain.strategy, best.best_plain.gain) == ("orbit", "orbit", 0.0)
     assert best.improvement == pytest.approx(7.0, abs=0.5)
@@ -120,7 +126,7 @@ def test_a_plan_that_an_orbit_beats_is_not_recommended() -> None:
 
 
 def test_the_simplest_wins_a_tie_and_a_better_plan_wins() -> None:
-    values = {**settings().default_values(), "seed.count": 18}
+    values = {**settings().problem.default, "seed.count": 18}
     assert recommended({"tried": (values, 97.0)}, ARMS)[1].plain == "orbit"
     tie = recommended({}, {**ARMS, "random": 96.99, "hyb-h": 96.98})[1]
     assert tie.plain == "orbit"
@@ -170,7 +176,7 @@ def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
     gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = fake_campaigns.run(tmp_path / "run", space=load_search_space("gate"), budget=8, replicates=2)
-    orbit = baseline("orbit").orbit(run.settings.base_config(), 32)  # type: ignore[arg-type]
+    orbit = baseline("orbit").orbit(run.settings.problem.base, 32)  # type: ignore[arg-type]
     beaten = dataclasses.replace(
         advice_of(run, run.recommended()), fly="orbit-32", plain="orbit-32", config=orbit
     )

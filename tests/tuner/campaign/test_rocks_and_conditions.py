@@ -59,7 +59,7 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 @pytest.mark.slow
 def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(evaluated: Campaign) -> None:
-    default, trials = evaluated.settings.default_values(), evaluated.trials()
+    default, trials = evaluated.settings.problem.default, evaluated.trials()
     assert len(trials) == BUDGET
     by_rock = collections.defaultdict(list)
     for t in trials:
@@ -75,7 +75,7 @@ def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(evaluated: C
 def test_the_rock_met_is_a_training_rock_that_the_seed_decides(evaluated: Campaign) -> None:
     met = []
     for t in evaluated.trials():
-        result = json.loads((evaluated.directory / t.directory / "mission.json").read_text())
+        result = json.loads((t.record.directory / "mission.json").read_text())
         family, seed = result["rock"].split("-")
         assert t.rock == f"any-{family}" and int(seed) < 10_000
         met.append((t.rock, t.replicate, result["rock"]))
@@ -83,7 +83,7 @@ def test_the_rock_met_is_a_training_rock_that_the_seed_decides(evaluated: Campai
     assert all(first[place, k] == name for place, k, name in met)
     assert len(set(first.values())) == len(first)
     other = settings_of("any-slab", seed=1)
-    assert other.drawn_rock("any-slab", 0) != evaluated.settings.drawn_rock("any-slab", 0)
+    assert other.drawn_rock("any-slab", 0) != evaluated.settings.problem.drawn_rock("any-slab", 0)
 
 
 @pytest.mark.slow
@@ -132,9 +132,9 @@ def test_a_campaign_flies_every_rock_under_every_condition(tmp_path: Path) -> No
     evaluated = collections.Counter(t.instance for t in trials[:8])
     assert evaluated == dict.fromkeys(instances_over(["a", "b"], ["ideal", "field"]), 2)
     for trial in trials:
-        config = campaign.settings.config(trial.values, trial.condition)
-        assert (config.condition, config.digest()) == (trial.condition, trial.config_digest)
-        assert ("_field_r" in trial.directory) == (trial.condition == "field")
+        config = campaign.settings.problem.config(trial.values, trial.condition)
+        assert (config.condition, config.digest()) == (trial.condition, trial.record.config_digest)
+        assert ("_field_r" in trial.record.directory.name) == (trial.condition == "field")
     assert campaign.status().per_condition == {"ideal": 5, "field": 5}
     best = campaign.recommendation()
     assert best is not None and {row.instance for row in best.per_rock} == set(evaluated)

@@ -35,7 +35,10 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
     """Fails when missions have changed: then run the campaign again (research/ship_missions.py)."""
     space = load_search_space(name)
-    earlier, config = shipped_missions(space, Objective()), CampaignSettings(space=space, rocks=("x",)).config
+    earlier, config = (
+        shipped_missions(space, Objective()),
+        CampaignSettings(space=space, rocks=("x",)).problem.config,
+    )
     on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]
     best = max(on_one_rock, key=lambda o: o.raw or 0.0)
     for each in (on_one_rock[0], best):

@@ -35,7 +35,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
     s = CampaignSettings(name="new", space=space, rocks=("c",), budget=5, fidelity=FIDELITY)
-    return list(learn_from([str(campaign.directory)], space, s.base_config(), s.objective).observations)
+    return list(learn_from([str(campaign.directory)], s.problem, s.objective).observations)
 
 
 @pytest.mark.slow
@@ -43,7 +43,7 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
     known = shutil.copytree(earlier.directory, tmp_path / "known")
     campaign = run(tmp_path / "run", rocks=("c", "d"), budget=8, learn_from=(str(known),))
     trials = campaign.trials()
-    assert [t.metadata["phase"] for t in trials[:3]] == ["default", "default", "earlier missions"]
+    assert [t.record.metadata["phase"] for t in trials[:3]] == ["default", "default", "earlier missions"]
     assert campaign.learned is not None and trials[2].values == campaign.learned.best(1)[0]
     # Near the optimum, where the default is not.
     assert synthetic.true_value(trials[2].values) > 0.9 > synthetic.true_value(trials[0].values)
@@ -67,7 +67,7 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
     small = run(tmp_path / "small", space=ONE_PARAMETER, sampler="sobol")
     moved = learned(small, synthetic.SPACE)
     assert len(moved) == len(small.history())
-    assert {o.values["gate.d95_m"] for o in moved} == {small.settings.base_config().gate.d95_m}
+    assert {o.values["gate.d95_m"] for o in moved} == {small.settings.problem.base.gate.d95_m}
     # From two to one: only the missions that have the other at its default, here the first two.
     with pytest.raises(UserError, match="2 of its 24 missions are configurations of search space 'one'"):
         learned(earlier, ONE_PARAMETER)

@@ -80,7 +80,7 @@ def test_what_misbehaves_costs_a_campaign_nothing_else(gatetune, tmp_path):
         "stubborn": "timeout",
         "nan": "metric_not_a_number",
     }
-    assert {t.rock: t.status for t in before if t.state == "complete"} == {
+    assert {t.rock: t.record.status for t in before if t.state == "complete"} == {
         "fine": "ok",
         "children": "ok",
     }

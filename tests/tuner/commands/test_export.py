@@ -33,7 +33,7 @@ def recommends(monkeypatch, campaign, tmp_path):
         found = fake_campaigns.run(
             tmp_path / "tune", space=load_search_space(space), budget=3, sampler="sobol"
         )
-        best, default = campaign.recommendation(save=False), found.settings.default_values()
+        best, default = campaign.recommendation(save=False), found.settings.problem.default
         fixed = dataclasses.replace(
             best, values={**default, **changes}, default_values=default, improvement=6.0
         )
@@ -65,8 +65,8 @@ def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path)
     values = json.loads(gatetune("campaign", "status", campaign.directory, "--json")[1])["recommendation"][
         "values"
     ]
-    assert values == campaign.recommendation(save=False).values != campaign.settings.default_values()
-    wanted = campaign.settings.config(values)
+    assert values == campaign.recommendation(save=False).values != campaign.settings.problem.default
+    wanted = campaign.settings.problem.config(values)
     trees = {}
     for kind in ("gatetune.yaml", "scoring.yaml", "unified_mission.yaml"):
         code, out, _ = gatetune(

@@ -25,7 +25,7 @@ from tuner.commands.campaign_display import (
     mission_line,
 )
 from tuner.comparison.plan import EvaluationPlan
-from tuner.missions.job import Trial
+from tuner.missions.job import Record, Trial
 from tuner.missions.kinds import PHOTOGRAMMETRIC
 from tuner.problem.search_space import builtin
 from tuner.problem.space_files import load_search_space
@@ -33,17 +33,12 @@ from tuner.problem.space_files import load_search_space
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
 
 
-def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
+def event(kind: Any = "finished", raw: float = 81.234, directory: Path = Path("d")) -> CampaignEvent:
     values = dict.fromkeys(SETTINGS.space.paths, 0.123456)
-    fields: dict[str, Any] = {"values": values, "rock": "a", "replicate": 1}
-    fields |= {
-        "directory": "d",
-        "metadata": {},
-        "raw": 81.234,
-        "status": "ok",
-        "wall_s": 13.0,
-    }
-    return CampaignEvent(kind, 2.0, 3, 9, Trial(number=11, **{**fields, **changes}))
+    record = Record(directory=directory, status="ok", wall_s=13.0)
+    return CampaignEvent(
+        kind, 2.0, 3, 9, Trial(number=11, values=values, rock="a", replicate=1, raw=raw, record=record)
+    )
 
 
 def test_an_event_is_one_json_object() -> None:
@@ -59,14 +54,14 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     ours = begin_campaign(
         tmp_path / "ours", fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
     )
-    config, rendered_s = builtin(ours.settings.base_config()), PHOTOGRAMMETRIC.seconds
+    config, rendered_s = builtin(ours.settings.problem.base), PHOTOGRAMMETRIC.seconds
     assert rendered_s is not None
     assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
     longer = config.with_values({"stop.adaptive_budget": 40})
     assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32
     assert expected_text(9, 63.4) == "9 missions to run, in about 63 s where nothing else runs"
     progress = CampaignProgress(SETTINGS, 63.4)
-    progress(replace(event("launched", directory="m", run=tmp_path), finished=0, elapsed_s=0.4))
+    progress(replace(event("launched", directory=tmp_path / "m"), finished=0, elapsed_s=0.4))
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / "progress.txt").write_text("11/32\n12/32\n")
     assert progress.said() == "0/9, 63 s left, runs a r1 (photograph 12/32)"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_evaluations import made_trial
 from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
@@ -33,9 +34,8 @@ from tuner.comparison.curves import (
 )
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.verdict import Kind
-from tuner.missions.job import Trial
 from tuner.problem.baselines import baseline
-from tuner.problem.instances import Instance, instances_of
+from tuner.problem.instances import Instance
 from tuner.report.curves import answer_table, plugin_text, verdict_lines, write_curves
 
 MEASURED = Path(__file__).parents[3] / "docs/results/data/where_planning_pays_believed.csv"
@@ -312,20 +312,18 @@ def test_the_page_begins_at_the_first_number_and_repeats_nothing(oracle, tmp_pat
 
 
 def ended(rock, curve):
-    return Trial(
-        rock=rock, replicate=0, strategy="covis", status="ok", measured_then={"metrics": {"curve": curve}}
-    )
+    return made_trial("covis", rock, 0, measured={"metrics": {"curve": curve}})
 
 
 def test_levels_that_take_the_same_photographs_are_one_setting():
-    suite = Suite(instances_of(["slab", "boulder"]), numbers=(12, 14))
+    suite = Suite((Instance("slab"), Instance("boulder")), numbers=(12, 14))
     trials = [ended("slab", [[12, 90, 90.6]]), ended("boulder", [[12, 90, 99.0]])]
     (found,) = all_series(suite, ["covis-stopped"], trials)
     assert found.photographs.tolist() == [[12, 12], [14, 12], [14, 14]]
 
 
 def test_what_has_no_model_yet_scores_0_and_is_said():
-    suite = Suite(instances_of(["slab", "boulder"]), numbers=(12, 16, 20, 24))
+    suite = Suite((Instance("slab"), Instance("boulder")), numbers=(12, 16, 20, 24))
 
     (found,) = all_series(
         suite,
@@ -346,7 +344,7 @@ def test_a_suite_is_named_by_all_its_settings():
     assert changed.name.startswith("custom-") and changed.name != Suite(suite.targets, score=97.0).name
     plans = comparison_plans(suite, dict.fromkeys(("covis", "orbit-two", "orbit-by-height")))
     assert plans[""].missions == 60 * (1 + 19)
-    rendered = Suite(instances_of(["slab"]), (16, 24), fidelity="photogrammetric")
+    rendered = Suite((Instance("slab"),), (16, 24), fidelity="photogrammetric")
     assert list(comparison_plans(rendered, {"covis": None})[""].strategies) == ["covis-16", "covis-24"]
 
 

@@ -3,9 +3,9 @@
 import itertools
 
 import pytest
+from made_evaluations import made_trial
 
 from tuner.comparison.statistics import same_photographs, strategy_difference
-from tuner.missions.job import Trial
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
 from tuner.report.gate_result import F_48, measured_steps
 
@@ -14,13 +14,12 @@ LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.
 
 def records(levels, photographs=lambda name, k: f"{name} {k}"):
     return [
-        Trial(
-            rock=rock,
-            replicate=k,
-            strategy=name,
-            status="ok",
+        made_trial(
+            name,
+            rock,
+            k,
             photographs=photographs(name, k),
-            measured_then={"metrics": {"observable": {"f_score_48mm": level + 0.1 * k}}, "costs": {}},
+            measured={"metrics": {"observable": {"f_score_48mm": level + 0.1 * k}}, "costs": {}},
         )
         for (name, level), rock, k in itertools.product(levels.items(), ("a", "b", "c"), (0, 1))
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_evaluations import made_trial
 from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
@@ -38,13 +39,7 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
             },
             "costs": {"images": float(count), "registered_images": count - 1.0},
         }
-        return Trial(
-            rock="ball",
-            replicate=k,
-            strategy=strategy,
-            status="ok" if quality else "failed",
-            measured_then=measured,
-        )
+        return made_trial(strategy, "ball", k, status="ok" if quality else "failed", measured=measured)
 
     records = [trial(s, k, *found) for s, several in values.items() for k, found in enumerate(several)]
     return EvaluationRun(plan, records, True, 0.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_evaluations import made_trial
 from scipy import stats
 
 from tuner.comparison.statistics import mean_interval, strategy_difference
-from tuner.missions.job import Trial
 
 
 def test_closed_forms() -> None:
@@ -31,7 +31,7 @@ def test_pairs() -> None:
         "elsewhere": {("x", 0): 1.0},
     }
     trials = [
-        Trial(strategy=name, rock=rock, replicate=k, status="ok", measured_then={"metrics": {"f": value}})
+        made_trial(name, rock, k, measured={"metrics": {"f": value}})
         for name, own in outcomes.items()
         for (rock, k), value in own.items()
     ]

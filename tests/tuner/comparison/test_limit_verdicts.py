@@ -4,17 +4,18 @@ import re
 from dataclasses import replace
 
 import pytest
-from made_evaluations import made_run
+from made_evaluations import made_run, made_trial
 
 from tuner.comparison.of_campaign import ComparisonSpec
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.verdict import Kind, judge
+from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
 from tuner.report.comparison import TONES, ComparisonFacts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
-FEWEST = ComparisonSpec(IMAGES, F, 98.0)
+FEWEST = ComparisonSpec(Goal(IMAGES, F, 98.0))
 
 
 def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
@@ -22,7 +23,12 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     levels = {"tuned": tuned, "hyb-h": 97.0, "random": 95.0}
     made = made_run(levels, **{"noise": 0.1, **changes})  # type: ignore[arg-type]
     records = [
-        replace(r, measured_then={"metrics": r.metrics, "costs": {**r.costs, "images": 26.0}})
+        made_trial(
+            r.strategy,
+            r.rock,
+            r.replicate,
+            measured={"metrics": r.metrics, "costs": {**r.costs, "images": 26.0}},
+        )
         if r.strategy == "tuned"
         else r
         for r in made.records
@@ -35,7 +41,7 @@ def numbers(text: str) -> list[float]:
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    facts = ComparisonFacts(run(), "hyb-h", ComparisonSpec(IMAGES, F, 102.0))
+    facts = ComparisonFacts(run(), "hyb-h", ComparisonSpec(Goal(IMAGES, F, 102.0)))
     photographs, quality, limit, _ = facts.verdicts
     assert numbers(photographs.text) == [26, 32] and photographs.kind == "better"
     assert quality.kind == "better", "kept within the margin"
@@ -58,5 +64,5 @@ def test_worse_than_the_best_control_is_said() -> None:
     ] * 2
     last = ComparisonFacts(run(94.3), "hyb-h", FEWEST).verdicts[-1]
     assert "Random views" in last.text and 0.7 in numbers(last.text)
-    without_a_limit = ComparisonFacts(run(97.0), "hyb-h", ComparisonSpec(F)).verdicts[-1]
+    without_a_limit = ComparisonFacts(run(97.0), "hyb-h", ComparisonSpec(Goal(F))).verdicts[-1]
     assert "Random views" in without_a_limit.text and without_a_limit.kind == "better"

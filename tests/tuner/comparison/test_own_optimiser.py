@@ -18,7 +18,7 @@ SMALL = {"overrides": {"stop.adaptive_budget": 2}}
 
 def test_it_is_the_mean_of_the_missions():
     f = tuner.objective("gate_and_weights", ["slab", "boulder"], replicates=2, **SMALL)
-    config = f.settings.config(f.default)
+    config = f.settings.problem.config(f.default)
     missions = [run_geometric_mission(config, rock, k) for rock in ("slab", "boulder") for k in (0, 1)]
     mean = sum(m.metric(f.settings.objective.metric) for m in missions) / 4
     assert f({}) == f(f.default) == pytest.approx(mean, abs=1e-9)

@@ -137,7 +137,7 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
     evaluated = collections.Counter(cluster.flights.read_text().splitlines())
     assert len(evaluated) == MISSIONS and sum(evaluated.values()) <= MISSIONS + 3 * 2
     for trial in trials:
-        assert (directory / trial.directory / "run.txt").read_text() == "run\n"
+        assert (trial.record.directory / "run.txt").read_text() == "run\n"
 
 
 def test_own_rocks_reach_workers_and_other_versions_are_refused(
@@ -154,7 +154,7 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
             assert (
                 run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])[
                     "0000"
-                ].status
+                ].record.status
                 == "ok"
             )
             deadline = (
@@ -230,7 +230,7 @@ def test_a_result_that_its_worker_loses_is_not_flown_anew(
             lambda message: None if message["op"] == "client-releases-keys" else send(message),
         )
         wait_for(lambda: executor.workers == 2)
-        assert run_jobs(executor, [job(tmp_path)])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path)])["0000"].record.status == "ok"
         ((state, (keeps,)),) = look(states)
         assert state == "memory"
         os.kill(executor._client.run(os.getpid, workers=[keeps])[keeps], signal.SIGKILL)

@@ -35,7 +35,7 @@ def job(directory: Path, rock: str = "a", number: int = 0, fidelity: str = "fake
 def run_jobs(executor: Executor, jobs: list[MissionJob]) -> dict[str, Trial]:
     """How each mission ended, run again as a campaign would."""
     ended: dict[str, Trial] = {}
-    fly_all(JobList(jobs, on_end=lambda trial: ended.update({trial.job_id: trial})), executor, Stop())
+    fly_all(JobList(jobs, on_end=lambda trial: ended.update({trial.record.job_id: trial})), executor, Stop())
     return ended
 
 
@@ -57,13 +57,19 @@ def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor,
 
 def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake",)) as executor:
-        assert hang_until(lambda server: os.kill(server, signal.SIGKILL), executor, tmp_path).status == "ok"
+        assert (
+            hang_until(lambda server: os.kill(server, signal.SIGKILL), executor, tmp_path).record.status
+            == "ok"
+        )
 
 
 def test_a_server_that_stands_still_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "_SILENCE_LIMIT_AFTER_KILL_S", 2.0)
     with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
-        assert hang_until(lambda server: os.kill(server, signal.SIGSTOP), executor, tmp_path).status == "ok"
+        assert (
+            hang_until(lambda server: os.kill(server, signal.SIGSTOP), executor, tmp_path).record.status
+            == "ok"
+        )
 
 
 COORDINATOR = """
@@ -90,7 +96,7 @@ def test_no_mission_outlives_a_killed_coordinator_though_its_server_was_stopped(
 @pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
 def test_what_the_machine_ended_is_flown_again(tmp_path: Path, accident: str) -> None:
     with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
-        assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].record.status == "ok"
 
 
 def test_a_full_disk_for_result_and_log_is_the_machine_s(
@@ -138,7 +144,7 @@ def test_a_server_whose_module_starts_a_thread_begins_again_without_it(tmp_path:
         printed = server.stderr.read()
     assert (ended["status"], threads, printed.count("imported\n")) == (0, 1, 1)
     outcome = load_trial(each)
-    assert outcome is not None and outcome.status == "ok"
+    assert outcome is not None and outcome.record.status == "ok"
 
 
 def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,5 +155,5 @@ def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(here)
     monkeypatch.syspath_prepend("")  # as where Python was started with -c
     with LocalProcessExecutor(1, preload=("fake",)) as executor:
-        assert run_jobs(executor, [job(tmp_path)])["0000"].status == "ok"
+        assert run_jobs(executor, [job(tmp_path)])["0000"].record.status == "ok"
     assert not (tmp_path / "foreign").exists()

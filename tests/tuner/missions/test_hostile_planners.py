@@ -106,12 +106,14 @@ def test_each_hostile_planner_fails_alone_and_is_named(bring: Path) -> None:
         recorded = {each.id: load_trial(each) for each in (*jobs, *others)}
     for each in others:
         assert recorded[each.id].metrics == alone[each.id].metrics
-        assert alone[each.id].status == "ok"
+        assert alone[each.id].record.status == "ok"
     said = [*FAIL.values(), *("" for _ in GO_ON), *AWAY.values()]
     for number, (each, expected) in enumerate(zip(jobs, said, strict=True)):
         trial, text = recorded[each.id], expected.replace("FILE", f"planner_{number}.py")
         assert trial is not None and not trial.infrastructure_failure, each.id
-        assert text in trial.message and trial.status == ("failed" if expected else "ok"), trial.message
+        assert text in trial.record.message and trial.record.status == ("failed" if expected else "ok"), (
+            trial.record.message
+        )
         assert (each.directory / WORKER_LOG).stat().st_size < 3 * LOG_BYTES < 1_000_000
 
 
@@ -163,10 +165,12 @@ def test_missions_lost_together_are_run_again_alone_and_only_then_charged(bring:
 
     ended: dict[str, Trial] = {}
     server = Server(1.0)
-    fly_all(JobList([good, bad], on_end=lambda trial: ended.update({trial.job_id: trial})), server, Stop())
+    fly_all(
+        JobList([good, bad], on_end=lambda trial: ended.update({trial.record.job_id: trial})), server, Stop()
+    )
     assert server.batches == ([good.id, bad.id], [good.id], *([bad.id] for _ in range(MAX_ATTEMPTS)))
-    assert ended[good.id].status == "ok"
-    assert ended[bad.id].reason == "plugin_failed" and "gate 'gate-0'" in ended[bad.id].message
+    assert ended[good.id].record.status == "ok"
+    assert ended[bad.id].reason == "plugin_failed" and "gate 'gate-0'" in ended[bad.id].record.message
 
 
 IMPORTS = """

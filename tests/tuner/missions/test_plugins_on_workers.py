@@ -69,7 +69,7 @@ def test_installed_and_registered_plug_ins_run_on_dask_and_others_are_refused(
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
             jobs = [job(tmp_path, "low", "counted", "egg-5"), job(tmp_path, "high")]
             ended = run_jobs(executor, jobs)
-            assert {trial.status for trial in ended.values()} == {"ok"}, ended
+            assert {trial.record.status for trial in ended.values()} == {"ok"}, ended
             assert ended["low"].metrics["views"] == 1.0, "the fidelity of the plug-in"
             for name in ("low", "high"):
                 trace = (tmp_path / "missions" / name / "mission.json").read_text()
@@ -105,6 +105,6 @@ def test_a_planner_that_never_answers_ends_by_the_time_limit_and_the_others_go_o
 ) -> None:
     with LocalProcessExecutor(1, 20.0, ("geometric",)) as executor:
         ended = run_jobs(executor, [job(tmp_path, "waits"), job(tmp_path, "high")])
-    assert (ended["waits"].status, ended["waits"].reason) == ("failed", "timeout")
-    assert ended["waits"].message.startswith("killed after 20 s, the limit of a mission (--timeout-s)")
-    assert ended["high"].status == "ok", ended["high"].message
+    assert (ended["waits"].record.status, ended["waits"].reason) == ("failed", "timeout")
+    assert ended["waits"].record.message.startswith("killed after 20 s, the limit of a mission (--timeout-s)")
+    assert ended["high"].record.status == "ok", ended["high"].record.message

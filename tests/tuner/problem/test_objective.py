@@ -17,13 +17,13 @@ from tuner.problem.standardise import RockStandardiser
 def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
     objective = Objective("observable.f_score_48mm")
     metrics = {"observable": {"f_score_48mm": 61.5, "list": [1]}}
-    assert objective.outcome("ok", metrics) == (61.5, "")
-    assert objective.outcome("degraded", metrics)[0] == 61.5
-    assert objective.outcome("failed", metrics)[0] is None
-    assert objective.outcome("ok", {})[0] is None
-    assert objective.outcome("ok", {"observable": {"f_score_48mm": math.nan}})[0] is None
-    assert objective.outcome("ok", {"observable": {"f_score_48mm": None}})[0] is None
-    assert Objective("observable.list").outcome("ok", metrics)[0] is None
+    assert objective.value_or_reason("ok", metrics) == (61.5, "")
+    assert objective.value_or_reason("degraded", metrics)[0] == 61.5
+    assert objective.value_or_reason("failed", metrics)[0] is None
+    assert objective.value_or_reason("ok", {})[0] is None
+    assert objective.value_or_reason("ok", {"observable": {"f_score_48mm": math.nan}})[0] is None
+    assert objective.value_or_reason("ok", {"observable": {"f_score_48mm": None}})[0] is None
+    assert Objective("observable.list").value_or_reason("ok", metrics)[0] is None
     assert Objective(direction="minimise").sign == -1
     assert direction_of("observable.accuracy_48mm") == "maximise"
     with pytest.raises(UserError, match="unknown direction"):

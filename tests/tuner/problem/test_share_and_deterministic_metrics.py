@@ -20,7 +20,9 @@ from tuner.problem.deterministic_metrics import (
     DeterministicMetrics,
     photographs_metric,
 )
-from tuner.problem.objective import Objective, asked_objective, objective_text
+from tuner.problem.goal import asked_goal
+from tuner.problem.instances import Instance
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.share import ShareEstimate
@@ -31,12 +33,12 @@ TEXT = "photographs@P(f_score>=98)>=0.95"
 
 
 def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
-    asked = asked_objective(" photographs @ P( f_score >= 98 ) >= 0.95 ")
+    asked = asked_goal(" photographs @ P( f_score >= 98 ) >= 0.95 ")
     assert asked.objective.metric == "costs.images"
     assert asked.second is not None and asked.second.is_share
     assert (asked.second.metric, asked.second.direction) == ("P(observable.f_score_48mm>=98)", "maximise")
     assert asked.limit == pytest.approx(95.0)
-    assert objective_text(asked.objective, asked.second, asked.limit) == TEXT
+    assert str(asked) == TEXT
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
 )
 def test_what_is_no_share_is_said_in_one_line(text: str, says: str) -> None:
     with pytest.raises(UserError, match=says) as error:
-        asked_objective(text)
+        asked_goal(text)
     assert "\n" not in str(error.value)
 
 
@@ -67,7 +69,7 @@ def test_few_rocks_cannot_show_a_share() -> None:
     with pytest.raises(UserError, match="3 rocks cannot show what 95 % of rocks reach, 16 can"):
         settings_of(["slab", "vesicular", "cavern"])
     settings = settings_of(["any-slab"])
-    assert settings.goal.at_least == pytest.approx(95.0) and settings.exact.first is not None
+    assert settings.goal.at_least == pytest.approx(95.0) and settings.goal.exact.first is not None
     with pytest.raises(UserError, match="a share is above 0 and below 1"):
         second = {"metric": "P(observable.f_score_48mm>=98)", "direction": "maximise"}
         settings_of(["any-slab"], objective="photographs", second=second, limit=100.0)
@@ -103,7 +105,7 @@ def evaluated(counts_and_shares: dict[int, float], rocks: int, seed: int) -> lis
 def test_where_all_succeed_many_rocks_are_believed_and_few_are_not() -> None:
     for rocks, kept in ((4, False), (60, True)):
         missions = evaluated({12: 0.2, 36: 1.0}, rocks, 0)
-        constraint = Constraint(InstanceMeanGP(ONE, missions, ["any-slab"]), 95.0, is_share=True)
+        constraint = Constraint(InstanceMeanGP(ONE, missions, [Instance("any-slab")]), 95.0, is_share=True)
         assert constraint.keeps([{"seed.count": 36}]) == [kept]
         assert constraint.keeps([{"seed.count": 12}]) == [False]
 
@@ -119,7 +121,7 @@ def photographs(**base: Any) -> DeterministicMetric | None:
         SPACE, base={**SPACE.base, **{k.replace("__", "."): v for k, v in base.items()}}
     )
     asked = fake_campaigns.settings(space=space, objective=PHOTOGRAPHS, second=Objective(), limit=98.0)
-    return asked.exact.first
+    return asked.goal.exact.first
 
 
 def test_photographs_are_seeds_and_planned_views() -> None:

@@ -12,12 +12,14 @@ import synthetic
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tuner.problem.goal import Goal
+from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import outlier_sentences
 from tuner.report.labels import decimals_for, duration, format_number, number_text
@@ -33,8 +35,7 @@ def answers(a: float, b: float) -> list[Any]:
     outcomes = [a * o.outcome + b for o in MISSIONS if o.outcome is not None]
     history = [dataclasses.replace(o, outcome=y, raw=y) for o, y in zip(MISSIONS, outcomes)]
     proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
-    data = CampaignData(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, only_verified=False)
-    best = recommend(data, Goal(Objective()))
+    best = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)
     assert best is not None and best.runner_up is None
     return [proposal.values, best.values, round(best.improvement / float(np.ptp(outcomes)), 5)]
 
@@ -49,13 +50,20 @@ def test_proposals_and_recommendation_do_not_depend_on_the_unit(exponent: float,
     assert answers(a, a * shift if abs(shift) < 1e7 else shift) == answers(1.0, 0.0)
 
 
-def on_a_line(wild: dict[int, float], repeatable: tuple[str, ...] = ()) -> Recommendation:
+class RepeatableProblem(Problem):
+    """Missions over photographs that were taken before."""
+
+    @property
+    def repeatable(self) -> tuple[Instance, ...]:
+        return self.instances
+
+
+def on_a_line(wild: dict[int, float], kind: type[Problem] = Problem) -> Recommendation:
     """20 missions of -(x - 0.3)^2, the default first, some with another outcome."""
     places = [0.1, *(np.arange(19) + 0.5) / 19]
     outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
     history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
-    data = CampaignData(LINE, history, ("one",), {"x": 0.1}, repeatable=repeatable)
-    best = recommend(data, Goal(Objective("q")))
+    best = recommend(kind(LINE, (Instance("one"),), {"x": 0.1}), Goal(Objective("q")), history)
     assert best is not None
     return best
 
@@ -63,7 +71,7 @@ def on_a_line(wild: dict[int, float], repeatable: tuple[str, ...] = ()) -> Recom
 def test_where_missions_repeat_exactly_nothing_is_left_out() -> None:
     """The default's own bad outcome counts: run again it would be the same."""
     assert on_a_line({0: -0.3}).outliers
-    best = on_a_line({0: -0.3}, repeatable=("one",))
+    best = on_a_line({0: -0.3}, RepeatableProblem)
     assert not [o for o in best.outliers if o.counts_as is None]
     assert best.default_mean < on_a_line({0: -0.3}).default_mean
 
@@ -134,7 +142,8 @@ def test_a_rock_that_gains_more_than_the_others_is_no_outlier() -> None:
         for i, x in enumerate((0.1, 0.3, 0.30001))
         for y in [90.0 + k + (i > 0) * (2.4 if k == 5 else 1.0)]
     ]
-    best = recommend(CampaignData(LINE, history, tuple(rocks), {"x": 0.1}), Goal(Objective("q")))
+    problem = Problem(LINE, tuple(map(Instance, rocks)), {"x": 0.1})
+    best = recommend(problem, Goal(Objective("q")), history)
     assert best is not None and best.outliers == ()
     assert best.improvement == pytest.approx((5 * 1.0 + 2.4) / 6, abs=0.2)
 

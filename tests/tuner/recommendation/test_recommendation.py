@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
 
-from tuner.problem.instances import Instance, InstanceLike
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Goal
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import may_be_recommended, recommend
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
 from tuner.report.answer import runner_up_sentence, use_sentence, worth_sentences
@@ -31,11 +31,14 @@ def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.R
 
 
 def recommended(
-    observations: list[Observation], rocks: tuple[str, ...] = ROCKS, **data: Any
+    observations: list[Observation],
+    rocks: tuple[str, ...] = ROCKS,
+    replicates: int = 1,
+    *,
+    only_verified: bool = True,
 ) -> Recommendation | None:
-    return recommend(
-        CampaignData(synthetic.SPACE, observations, rocks, synthetic.DEFAULT, **data), Goal(Objective())
-    )
+    problem = Problem(synthetic.SPACE, tuple(map(Instance, rocks)), synthetic.DEFAULT, replicates)
+    return recommend(problem, Goal(), observations, only_verified=only_verified)
 
 
 def test_picks_the_best_not_the_luckiest() -> None:
@@ -91,10 +94,12 @@ def missions(values: Values, outcome: float | None, *blocks: tuple[str, int]) ->
     ],
 )
 def test_two_rocks_and_two_replicates_or_all_there_are(
-    rocks: list[InstanceLike], replicates: int, blocks: list[tuple[str, int]], expected: bool
+    rocks: Sequence[str | Instance], replicates: int, blocks: list[tuple[str, int]], expected: bool
 ) -> None:
     history = missions(GOOD, 1.0, *blocks)
-    may = may_be_recommended(CampaignData(synthetic.SPACE, history, rocks, FAIR, replicates), [GOOD, FAIR])
+    instances = tuple(Instance(rock) if isinstance(rock, str) else rock for rock in rocks)
+    problem = Problem(synthetic.SPACE, instances, FAIR, replicates)
+    may = may_be_recommended(problem, history, [GOOD, FAIR])
     assert may == [expected, True]  # the default always
 
 
@@ -170,7 +175,7 @@ def stated(slopes: list[float], count: int = 12, seed: int = 0) -> NextRock:
             values = synthetic.SPACE.from_unit(rng.random(2))
             y = 90.0 + slope * synthetic.SPACE.to_unit(values)[0] + 0.1 * rng.normal()
             history.append(Observation(len(history), values, f"r{rock}", 0, y, y))
-    rocks = [f"r{rock}" for rock in range(len(slopes))]
+    rocks = [Instance(f"r{rock}") for rock in range(len(slopes))]
     model = InstanceMeanGP(synthetic.SPACE, history, rocks, settings=SurrogateSettings(own_landscapes=True))
     return next_rock(model, HIGH, LOW)
 

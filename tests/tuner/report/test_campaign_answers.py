@@ -97,7 +97,7 @@ def step_of(facts: CampaignFacts, held_out: Sequence[str] = (), **of_advice: Any
     """What to do next, with results of the recommendation on these held-out rocks."""
     advice = facts.advice
     assert advice is not None
-    trial = next(t for t in facts.trials if t.status)
+    trial = next(t for t in facts.trials if t.record.status)
     records = [dataclasses.replace(trial, rock=rock, strategy="tuned") for rock in held_out]
     if held_out:
         advice = dataclasses.replace(

@@ -94,7 +94,10 @@ def test_terminal_tables() -> None:
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
     run = made_run({"covis": 60.0, "b-aware": 58.0, "hyb-h": 58.0, "greedy-oracle": 66.0}, noise=0.0)
     taken = {"covis": "c", "greedy-oracle": "g"}
-    records = [dataclasses.replace(r, photographs=taken.get(r.strategy, "b")) for r in run.records]
+    records = [
+        dataclasses.replace(r, record=dataclasses.replace(r.record, photographs=taken.get(r.strategy, "b")))
+        for r in run.records
+    ]
     run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
     facts = ComparisonFacts(run, "hyb-h")
     names = [row.name for row in table_by_strategy(facts.summary, "").rows]

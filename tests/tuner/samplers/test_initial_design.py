@@ -60,9 +60,10 @@ def test_every_second_point_of_a_trusted_design_is_near() -> None:
 
 def test_a_space_begins_where_it_says_after_the_default() -> None:
     settings = synthetic.sampler_settings(0, 9)
-    path = settings.space.paths[0]
-    low = settings.space.parameters[0].from_unit(0.0)
-    begun = dataclasses.replace(settings, space=dataclasses.replace(settings.space, begin=({path: low},)))
+    path = settings.problem.space.paths[0]
+    low = settings.problem.space.parameters[0].from_unit(0.0)
+    space = dataclasses.replace(settings.problem.space, begin=({path: low},))
+    begun = dataclasses.replace(settings, problem=dataclasses.replace(settings.problem, space=space))
     history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
     proposal = make_sampler("gp", begun).ask(history, [])
     assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.metadata["phase"] == "begin"

@@ -11,24 +11,26 @@ import pytest
 
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint, propose_constrained, two_models
-from tuner.problem.objective import Objective, asked_objective
+from tuner.problem.goal import Goal, asked_goal
+from tuner.problem.instances import Instance
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
+from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.recommendation.recommendation import Recommendation
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 
 
 def test_the_forms_of_an_objective() -> None:
-    assert asked_objective("f_score").second is None
-    cheap = asked_objective("completeness@energy<=9")
+    assert asked_goal("f_score").second is None
+    cheap = asked_goal("completeness@energy<=9")
     assert cheap.second == Objective("costs.energy_wh", "minimise") and cheap.limit == 9.0
-    best = asked_objective("observable.f_score_16mm@photographs<=21")
+    best = asked_goal("observable.f_score_16mm@photographs<=21")
     assert (best.objective.metric, best.second, best.limit) == ("observable.f_score_16mm", PHOTOGRAPHS, 21.0)
-    least = asked_objective("photographs@f_score >= 97.5")
+    least = asked_goal("photographs@f_score >= 97.5")
     assert least.objective == PHOTOGRAPHS and least.second == Objective() and least.limit == 97.5
 
 
@@ -47,7 +49,7 @@ def test_the_forms_of_an_objective() -> None:
 )
 def test_what_is_no_objective_is_one_line(text: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
-        asked_objective(text)
+        asked_goal(text)
 
 
 SPACE = space_from_dict(
@@ -60,6 +62,9 @@ SPACE = space_from_dict(
         },
     },
     "test_quality_at_cost.py",
+)
+PROBLEM = Problem(
+    SPACE, (Instance("r0"), Instance("r1")), SPACE.default(fake_campaigns.settings(space=SPACE).problem.base)
 )
 settings = functools.partial(fake_campaigns.settings, space=SPACE, sampler="gp", second=PHOTOGRAPHS)
 
@@ -84,7 +89,7 @@ def campaign(limit: float, missions: int) -> list[Observation]:
     rng = np.random.default_rng(0)
     history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
     for i in range(8, missions):
-        models = two_models(SPACE, history, ("r0", "r1"))
+        models = two_models(PROBLEM, Goal(), history)
         values, _ = propose_constrained(models[0], Constraint(models[1], -limit - 0.5), [], i)
         history.append(run_missions(i, values, rng))
     return history
@@ -95,9 +100,8 @@ def advise(history: list[Observation], limit: float, *, least_cost: bool = False
     if least_cost:  # the other way round
         objective = PHOTOGRAPHS
         history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
-    default = SPACE.default(fake_campaigns.settings(space=SPACE).base_config())
     goal = Goal(objective, Objective() if least_cost else PHOTOGRAPHS, limit)
-    result = recommend(CampaignData(SPACE, history, ("r0", "r1"), default, only_verified=False), goal)
+    result = recommend(PROBLEM, goal, history, only_verified=False)
     assert result is not None
     return result
 

@@ -10,10 +10,9 @@ import pytest
 import synthetic
 
 from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend
-from tuner.recommendation.inputs import CampaignData, Goal
 from tuner.samplers.registry import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
 
@@ -50,10 +49,10 @@ def test_many_at_once_stay_away_from_what_fails() -> None:
     fails = [o for o in synthetic.random_design(24, 0.02, 1) if synthetic.SPACE.to_unit(o.values)[0] > 0.5]
     works = [o for o in synthetic.random_design(24, 0.02, 2) if synthetic.SPACE.to_unit(o.values)[0] <= 0.5]
     history = [*works, *(failed(100 + i, o.values) for i, o in enumerate(fails))]
-    model = InstanceMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
+    model = InstanceMeanGP(synthetic.SPACE, history, synthetic.INSTANCES)
     positions = np.array([synthetic.SPACE.to_unit(v) for v in thompson_configurations([model], None, 12, 0)])
     assert (positions[:, 0] < 0.6).all()
-    blind = InstanceMeanGP(synthetic.SPACE, works, synthetic.ROCKS)
+    blind = InstanceMeanGP(synthetic.SPACE, works, synthetic.INSTANCES)
     positions = np.array([synthetic.SPACE.to_unit(v) for v in thompson_configurations([blind], None, 12, 0)])
     assert (positions[:, 0] > 0.6).mean() > 0.2
 
@@ -65,10 +64,7 @@ def test_gp_beats_random_on_four_rocks() -> None:
     for name, values in score.items():
         for seed in range(8):
             history = synthetic.play(make_sampler(name, synthetic.sampler_settings(seed, 5)), 16, 0.05, seed)
-            data = CampaignData(
-                synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, only_verified=False
-            )
-            result = recommend(data, Goal(Objective()))
+            result = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)
             assert result is not None
             values.append(synthetic.true_value(result.values))
     assert np.mean(score["gp"]) > 0.95  # 1 is perfect, the paper's values give 0.51

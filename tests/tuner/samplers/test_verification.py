@@ -6,9 +6,11 @@ import dataclasses
 
 import synthetic
 
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
+from tuner.samplers.base import SamplerSettings
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import InstanceMeanGP
 
@@ -27,7 +29,7 @@ def a_clear_favourite() -> list[Observation]:
 
 
 def model_of(history: list[Observation]) -> InstanceMeanGP:
-    return InstanceMeanGP(synthetic.SPACE, history, ROCKS)
+    return InstanceMeanGP(synthetic.SPACE, history, tuple(map(Instance, ROCKS)))
 
 
 def test_favourite_flies_every_block_it_has_not_seen() -> None:
@@ -52,9 +54,8 @@ def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case
     """Every mission meets a rock of its own, so that a family has as many replicates as the budget has missions."""
     asked: list[bool] = []
     monkeypatch.setattr(gp, "verification", lambda *arguments, last, **options: asked.append(last))
-    s = dataclasses.replace(
-        synthetic.sampler_settings(0, 4), places=("any-cleft",), replicates=18, budget=18, earlier=None
-    )
+    family = dataclasses.replace(synthetic.PROBLEM, instances=(Instance("any-cleft"),), replicates=18)
+    s = SamplerSettings(family, 0, 4, budget=18)
     for evaluated in (11, 12, 15, 16):
         history = [
             seen(i, o.values, "any-cleft", o.outcome, i)

@@ -9,6 +9,7 @@ import pytest
 import synthetic
 from gpytorch.kernels import MaternKernel
 
+from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
@@ -18,7 +19,7 @@ from tuner.surrogate.settings import SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
-    model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(48, 0.01, 0), synthetic.ROCKS)
+    model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(48, 0.01, 0), synthetic.INSTANCES)
     grid = [
         synthetic.SPACE.from_unit([x, y]) for x in np.linspace(0.1, 0.9, 6) for y in np.linspace(0.1, 0.9, 6)
     ]
@@ -32,11 +33,13 @@ def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
 def test_leave_one_out_and_fresh_predictions_are_calibrated(noise_sd: float) -> None:
     inside, outside = [], []
     for seed in range(4):
-        model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(40, noise_sd, seed), synthetic.ROCKS)
+        model = InstanceMeanGP(
+            synthetic.SPACE, synthetic.random_design(40, noise_sd, seed), synthetic.INSTANCES
+        )
         inside.append(model.leave_one_out()["coverage_95"])
         fresh = synthetic.random_design(60, noise_sd, 100 + seed)
         y = np.array([o.outcome for o in fresh], dtype=float)
-        mean, sd = np.array([model.predict_mission(o.values, o.rock) for o in fresh]).T
+        mean, sd = np.array([model.predict_mission(o.values, o.instance) for o in fresh]).T
         outside.append(np.mean(np.abs(y - mean) <= NORMAL_95 * sd))
     assert 0.88 <= np.mean(inside) <= 1.0
     # Hyperparameters are plugged in, not integrated over: with noise as large as the signal and ten missions
@@ -54,7 +57,9 @@ def test_block_offsets_are_told_from_noise_and_cancel() -> None:
     for seed in range(4):
         history = synthetic.random_design(32, 0.1, seed, replicates=2, block_sd=0.6)
         for blocks, found in errors.items():
-            model = InstanceMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(blocks=blocks))
+            model = InstanceMeanGP(
+                space, history, synthetic.INSTANCES, settings=SurrogateSettings(block_offsets=blocks)
+            )
             noise[blocks].append(float(model.noise_sd / scale))
             belief = model.posterior(points)
             for i in (1, 2):
@@ -88,7 +93,7 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     truth = float(slopes.clip(0).sum())
     with_trend, without = (
         InstanceMeanGP(
-            space, history, ("r0",), settings=SurrogateSettings(sparse=True, trend=trend)
+            space, history, (Instance("r0"),), settings=SurrogateSettings(sparse=True, trend=trend)
         ).posterior(corner)
         for trend in (True, False)
     )
@@ -106,7 +111,9 @@ def test_sparse_model_switches_parameters_off() -> None:
         history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
     ratio = {}
     for sparse in (False, True):
-        model = InstanceMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
+        model = InstanceMeanGP(
+            synthetic.SPACE, history, (Instance("r0"),), settings=SurrogateSettings(sparse=sparse)
+        )
         (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
         first, second = matern.lengthscale[0].tolist()
         ratio[sparse] = second / first
@@ -131,13 +138,13 @@ def _missions(count: int) -> list[Observation]:
 @pytest.fixture(scope="module")
 def models() -> tuple[InstanceMeanGP, InstanceMeanGP]:
     missions = _missions(160)
-    exact = InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
+    exact = InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, ROCKS)))
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
         small.setattr(fit, "EXACT_MISSIONS", 100)
         small.setattr(fit, "FITTED_MISSIONS", 80)
         small.setattr(fit, "PROMISING", 30)
-        return exact, InstanceMeanGP(synthetic.SPACE, missions, ROCKS)
+        return exact, InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, ROCKS)))
 
 
 def test_many_missions_are_believed_as_by_the_exact_model(

@@ -82,7 +82,7 @@ def run_order(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
                     write_atomic(path, rock)
                 job = dataclasses.replace(job, rock=str(path))
             trial = _run(dataclasses.replace(job, directory=directory), order["timeout_s"])
-        ended = {name: getattr(trial, name) for name in ("reason", "message", "wall_s")}
+        ended = {"reason": trial.reason, "message": trial.record.message, "wall_s": trial.record.wall_s}
         return {**ended, "files": pack(directory)}
     finally:
         shutil.rmtree(directory, ignore_errors=True)

@@ -13,13 +13,13 @@ from tuner.missions.external.mission_file import ExternalConfig, MissionFile, ex
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
 from tuner.problem.baselines import TUNED
 from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
+from tuner.problem.instances import instances_over
 from tuner.problem.objective import Objective, dotted
-from tuner.problem.problem import Evaluated, Problem, Strategies
-from tuner.problem.search_space import Values
+from tuner.problem.problem import Evaluated, MissionProblem, Strategies
 
 
-@dataclass(frozen=True)
-class MissionFileProblem(Problem):
+@dataclass(frozen=True, kw_only=True)
+class MissionFileProblem(MissionProblem):
     """The mission of one mission file."""
 
     mission: MissionFile
@@ -28,11 +28,30 @@ class MissionFileProblem(Problem):
     code_word = "program"
     reference = "default"
 
-    def base_config(self) -> ExternalConfig:
-        return external_config(self.mission, {})
-
-    def default_values(self) -> Values:
-        return dict(self.base_config().values)
+    @staticmethod
+    def of(mission: MissionFile, instances: Sequence[str], replicates: int) -> MissionFileProblem:
+        """Return the problem on some instances of the file; `UserError` for one that is not to be tuned on."""
+        for name in instances:
+            if name not in mission.instances:
+                why = (
+                    "is held out: it may not be tuned on"
+                    if name in mission.held_out
+                    else "is not an instance"
+                )
+                raise UserError(
+                    f"{name!r} {why}; {mission.path} has {', '.join(mission.instances)} to tune on"
+                )
+        base = external_config(mission, {})
+        default = dict(base.values)
+        return MissionFileProblem(
+            space=mission.space,
+            instances=instances_over(instances, [IDEAL]),
+            default=default,
+            replicates=replicates,
+            arms={MissionFileProblem.reference: default},
+            base=base,
+            mission=mission,
+        )
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> ExternalConfig:
         """Return the configuration at ``values``; a mission file has instances in place of conditions."""
@@ -40,13 +59,6 @@ class MissionFileProblem(Problem):
 
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         return parameter_metric(self.mission.space, objective)
-
-    def check_instances(self, rocks: Sequence[str]) -> None:
-        m = self.mission
-        for rock in rocks:
-            if rock not in m.instances:
-                why = "is held out: it may not be tuned on" if rock in m.held_out else "is not an instance"
-                raise UserError(f"{rock!r} {why}; {m.path} has {', '.join(m.instances)} to tune on")
 
     def fidelity(self, asked: str) -> str:
         if asked not in (DEFAULT_FIDELITY, EXTERNAL):
@@ -58,9 +70,6 @@ class MissionFileProblem(Problem):
     def code(self) -> str:
         """Return the digest of the adapter and of the file's program."""
         return hashlib.sha256(f"{code_of(EXTERNAL)} {self.mission.program}".encode()).hexdigest()[:32]
-
-    def photographs(self, values: Mapping[str, Any]) -> int:
-        return 0
 
     def require_named(self, named: bool) -> None:
         if not named:

@@ -1,0 +1,168 @@
+"""What is good: a metric, alone or under a limit of another, and the text that asks for it.
+
+- ``f_score``: one objective;
+- ``f_score@photographs<=21``: the best quality at no more than so much of a cost;
+- ``photographs@f_score>=97``: the least cost of a quality that is asked for;
+- ``photographs@P(f_score>=98)>=0.95``: the least cost with which so large a share of rocks reaches a quality.
+
+A name is a metric's path, or one of `SHORT`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from nbv.errors import UserError
+from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
+from tuner.problem.objective import (
+    COSTS,
+    COUNTS,
+    SHARE_FORM,
+    SHORT,
+    Direction,
+    Objective,
+    direction_of,
+    reached,
+)
+from tuner.problem.observations import Observation
+
+# Of a text without blanks around its signs.
+_NAME, _NUMBER = r"P\([^()]*\)|[\w.]+", r"[-+.\deE]+"
+_FORM = re.compile(rf"(?P<first>{_NAME})(@(?P<second>{_NAME})(?P<sign><=|>=)(?P<limit>{_NUMBER}))?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """The objective, and the limit of a second one where there is one: only what keeps it may be recommended.
+
+    Which of the two has the surrogate is decided here: the second one where the configuration decides the first.
+    """
+
+    objective: Objective = field(default_factory=Objective)
+    second: Objective | None = None
+    # Of the second objective, in its unit: at most where less is better, at least where more is.
+    limit: float | None = None
+    exact: DeterministicMetrics = field(
+        default_factory=DeterministicMetrics
+    )  # what the configuration decides
+
+    @property
+    def objectives(self) -> list[Objective]:
+        """The objective and, where there is one, the second."""
+        return [self.objective] if self.second is None else [self.objective, self.second]
+
+    def after(self, history: Sequence[Observation]) -> Goal:
+        """Return the goal after these missions, which may show that a metric is not deterministic after all."""
+        return replace(self, exact=self.exact.confirmed_by(history))
+
+    @property
+    def modelled(self) -> Objective:
+        """The objective that has the surrogate."""
+        return self.objective if self.second is None or self.exact.first is None else self.second
+
+    def as_modelled(self, history: Sequence[Observation]) -> list[Observation]:
+        """Return the missions with their outcomes of `modelled`."""
+        return list(history) if self.modelled is self.objective else with_second_first(history)
+
+    @property
+    def at_least(self) -> float | None:
+        """The limit as an outcome of the second objective, larger is better; that of a count lies half a one lower."""
+        if self.second is None or self.limit is None:
+            return None
+        return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)
+
+    @property
+    def decided(self) -> list[Objective]:
+        """The objectives that the configuration decides: they have no interval."""
+        exact = {cost.objective for cost in (self.exact.first, self.exact.second) if cost is not None}
+        return [o for o in self.objectives if o.metric in COUNTS or o in exact]
+
+    @property
+    def quality(self) -> Objective | None:
+        """The objective that missions decide; None where the configuration decides all."""
+        return next((o for o in self.objectives if o not in self.decided), None)
+
+    def __str__(self) -> str:
+        """The text that asks for it: the inverse of `asked_goal`."""
+        text = _name(self.objective)
+        if self.second is None or self.limit is None:
+            return text
+        limit = self.limit / 100.0 if self.second.is_share else self.limit
+        return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{limit:g}"
+
+
+def asked_goal(text: str, own: Mapping[str, Direction] | None = None) -> Goal:
+    """Return the meaning of a text; ``UserError`` in one line where it has none.
+
+    ``own``: which way the metrics and costs of a mission file are better, as it says.
+    """
+    found = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
+    if found is None:
+        raise UserError(
+            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
+            "photographs@P(f_score>=98)>=0.95"
+        )
+    first = _objective(found["first"], own)
+    if found["second"] is None:
+        return Goal(first)
+    second = _objective(found["second"], own)
+    if first == second:
+        raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
+    right = "<=" if second.direction == "minimise" else ">="
+    if found["sign"] != right:
+        raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
+    limit = _number(found["limit"], f"objective {text!r}")
+    if second.is_share:
+        require_share(limit, f"objective {text!r}")
+        limit *= 100.0
+    return Goal(first, second, limit)
+
+
+def require_share(share: float, what: str) -> None:
+    """Raise `UserError` where a share that is asked for is not above 0 and below 1."""
+    if not 0.0 < share < 1.0:
+        raise UserError(
+            f"{what}: a share is above 0 and below 1, not {share:g}; no number of rocks shows that all of them reach it: "
+            "ask for 0.95"
+        )
+
+
+def _name(objective: Objective) -> str:
+    names = {path: name for name, path in SHORT.items()}
+    if share := reached(objective.metric):
+        return f"P({names.get(share[0], share[0])}>={share[1]:g})"
+    return names.get(objective.metric, objective.metric)
+
+
+def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
+    if "(" in name:
+        if (share := SHARE_FORM.fullmatch(name)) is None:
+            raise UserError(f"{name!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
+        reaches = _objective(share["metric"], own)
+        if reaches.direction != "maximise":
+            raise UserError(
+                f"{name!r}: less of {reaches.metric} is better; a share is of what should be at least so much"
+            )
+        return Objective(f"P({reaches.metric}>={_number(share['least'], name):g})")
+    if own is not None:
+        if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
+            raise UserError(
+                f"whether more or less of {name!r} is better is not known; say it in the mission file, such as "
+                f"directions: {{{name}: maximise}}; costs are costs.NAME"
+            )
+        return Objective(name, direction)
+    metric = SHORT.get(name, name)
+    if metric.startswith("costs.") and metric not in COSTS:
+        raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")
+    return Objective(metric, direction_of(metric))
+
+
+def _number(text: str, where: str) -> float:
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise UserError(f"{where}: {text!r} is not a number")
