@@ -150,7 +150,7 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
     own.write_text("scene: {ambient: 0.3}\n")
     again = settings_from_dict(yaml.safe_load(text), "campaign.yaml")
     assert again.to_dict() == asked.to_dict()
-    assert again.config(synthetic.DEFAULT, "own").scene.ambient == 0.1
+    assert again.problem.config(synthetic.DEFAULT, "own").scene.ambient == 0.1
 
 
 @pytest.mark.parametrize(
