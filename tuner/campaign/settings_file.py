@@ -39,7 +39,7 @@ SETTINGS = declared(CampaignSettings)
 # `make tune`: what to fly with 20 photographs, then the comparison. In a dim hall the paper's weights lose to random views, as on
 # photographs of a real figure (docs/results/real_photographs.md).
 QUICK: dict[str, Any] = {
-    "budget": 40,
+    "budget": 32,
     "rocks": QUICK_ROCKS,
     "conditions": ["indoors"],
     "overrides": {
