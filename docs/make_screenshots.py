@@ -29,7 +29,7 @@ MADE_FROM = {  # picture: what decides how it looks
         f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "macros.html.j2", "page.html.j2")
     ],
     "mission_view": [f"{TEMPLATES}/{name}" for name in ("walk.html.j2", "walk.js")],
-    "terminal": ["tuner/commands/campaign_display.py", "tuner/report/gate_result.py"],
+    "terminal": ["tuner/commands/campaign_display.py", "tuner/report/comparison.py"],
 }
 DIGEST = "made from"  # the text in a picture that holds the digest
 CAMPAIGN = "campaign run --quick --name tune"

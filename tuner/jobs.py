@@ -16,7 +16,13 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings, resolved_settings
-from tuner.comparison.of_campaign import PlannedComparison, end_of_campaign, held_out, reproduction
+from tuner.comparison.of_campaign import (
+    PlannedComparison,
+    end_of_campaign,
+    held_out,
+    reproduction,
+    require_comparable,
+)
 from tuner.comparison.run import EvaluationRun
 from tuner.export.records import records_of
 from tuner.missions.executors import Executor, local_executor
@@ -66,6 +72,7 @@ def tune(
         campaign = Campaign.open(where, same, mission=mission)
     else:
         asked = resolved_settings({"name": where.resolve().name, **given}, "tune()")
+        require_comparable(asked)
         campaign = begin_campaign(where, asked)
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission

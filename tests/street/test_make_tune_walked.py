@@ -95,9 +95,9 @@ def gives_two_verdicts(found: dict, answer: dict, against: str) -> None:
     lines = [line["text"] for line in found["verdicts"]]
     assert lines[0] == f"Photographs: {answer['mean']:.0f}, and 32 for {against}."
     assert against in lines[1] and lines[2].startswith("Constraint ")
-    rows = {row["metric"]["label"]: row["cells"] for row in found["summary"]["rows"]}
-    assert {"Photographs", "Constraint met"} <= rows.keys()
-    planned = {name: cell["mean"] for name, cell in rows["Photographs"].items()}
+    rows = {row["metric"]["key"]: row["cells"] for row in found["summary"]["rows"]}
+    assert {"costs.images", "limit"} <= rows.keys()
+    planned = {name: cell["mean"] for name, cell in rows["costs.images"].items()}
     assert {number for name, number in planned.items() if name not in ("hyb-h", "default")} == {
         answer["mean"]
     }

@@ -25,7 +25,7 @@ from tuner.campaign.rock_choice import (
 )
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, mission_kind
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind
 from tuner.problem.goal import asked_goal
 from tuner.problem.instances import with_families
 from tuner.problem.objective import Direction, reached
@@ -250,6 +250,10 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     _require_metrics(settings)
     rock_arguments(settings.rocks, tuned=True)
     rock_arguments(settings.compare_on)
+    problem = settings.problem
+    for place in problem.instances:  # a set of photographs is under no condition, and other kinds fly no set
+        config = builtin(problem.config(problem.default, place.condition))
+        kind_on(place.rock, settings.fidelity).require_possible(config, place.rock)
     return settings
 
 

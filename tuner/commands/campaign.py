@@ -32,7 +32,6 @@ from tuner.commands.campaign_display import (
 from tuner.commands.console import (
     LOADING_ROCKS,
     AsJson,
-    ComparisonProgress,
     answer_json,
     executor_at,
     load,
@@ -44,6 +43,7 @@ from tuner.commands.console import (
     workers_text,
     working,
 )
+from tuner.commands.evaluate import run_comparison
 from tuner.commands.options import (
     EXECUTION,
     EventsAsJson,
@@ -55,7 +55,7 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
-from tuner.comparison.of_campaign import PlannedComparison
+from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
 from tuner.missions.registry import mission_kind
@@ -122,6 +122,7 @@ def run(
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING_ROCKS):
         asked = resolved_settings(fields, str(settings or "command line"))
+        require_comparable(asked)
     # Before anything is written: a wrong address leaves no campaign behind.
     with executor_at(where, asked, workers, timeout_s) as ready:
         ready.begin()
@@ -329,17 +330,12 @@ def show_comparison(campaign: Campaign, planned: PlannedComparison, executor: ex
 
     What has been run before is not run again.
     """
-    from tuner.report import comparison
-
     plan = planned.plan
     output.print(
         f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
     )
-    with ComparisonProgress("observable.f_score_48mm") as show:
-        run, directory = planned.run(executor, show)
-    require_complete(run, f"resume with: gatetune campaign resume {campaign.directory}")
-    facts = comparison.ComparisonFacts(run, planned.reference, planned.spec, notes=planned.notes)
-    comparison.write_comparison_report(facts, directory, title=planned.title)
+    facts, _ = run_comparison(planned, executor)
+    require_complete(facts.run, f"resume with: gatetune campaign resume {campaign.directory}")
     show_answer(campaign)
 
 

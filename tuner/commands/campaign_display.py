@@ -23,7 +23,15 @@ from tuner.report.answer import (
     switch_sentences,
     worth_sentences,
 )
-from tuner.report.labels import counted, decimals_for, duration, format_number, metric_label, number_text
+from tuner.report.labels import (
+    bracketed,
+    counted,
+    decimals_for,
+    duration,
+    format_number,
+    metric_label,
+    number_text,
+)
 
 LINE = 80  # columns of a mission's line
 
@@ -83,11 +91,10 @@ def expected_text(missions: int, about_s: float) -> str:
 
 
 def best_text(found: Recommendation) -> str:
-    """``26`` for a deterministic metric, else ``98.3 (97.8 to 98.8)``."""
+    """``26`` for a deterministic metric, else ``98.3 [97.8, 98.8]``."""
     if found.exact:
         return f"{found.mean:g}"
-    mean, low, high = (format_number(v, decimals_for(found.sd, 1)) for v in (found.mean, *found.interval_95))
-    return f"{mean} ({low} to {high})"
+    return bracketed(found.mean, *found.interval_95, decimals_for(found.sd, 1))
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
@@ -179,19 +186,23 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list
     return advised
 
 
-def show_answer(campaign: Campaign) -> None:
-    """Print the table of all strategies from everything in the run directory, and write it as ``comparison.json``."""
-    from tuner.report import gate_result
+def show_answer(campaign: Campaign) -> bool:
+    """Print the tables of all strategies from everything in the run directory, and write them as ``comparison.json``.
 
-    result = gate_result.gate_result(campaign)
-    if result is None:
-        return
-    document = json_ready(result.to_dict())
-    write_atomic(campaign.directory / "comparison.json", json.dumps(document, indent=1))
-    if output.quiet:
-        return
-    for block in result.blocks:
-        output.print(*gate_result.table_of(block).for_terminal(output.width))
-    output.print(gate_result.LEGEND, style="dim")
-    for sentence in result.sentences:
+    Returns whether there are any.
+    """
+    from tuner.comparison.result import result_blocks
+    from tuner.report.comparison import block_table, campaign_document, legend_of
+
+    document = campaign_document(campaign)
+    if document is None:
+        return False
+    write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
+    blocks = result_blocks(campaign)
+    for block in blocks:
+        output.print(*block_table(block).for_terminal(output.width))
+    if legend := legend_of(blocks[0].table):
+        output.print(legend, style="dim")
+    for sentence in document["sentences"]:
         output.print(sentence, style="bold", highlight=False)
+    return True

@@ -16,22 +16,19 @@ from tuner.commands.console import (
     CONDITION_HELP,
     LOADING_ROCKS,
     AsJson,
-    ComparisonProgress,
     answer_json,
     load,
-    local_executor,
     note_dense_stage,
     output,
     parse_overrides,
-    require_complete,
+    run_plans,
     under_conditions,
     working,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-from tuner.comparison.run import run_evaluation
-from tuner.missions.job import Trial
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.instances import Instance
+from tuner.problem.objective import DEFAULT_METRIC
 from tuner.problem.search_space import builtin
 
 TARGETS = 60
@@ -143,8 +140,7 @@ def compare(
     plans = curves.comparison_plans(asked, chosen)
     if rocks or families or set_ or conditions:  # else the targets and views fit
         with working("looking at the targets"):
-            curves.require_runnable(asked, plans.values())
-    executor = local_executor(fidelity, workers, timeout_s)
+            curves.require_room(asked)
     if conditions and (note := mission_kind(fidelity).note):
         output.print(note, style="yellow")
     missions = sum(plan.missions for plan in plans.values())
@@ -154,13 +150,8 @@ def compare(
     longest = curves.ending_at(asked.base, asked.numbers[-1])
     for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
         note_dense_stage(kind, longest)
-    records = list[Trial]()
-    with executor:
-        for folder, plan in plans.items():
-            with ComparisonProgress("observable.f_score_48mm") as show:
-                run = run_evaluation(plan, out / folder, executor, show)
-            require_complete(run)
-            records += run.records
+    runs = run_plans(plans, out, workers, timeout_s, DEFAULT_METRIC)
+    records = [trial for run in runs for trial in run.records]
     with working("drawing"):
         series = curves.all_series(asked, list(chosen), records)
         found = curves.outcome(asked, series, reference)

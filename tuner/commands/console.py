@@ -8,7 +8,7 @@ import importlib
 import json
 import os
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +36,8 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
 from tuner.campaign.settings import CampaignSettings
-from tuner.comparison.run import EvaluationEvent, EvaluationRun
+from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
 from tuner.missions.executors import Executor, limit_s, local_executor
 from tuner.missions.kinds import MissionKind
 from tuner.problem.instances import Instance
@@ -195,6 +196,24 @@ def require_complete(run: EvaluationRun, go_on: str = "repeat the command to con
     if not run.complete:
         output.print(f"not complete; {go_on}", soft_wrap=True)
         raise typer.Exit(130)
+
+
+def run_plans(
+    plans: Mapping[str, EvaluationPlan], out: Path, workers: int | None, timeout_s: float, metric: str
+) -> list[EvaluationRun]:
+    """Run every plan in its folder of ``out``; missions that have finished are not run again.
+
+    Raises `UserError`, before the first mission: a strategy of a plan cannot run.
+    """
+    for plan in plans.values():
+        plan.require_runnable()
+    runs = list[EvaluationRun]()
+    with local_executor(next(iter(plans.values())).fidelity, workers, timeout_s) as executor:
+        for folder, plan in plans.items():
+            with ComparisonProgress(metric) as show:
+                runs.append(run_evaluation(plan, out / folder, executor, show))
+            require_complete(runs[-1])
+    return runs
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from nbv.config import IDEAL, load_conditions
 from nbv.photographs import PhotographSet
 from tuner.campaign.campaign import Campaign
+from tuner.commands.campaign_display import show_answer
 from tuner.commands.console import (
     LOADING_ROCKS,
     AsJson,
@@ -35,16 +37,12 @@ from tuner.commands.options import (
     Workers,
 )
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
+from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration
 
-MarginOption = Annotated[
-    float,
-    typer.Option(
-        min=0.0,
-        help="For a campaign with an outcome constraint: loss of quality that still counts as none, in the metric's unit.",
-    ),
-]
+if TYPE_CHECKING:  # it takes a second to load
+    from tuner.comparison.result import ComparisonFacts
 
 
 def evaluate(
@@ -62,7 +60,6 @@ def evaluate(
     ] = None,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
-    margin: MarginOption = 1.0,
     fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     mission: MissionAllowed = None,
@@ -81,7 +78,6 @@ def evaluate(
             replicates=replicates,
             strategies=strategies,
             conditions=load_conditions(conditions) if conditions else None,
-            margin=margin,
             fidelity=fidelity,
         )
     run_and_report(planned, out, workers, timeout_s)
@@ -95,7 +91,6 @@ def confirm(
     ] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
-    margin: MarginOption = 1.0,
     fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation).")] = None,
     mission: MissionAllowed = None,
@@ -108,7 +103,7 @@ def confirm(
     output.print(f"confirming the recommendation of {campaign}")
     source = _open(campaign, mission)
     with working(LOADING_ROCKS):
-        planned = confirmation(source, rocks=rocks, replicates=replicates, margin=margin, fidelity=fidelity)
+        planned = confirmation(source, rocks=rocks, replicates=replicates, fidelity=fidelity)
     if planned is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
         output.print(note)
@@ -186,50 +181,62 @@ def run_and_report(
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
-    with executor, ComparisonProgress(spec.shown.metric) as show:
-        run, directory = planned.run(executor, show, out)
-    facts = comparison.ComparisonFacts(run, planned.reference, spec, notes=notes)
-    for line in facts.verdicts:
-        output.print(line.text, style="bold")
-    tables = {"Results by strategy": facts.summary}
-    tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
-    for name, table in tables.items():
-        shown = comparison.table_by_strategy(table, name, None, spec.instance_word)
-        output.print(*shown.for_terminal(output.width))
+    with executor:
+        facts, report = run_comparison(planned, executor, out, notes, f"gatetune {shlex.join(sys.argv[1:])}")
+    for line in comparison.verdict_lines(facts):
+        output.print(line, style="bold")
+    answer = {} if planned.source is None else show_all_results(planned.source)
+    tables = {f"Under {name}": table for name, table in facts.conditions.items()}
+    if not answer.pop("tables", False):
+        tables = {"Results by strategy": facts.summary, **tables}
+    shown = [comparison.strategy_table(t, name, spec.shown.metric) for name, t in tables.items()]
     if paper and "whole" in facts.tables:  # no mission that has ended well, no table
-        shown = comparison.table_i(
-            facts.tables["whole"], "Table I, whole surface", paper=True, differences=False
-        )
-        output.print(*shown.for_terminal(output.width))
+        table_i = facts.tables["whole"]
+        shown.append(comparison.table_i(table_i, "Table I, whole surface", paper=True, differences=False))
+    for table in shown:
+        output.print(*table.for_terminal(output.width))
+    if paper:
         output.print(comparison.paper_note(plan.fidelity))
+    output.print(f"{duration(facts.run.elapsed_s)}; report: {report}")
+    found = comparison.evaluation_document(facts)
+    answer_json({"title": planned.title, "directory": report.parent, "report": report, **found, **answer})
+    for reason, times in facts.run.failures.items():
+        output.print(f"failed {times} times: {reason}", style="red")
+    require_complete(facts.run)
+
+
+def run_comparison(
+    planned: PlannedComparison,
+    executor: Executor,
+    out: Path | None = None,
+    notes: Sequence[str] = (),
+    command: str = "",
+) -> tuple[ComparisonFacts, Path]:
+    """Run what is missing and write the report; return what was found, and the report."""
+    from tuner.comparison.result import ComparisonFacts
+    from tuner.report.comparison import write_comparison_report
+
+    with ComparisonProgress(planned.spec.shown.metric) as show:
+        run, directory = planned.run(executor, show, out)
+    facts = ComparisonFacts(run, planned.reference, planned.spec, notes or planned.notes)
+    paper = planned.source is None
     with working("writing the report"):
-        command = f"gatetune {shlex.join(sys.argv[1:])}"
-        report = comparison.write_comparison_report(
+        return facts, write_comparison_report(
             facts, directory, title=planned.title, paper=paper, command=command
         )
-        if planned.source is not None:
-            from tuner.report.campaign_page import write_campaign_report
-
-            write_campaign_report(planned.source)
-    answer = {} if planned.source is None else show_all_results(planned.source)
-    output.print(f"{duration(run.elapsed_s)}; report: {report}")
-    answer_json(
-        {"title": planned.title, "directory": directory, "report": report, **facts.to_dict(), **answer}
-    )
-    for reason, times in run.failures.items():
-        output.print(f"failed {times} times: {reason}", style="red")
-    require_complete(run)
 
 
 def show_all_results(campaign: Campaign) -> dict[str, Any]:
-    """Print the campaign's table, what to fly and what next, anew from all results; return what was said."""
-    from tuner.commands.campaign_display import show_answer
+    """Print the campaign's tables, what to fly and what next, anew from all results, which its page has, too; return what was said."""
     from tuner.comparison.advice import advice_of, next_step
     from tuner.report.answer import advice_lines, next_text
+    from tuner.report.campaign_page import write_campaign_report
 
     best = campaign.recommended()
     advice = advice_of(campaign, best)
-    show_answer(campaign)
+    with working("writing the campaign's report"):
+        write_campaign_report(campaign)
+    tables = show_answer(campaign)
     said = advice_lines(advice, best, campaign.settings)
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)
     for line in said:
@@ -237,7 +244,7 @@ def show_all_results(campaign: Campaign) -> dict[str, Any]:
     output.print(f"What next: {why}", highlight=False)
     if command:
         output.print(command, highlight=False, soft_wrap=True)
-    return {"advice": said, "next": {"why": why, "command": command}}
+    return {"tables": tables, "advice": said, "next": {"why": why, "command": command}}
 
 
 def _ceiling(name: str) -> str:

@@ -1,4 +1,4 @@
-"""``gatetune photographs import|list|show|enough``."""
+"""``gatetune photographs import|list|enough``."""
 
 from __future__ import annotations
 
@@ -19,17 +19,15 @@ from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.commands.console import (
     AsJson,
-    ComparisonProgress,
     answer_json,
     load,
-    local_executor,
     output,
     parse_overrides,
-    require_complete,
+    run_plans,
     show_table,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-from tuner.comparison.run import run_evaluation
+from tuner.problem.objective import DEFAULT_METRIC
 from tuner.problem.search_space import builtin
 from tuner.report.labels import duration
 
@@ -102,18 +100,6 @@ def list_(as_json: AsJson = False) -> None:
 
 
 @app.command()
-def show(name: Annotated[str, typer.Argument(help="A set's name.")], as_json: AsJson = False) -> None:
-    """Show what the import found, and where its report is.
-
-    Example: gatetune photographs show mine
-    """
-    found = PhotographSet.read(name)
-    _describe(found)
-    output.print(f"report: {found.folder / 'report.html'}")
-    answer_json({**_facts(found), "weak": found.weak, "notes": found.notes})
-
-
-@app.command()
 def enough(
     name: Annotated[str, typer.Argument(help="A set's name.")],
     keep: Annotated[
@@ -153,7 +139,7 @@ def enough(
         f"how many photographs of {name} would have been enough"
     )  # before what takes seconds to load
     load("tuner.comparison.enough")
-    from tuner.comparison.enough import METRIC, NUMBERS, enough_plans, read_enough, seconds
+    from tuner.comparison.enough import NUMBERS, enough_plans, read_enough, seconds
     from tuner.report.photographs import draw_enough, enough_table, enough_text
 
     photographs = PhotographSet.read(name)
@@ -162,18 +148,14 @@ def enough(
         tuned = builtin(Campaign.open(campaign, read_only=True).recommended_config())
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
+    missions = sum(plan.missions for plan in plans.values())
     output.print(
-        f"{sum(plan.missions for plan in plans)} missions, about {duration(seconds(plans, photographs))} of one processor; "
-        "the first mission uses all photographs and takes longest",
+        f"{missions} missions, about {duration(seconds(plans.values(), photographs))} of one processor; the first mission uses "
+        "all photographs and takes longest",
         soft_wrap=True,
     )
-    runs = []
-    with local_executor(plans[0].fidelity, workers, timeout_s) as executor:
-        for plan, folder in zip(plans, ("all", "few"), strict=True):
-            with ComparisonProgress(METRIC) as show:
-                runs.append(run_evaluation(plan, where / folder, executor, show))
-            require_complete(runs[-1])
-    answer = read_enough(runs[0], runs[1], keep)
+    everything, few = run_plans(plans, where, workers, timeout_s, DEFAULT_METRIC)
+    answer = read_enough(everything, few, keep)
     output.print(*enough_table(answer).for_terminal(output.width))
     picture, listed = draw_enough(answer, photographs, keep, where / "enough.png"), where / "enough.txt"
     if answer.smallest is not None:
@@ -191,6 +173,7 @@ def _facts(found: PhotographSet) -> dict[str, Any]:
         "height_m": found.true_height_m,
         "f_score_halves_percent": found.halves.f_score[_MIDDLE],
         "folder": str(found.folder),
+        "weak": found.weak,
     }
 
 

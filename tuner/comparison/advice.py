@@ -136,7 +136,12 @@ class Advice:
     @cached_property
     def planners_may_gain(self) -> bool | None:
         """Whether the ceiling leaves room for a planner; None where it was not run."""
-        return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
+        return leaves_room(self.ceiling)
+
+
+def leaves_room(ceiling: Interval | None) -> bool | None:
+    """Whether a planner may gain something below a ceiling; None where it was not run."""
+    return None if ceiling is None else (ceiling.high or ceiling.mean) > LITTLE
 
 
 def advice_of(campaign: Campaign, best: Recommendation) -> Advice:

@@ -12,7 +12,7 @@ from nbv.geometric.curve_fidelity import run_curve_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
 from tuner.comparison.advice import CEILING, LITTLE
-from tuner.comparison.curves import Suite, comparison_plans, require_runnable
+from tuner.comparison.curves import Suite, comparison_plans, require_room
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
@@ -57,7 +57,7 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
     rock, reached = load_coarse_rock(target, Store()), dict[str, float]()
     places = (Instance(target),)
     suite = Suite(places, tuple(sorted({*ORBIT_NUMBERS, photographs})))
-    require_runnable(suite, ())
+    require_room(suite)
     for name in (*PLAIN, CEILING):
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
         (plan,) = comparison_plans(Suite(places, numbers), {name: None}).values()

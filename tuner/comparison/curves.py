@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +24,7 @@ from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
-from tuner.comparison.advice import CEILING, LITTLE
+from tuner.comparison.advice import CEILING, leaves_room
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.statistics import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 from tuner.comparison.verdict import Kind, kind_of
@@ -32,7 +32,6 @@ from tuner.missions.job import Trial
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of
 from tuner.problem.instances import Instance
-from tuner.problem.search_space import builtin
 
 BY_HEIGHT, STOPPED = "orbit-by-height", "-stopped"  # derived from the missions of others
 TWO_RINGS = "orbit-two"
@@ -129,8 +128,8 @@ def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tupl
 SUITES = {"rocks-1": Suite(drawn_targets(60)), "shapes-1": Suite(drawn_targets(50, tuple(SHAPES)))}
 
 
-def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
-    """Raise `UserError` where a target extends to the viewpoints around it, or a photograph set cannot give what is asked for."""
+def require_room(suite: Suite) -> None:
+    """Raise `UserError` where a target extends to the viewpoints around it."""
     config = suite.base
     for rock in dict.fromkeys(target.rock for target in suite.targets):
         if kind_on(rock, suite.fidelity).photographs == "taken":
@@ -142,12 +141,6 @@ def require_runnable(suite: Suite, plans: Iterable[EvaluationPlan]) -> None:
                 f"{rock} reaches {reach_m:.1f} m from its middle, and views stand {config.pool.radius_m:g} m from it; "
                 "set pool.radius_m and seed.radius_m to more"
             )
-    for plan in plans:
-        for own in plan.strategies.values():
-            for condition in plan.conditions:
-                under(builtin(own), condition).require_flyable()
-                for rock in plan.rocks:
-                    kind_on(rock, plan.fidelity).require_possible(under(builtin(own), condition), rock)
 
 
 Strategies = Mapping[str, MissionConfig | None]  # by name; None: the baseline, scorer or gate of that name
@@ -436,7 +429,7 @@ class Outcome:
     @property
     def planners_may_gain(self) -> bool | None:
         """Whether the ceiling leaves room for a planner; None where it was not run."""
-        return None if self.ceiling is None else (self.ceiling.high or self.ceiling.mean) > LITTLE
+        return leaves_room(self.ceiling)
 
 
 def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:

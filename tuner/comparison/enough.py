@@ -24,11 +24,11 @@ from tuner.comparison.statistics import Interval, mean_interval
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by
+from tuner.problem.objective import DEFAULT_METRIC
 from tuner.problem.search_space import builtin
 
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
-METRIC = "observable.f_score_48mm"
 ALL, RING = "all", "ring"
 WAYS = {
     RING: "even ring",
@@ -80,8 +80,8 @@ def enough_plans(
     replicates: int = 3,
     tuned: MissionConfig | None = None,
     overrides: Mapping[str, Any] | None = None,
-) -> tuple[EvaluationPlan, EvaluationPlan]:
-    """The mission that takes all photographs, and the missions of the curves.
+) -> dict[str, EvaluationPlan]:
+    """The mission that takes all photographs, and the missions of the curves, by folder.
 
     ``numbers`` of photographs that the set does not have are left out; ``tuned`` is a configuration whose gate and scorers run
     as "tuned", by default our own scorer; ``overrides`` hold for every mission. `UserError` where the set has too few
@@ -127,14 +127,14 @@ def enough_plans(
         }
     )
     rocks = (photographs.name,)
-    return (
-        EvaluationPlan({ALL: everything}, rocks, 1, fidelity=PHOTOGRAPHS),
-        EvaluationPlan(strategies, rocks, replicates, fidelity=PHOTOGRAPHS),
-    )
+    return {
+        "all": EvaluationPlan({ALL: everything}, rocks, 1, fidelity=PHOTOGRAPHS),
+        "few": EvaluationPlan(strategies, rocks, replicates, fidelity=PHOTOGRAPHS),
+    }
 
 
 def read_enough(
-    everything: EvaluationRun, curves: EvaluationRun, keep_percent: float, metric: str = METRIC
+    everything: EvaluationRun, curves: EvaluationRun, keep_percent: float, metric: str = DEFAULT_METRIC
 ) -> Enough:
     """The curves of the two evaluations of `enough_plans`, and the plan of fewest photographs that keeps enough quality.
 

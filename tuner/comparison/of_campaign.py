@@ -12,9 +12,11 @@ from pathlib import Path
 from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.function import Keep
+from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.shipped import NOTHING
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
@@ -32,16 +34,16 @@ from tuner.problem.problem import Evaluated
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
-DEFAULT_MARGIN = 1.0  # percent points of F-score
+AT_THE_END = 2  # replicates of the comparison that a campaign ends in
+MARGIN = 1.0  # loss of quality that counts as none where there is a constraint: percent points of F-score
 HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
 
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """The goal by which strategies are compared, and the loss of quality that still counts as none."""
+    """The goal by which strategies are compared."""
 
     goal: Goal = field(default_factory=Goal)
-    margin: float = DEFAULT_MARGIN  # of the quality, its unit
     instance_word: str = "rock"  # what missions run on, as `MissionProblem.instance_word`
 
     @property
@@ -86,7 +88,6 @@ def held_out(
     strategies: Sequence[str] | None = None,
     conditions: Sequence[Condition] | None = None,
     fidelity: str = DEFAULT_FIDELITY,
-    margin: float = DEFAULT_MARGIN,
 ) -> PlannedComparison:
     """The recommendation and the baselines on rocks, or a mission file's instances, that the campaign has not seen.
 
@@ -97,16 +98,21 @@ def held_out(
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
     chosen, replicates = source.evaluation_rocks(rocks, replicates)
-    configs, notes = s.problem.strategies(_evaluated(source, found, under, chosen), strategies)
-    plan = EvaluationPlan(
-        configs, chosen, replicates, fidelity=s.problem.fidelity(fidelity), conditions=under
-    )
-    against = reference_of([name for name in configs if name != TUNED], s.problem.reference)
+    tuned = _evaluated(source, found, under, chosen)
+    plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
+    against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
     notes = (*_notes(found), *notes, *_conditions(source, under))
     title = f"{s.name}: tuned against baselines on held-out {s.problem.instance_word}s"
-    return PlannedComparison(
-        plan, against, asked_of(s, margin), title, source.directory / HELD_OUT, notes, source
-    )
+    return PlannedComparison(plan, against, asked_of(s), title, source.directory / HELD_OUT, notes, source)
+
+
+def _against_baselines(
+    s: CampaignSettings, tuned: Evaluated, names: Sequence[str] | None, replicates: int, fidelity: str
+) -> tuple[EvaluationPlan, tuple[str, ...]]:
+    configs, notes = s.problem.strategies(tuned, names)
+    fidelity, conditions = s.problem.fidelity(fidelity), tuple(tuned.conditions)
+    plan = EvaluationPlan(configs, tuple(tuned.rocks), replicates, fidelity=fidelity, conditions=conditions)
+    return plan, notes
 
 
 def confirmation(
@@ -115,7 +121,6 @@ def confirmation(
     rocks: Sequence[str] | None = None,
     replicates: int = 4,
     fidelity: str = DEFAULT_FIDELITY,
-    margin: float = DEFAULT_MARGIN,
 ) -> PlannedComparison | None:
     """The recommendation, the default and plain orbits on training rocks with fresh replicates; None where the first two
     are one.
@@ -151,9 +156,7 @@ def confirmation(
     word = s.problem.instance_word
     title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
     notes = (*_notes(found), *notes)
-    return PlannedComparison(
-        plan, "default", asked_of(s, margin), title, source.directory / TRAINING, notes, source
-    )
+    return PlannedComparison(plan, "default", asked_of(s), title, source.directory / TRAINING, notes, source)
 
 
 def reproduction(
@@ -195,7 +198,30 @@ def end_of_campaign(source: Campaign) -> PlannedComparison | None:
     s = source.settings
     if not s.compare_on:
         return None
-    return held_out(source, rocks=s.compare_on, replicates=2, strategies=COMPARISON, fidelity=s.fidelity)
+    return held_out(
+        source, rocks=s.compare_on, replicates=AT_THE_END, strategies=COMPARISON, fidelity=s.fidelity
+    )
+
+
+def require_comparable(s: CampaignSettings) -> None:
+    """Raise `UserError` where the comparison that a campaign is to end in cannot run: better now than after its missions.
+
+    Every plain plan is tried in the place of the recommendation, the default among them.
+    """
+    if not s.compare_on:
+        return
+    rocks, replicates = s.problem.evaluated_on(s.compare_on, AT_THE_END)
+    if s.sources:
+        learned = learn_from(s.sources, s.problem, s.objective)
+        if seen := set(learned.rocks) & set(rocks):
+            raise UserError(
+                f"{sorted(seen)[0]} is compared on, and what the campaign learns from was tuned on it; compare on another rock, "
+                f"or give --learn-from {NOTHING}"
+            )
+    for values in s.problem.arms.values():
+        tuned = Evaluated(values, None, s.conditions, rocks)
+        plan, _ = _against_baselines(s, tuned, COMPARISON, replicates, s.fidelity)
+        plan.require_runnable()
 
 
 def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
@@ -215,9 +241,9 @@ def _evaluated(
     return Evaluated(found.values, source.mean_photographs(found.values), conditions, rocks)
 
 
-def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> ComparisonSpec:
+def asked_of(settings: CampaignSettings) -> ComparisonSpec:
     """What the campaign was asked for."""
-    return ComparisonSpec(settings.goal, margin, settings.problem.instance_word)
+    return ComparisonSpec(settings.goal, settings.problem.instance_word)
 
 
 def _notes(found: Recommendation) -> tuple[str, ...]:

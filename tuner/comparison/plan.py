@@ -17,6 +17,7 @@ from nbv.config import (
     IDEAL,
     IDEAL_CONDITION,
     Condition,
+    MissionConfig,
     condition_from_dict,
     require_distinct,
     under,
@@ -26,7 +27,7 @@ from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require, require_plain
 from tuner.missions.external.mission_file import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, load_trial
-from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES
+from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES, kind_on
 from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration, builtin
@@ -124,6 +125,21 @@ class EvaluationPlan:
             raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
         except UserError as error:  # such as a plug-in that is not installed
             raise UserError(f"{path}: {error}") from error
+
+    def require_runnable(self) -> None:
+        """Raise `UserError` where a strategy cannot fly under a condition, or a photograph set cannot give what it asks for."""
+        for (name, config), condition in itertools.product(self.strategies.items(), self.conditions):
+            if not isinstance(config, MissionConfig):  # a mission file's
+                continue
+            try:
+                own = config if condition.name == IDEAL else under(config, condition)
+                own.require_flyable()
+                for kind, rock in ((kind_on(rock, self.fidelity), rock) for rock in self.rocks):
+                    if kind.targets == "instances":
+                        raise UserError("it is no mission of a mission file; choose another fidelity")
+                    kind.require_possible(own, rock)
+            except UserError as error:
+                raise UserError(f"strategy {name} cannot run under {condition.name}: {error}") from error
 
     def jobs(self, directory: Path) -> list[MissionJob]:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""

@@ -60,8 +60,9 @@ def run_evaluation(
 
     Missions that the machine ended (`Trial.infrastructure_failure`) leave no record, and the evaluation incomplete.
 
-    Raises `UserError`: the directory holds something else or cannot be written; a mission met a user's mistake.
+    Raises `UserError`: a strategy cannot run; the directory holds something else or cannot be written; a mission met a user's mistake.
     """
+    plan.require_runnable()
     _claim(plan, directory)
     began = time.monotonic()
     jobs = {job.id: job for job in plan.jobs(directory)}

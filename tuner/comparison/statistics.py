@@ -30,11 +30,11 @@ class MetricRow:
     """One line of a table in the layout of Table I."""
 
     group: str
-    label: str
+    label: str  # empty: the metric's usual name
     key: str  # path of the metric, with the surface as its first part
     unit: str
     higher_is_better: bool
-    decimals: int = 1
+    decimals: int | None = 1  # None: as its spread deserves
 
 
 _DISTANCES, _AT_48, _AT_80 = "Dense cloud vs. GT", "Thresholded @ 48 mm", "Thresholded @ 80 mm"

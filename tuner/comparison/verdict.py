@@ -21,6 +21,16 @@ class Kind(StrEnum):
     NO_DIFFERENCE = "no difference"  # detected
     NO_INTERVAL = "no interval"  # too few missions
     NOT_PAIRED = "not paired"  # no mission in common
+    SAME = "same photographs"  # in every mission
+    KEPT, PARTLY_KEPT, NOT_KEPT = (
+        "kept",
+        "partly kept",
+        "not kept",
+    )  # the constraint, on all, some or none of the rocks
+
+
+GOOD = (Kind.BETTER, Kind.NOT_WORSE, Kind.KEPT)
+BAD = (Kind.WORSE, Kind.NOT_KEPT)
 
 
 @dataclass(frozen=True)
@@ -31,8 +41,14 @@ class Verdict:
     strategy: str
     reference: str
     metric: str
-    gain: Interval | None  # oriented so that positive is better than the reference; None: not paired
+    gain: (
+        Interval | None
+    )  # oriented so that positive is better than the reference; None: not paired; of a constraint the share
     margin: float = 0.0  # what may be lost and still counts as kept, in the metric's unit
+    counts: tuple[float, float] | None = (
+        None  # of a metric that the configuration decides: its own and the reference's
+    )
+    best_control: bool = False  # whether the reference is the best control with as many photographs
 
 
 def judge(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +58,18 @@ def write_csv(source: Campaign | EvaluationRun, path: Path) -> Path:
     """Write `records_of` as a table; ``UserError`` if the file cannot be written."""
     records = records_of(source)
     columns = list(dict.fromkeys(name for record in records for name in record))
+    return write_rows(path, columns, ([record.get(name) for name in columns] for record in records))
+
+
+def write_rows(
+    path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]], digits: int | None = None
+) -> Path:
+    """Write a table as CSV, fractions with so many ``digits``; ``UserError`` if the file cannot be written."""
     file = io.StringIO(newline="")
-    writer = csv.DictWriter(file, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(head)
+    for row in rows:
+        writer.writerow([c if digits is None or not isinstance(c, float) else f"{c:.{digits}f}" for c in row])
     try:
         write_atomic(path, printable(file.getvalue()))
     except OSError as error:

@@ -30,10 +30,16 @@ class Baseline:
     retargeted: bool = False  # of an orbit: its first half locates the target, its second half is moved there
 
     def config(self, base: MissionConfig) -> MissionConfig:
-        """``base`` running this strategy."""
+        """``base`` running this strategy; `UserError`, with the strategy's name, where it cannot."""
         if not self.plans:
             return self.orbit(base, photographs(base))
-        return base.with_values({"gate.kind": self.name, **self.values})
+        return self._laid_over(base, {"gate.kind": self.name, **self.values})
+
+    def _laid_over(self, base: MissionConfig, values: dict[str, Any]) -> MissionConfig:
+        try:
+            return base.with_values(values)
+        except UserError as error:
+            raise UserError(f"strategy {self.name} cannot run here: {error}") from error
 
     def orbit(self, base: MissionConfig, number: int) -> MissionConfig:
         """``base`` with ``number`` photographs on this plain orbit, as far away as its candidates."""
@@ -48,7 +54,7 @@ class Baseline:
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
         }
-        return base.with_values({**values, **self.values})
+        return self._laid_over(base, {**values, **self.values})
 
 
 # Parameters by what they change of a mission: the groups by which a gain is split.

@@ -24,16 +24,15 @@ from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration, builtin
 from tuner.report.labels import (
     MetricLabel,
+    bracketed,
     ceiling_text,
     counted,
     decimals_for,
     difference_text,
     gain_words,
-    interval_text,
     metric_label,
     number_text,
     parameter_label,
-    with_unit,
 )
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
         low, high = best.limit.next_hundred or (0, 100)
         return (
             f"{words} met the constraint ({limit_words(best.limit)}) on the training {word}s, and is expected to on "
-            f"{100 * best.limit.next_rock_keeps:.0f} of the next hundred {word}s (95 % interval {low} to {high})."
+            f"{bracketed(100 * best.limit.next_rock_keeps, low, high, 0)} of the next hundred {word}s (95 % interval)."
         )
     return f"{verb} {words}."
 
@@ -241,16 +240,16 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """The recommendation's outcome on the training rocks, then the predicted gain on a rock that was not run."""
     word, label = s.problem.instance_word, metric_label(best.metric)
-    said = f"{_subject(label)} is {_mean(label, best.mean, best.sd)}"
+    alone = best.keep_default and not best.exact
+    said = f"{_subject(label)} is {_mean(label, best.mean, best.sd, best.interval_95 if alone else None)}"
     if not best.keep_default:
         said += f" in place of {_mean(label, best.default_mean, best.sd)}"
     if not best.exact:
-        gain = interval_text(map(label.possible, best.interval_95), decimals_for(best.sd, 1))
-        if not best.keep_default:
-            gain = _gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)
-            gain += ", positive if lower" if best.direction == "minimise" else ""
-        said += f" on the training {word}s, {gain}"
-    lines = [f"{said}."]
+        said += f" on the training {word}s"
+    if not best.exact and not best.keep_default:
+        said += f", {_gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)}"
+        said += ", positive if lower" if best.direction == "minimise" else ""
+    lines = [f"{said} (brackets: 95 % interval)." if not best.exact else f"{said}."]
     if best.limit is not None:
         lines += _limit_sentences(best, best.limit, word)
     if (next_rock := best.next_rock) is not None:
@@ -292,10 +291,9 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     ``instance_word`` is what an instance is called in the singular, such as "rock".
     """
     label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
-    said = f"{_subject(label)} is {_mean(label, limit.mean, limit.sd)}"
-    default = _mean(label, limit.default_mean, limit.sd)
+    own = _mean(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
+    said, default = f"{_subject(label)} is {own}", _mean(label, limit.default_mean, limit.sd)
     if not limit.exact:
-        said += f" ({interval_text(map(label.possible, limit.interval_95), decimals_for(limit.sd, 1))})"
         default += f", with probability {limit.default_probability:.2f}"
     said += f"; the constraint is {asked}"
     if not limit.exact:
@@ -305,7 +303,7 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
-        line = f"It is expected to be met on {100 * limit.next_rock_keeps:.0f} of the next hundred {instance_word}s (95 % interval {low} to {high})"
+        line = f"It is expected to be met on {bracketed(100 * limit.next_rock_keeps, low, high, 0)} of the next hundred {instance_word}s (95 % interval)"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:
             line += f"; on the next {instance_word} it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
@@ -425,15 +423,21 @@ def _subject(label: MetricLabel) -> str:
     return f"The number of {name.lower()}" if name.endswith("hotographs") else name
 
 
-def _mean(label: MetricLabel, mean: float, sd: float) -> str:
-    """``98.3 %``; what a configuration decides (``sd`` 0) as it is."""
-    return label.value(mean, decimals_for(sd, 1)) if sd > 0 else f"{mean:.4g} {label.unit}".strip()
+def _mean(label: MetricLabel, mean: float, sd: float, interval_95: tuple[float, float] | None = None) -> str:
+    """``98.3 %``, or ``98.3 [97.8, 98.8] %``; what a configuration decides (``sd`` 0) as it is."""
+    if sd <= 0:
+        return f"{mean:.4g} {label.unit}".strip()
+    if interval_95 is None:
+        return label.value(mean, decimals_for(sd, 1))
+    middle, low, high = map(label.possible, (mean, *interval_95))
+    return f"{bracketed(middle, low, high, decimals_for(sd, 1))} {label.unit}".strip()
 
 
 def _gain(mean: float, interval_95: tuple[float, float], sd: float, label: MetricLabel) -> str:
-    """``+0.6 points (95 % interval +0.2 to +1.0)``."""
-    gain = with_unit(mean, label.difference_unit, decimals_for(sd, 1), signed=True)
-    return f"{gain} ({interval_text(interval_95, decimals_for(sd, 1), signed=True)})"
+    """``+0.6 [+0.2, +1.0] points``."""
+    return (
+        f"{bracketed(mean, *interval_95, decimals_for(sd, 1), signed=True)} {label.difference_unit}".strip()
+    )
 
 
 def _percent(part: int, whole: int) -> str:

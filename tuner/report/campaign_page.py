@@ -24,6 +24,7 @@ from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import Advice, advice_of, next_step
+from tuner.comparison.result import result_blocks
 from tuner.missions.job import Trial
 from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import label as strategy_label
@@ -31,9 +32,8 @@ from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
 from tuner.problem.observations import configuration_key
-from tuner.problem.search_space import Parameter, builtin
+from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report import gate_result
 from tuner.report.answer import (
     advice_lines,
     bound,
@@ -46,8 +46,8 @@ from tuner.report.answer import (
     value_text,
     worth_sentences,
 )
-from tuner.report.figures import draw_differences, draw_gate, draw_outcomes, draw_slices, plan_figure
-from tuner.report.gate_result import GateResult
+from tuner.report.comparison import REPORT_FILE, block_table, earned_sentences, legend_of
+from tuner.report.figures import draw_outcomes, draw_slices, plan_figure
 from tuner.report.labels import (
     counted,
     decimals_for,
@@ -64,7 +64,7 @@ from tuner.report.style import embed, short_names
 from tuner.report.table import Table
 from tuner.surrogate.model import InstanceMeanGP
 
-REPORT_FILE, VIEW_FILE = "report.html", "view.html"
+VIEW_FILE = "view.html"
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
 NEAR_A_BOUND = 0.01  # of the range
@@ -168,7 +168,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
     why, command = next_text(next_step(campaign, best, facts.advice), campaign, facts.advice)
-    result = gate_result.gate_result(campaign, best)
+    blocks = result_blocks(campaign, best)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -190,10 +190,9 @@ def write_campaign_report(campaign: Campaign) -> Path:
         plan="" if (planned := facts.planned_config()) is None else embed(plan_figure(planned)),
         sure=sure_answer(facts),
         gate=_gate_answer(facts),
-        gate_figure=gate_figure(facts),
-        result=result,
-        result_tables=[gate_result.table_of(block) for block in result.blocks] if result else [],
-        result_legend=gate_result.LEGEND,
+        earned=[] if best is None else earned_sentences(blocks, best),
+        result_tables=list(map(block_table, blocks)),
+        result_legend=legend_of(blocks[0].table) if blocks else "",
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,
@@ -204,7 +203,6 @@ def write_campaign_report(campaign: Campaign) -> Path:
         facts=facts,
         best=best,
         outcomes=_outcome_figures(facts),
-        differences=_difference_figure(result),
         slices=[]
         if best is None or facts.model is None
         else draw_slices(facts.model, s.space.parameters, best.values, facts.label, facts.modelled.sign),
@@ -266,23 +264,8 @@ def _changed_table(best: Recommendation) -> Table:
     return Table.of("", ("changed", "parameter", "use", "default"), rows)
 
 
-def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[Instance, int], float]:
-    """By instance and replicate that both ran: the recommendation minus the default, positive where it is better."""
-    found: dict[tuple[Instance, int], list[list[float]]] = {}
-    for side, values in enumerate((best.default_values, best.values)):
-        for t in facts.evaluated(values):
-            if (outcome := facts.modelled_value(t)) is not None:
-                sides = found.setdefault((t.instance, t.replicate), [[], []])
-                sides[side].append(facts.modelled.sign * outcome)
-    return {
-        block: sum(recommended) / len(recommended) - sum(default) / len(default)
-        for block, (default, recommended) in found.items()
-        if recommended and default
-    }
-
-
 def sure_answer(facts: CampaignFacts) -> list[str]:
-    """The recommendation's outcome and gain, then how many paired missions measured that gain."""
+    """The recommendation's outcome and gain, as the model predicts them."""
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
@@ -290,19 +273,6 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     if best.keep_default:
         rocks = len({t.rock for t in facts.evaluated(best.values)})
         return [*said, f"It was evaluated on {rocks} of {len(facts.settings.rocks)} {word}s."]
-    both = pairs(facts, best)
-    if not both:
-        said.append(
-            f"They cannot be compared in pairs: recommendation and default never ran on the same {word} and replicate."
-        )
-        return [*said, OPTIMISM_NOTE]
-    mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
-    said.append(
-        f"Both were evaluated on {len({instance for instance, _ in both})} of {len(facts.settings.problem.instances)} {word}s"
-        f"{' and conditions' if facts.several_conditions else ''} ({counted(len(both), 'pair')}): "
-        f"the recommendation gains {mean} of {facts.label.name} on average, and is better in "
-        f"{sum(d > 0 for d in both.values())} of {len(both)}."
-    )
     return [*said, OPTIMISM_NOTE]
 
 
@@ -319,27 +289,6 @@ def _gate_answer(facts: CampaignFacts) -> str:
     records = [record for trace in traces for record in trace]
     said = gate_words(records, strategy_label(config.gate.kind), len(traces))
     return " ".join([*switch_sentences(facts.campaign, facts.trials), said])
-
-
-def gate_figure(facts: CampaignFacts) -> str:
-    """What the gate did, step by step, by default and as recommended, on a rock and replicate that both have; a data URI."""
-    best = facts.recommendation
-    if best is None:
-        return ""
-    sides = {"default": best.default_values} | ({} if best.keep_default else {"recommended": best.values})
-    found = {
-        name: {(t.instance, t.replicate): trace for t, trace in traces_of(facts.evaluated(v))}
-        for name, v in sides.items()
-    }
-    common = set.intersection(*map(set, found.values()))
-    if not common:  # nor has a mission file's configuration a gate
-        return ""
-    gates = {name: builtin(facts.settings.problem.config(values)).gate for name, values in sides.items()}
-    if any(gate.kind != "hyb-h" for gate in gates.values()):
-        return ""
-    block = min(common, key=lambda b: (facts.settings.problem.instances.index(b[0]), b[1]))
-    where = f"{facts.instance_name(block[0])}, replicate {block[1]}"
-    return draw_gate([(f"{name}, {where}", gate, found[name][block]) for name, gate in gates.items()])
 
 
 # -- what limits the answer ------------------------------------------------------------------------------------
@@ -492,16 +441,6 @@ def _outcome_figures(facts: CampaignFacts) -> list[str]:
     if s.objective.metric == PHOTOGRAPHS and facts.modelled != s.objective:
         figures.append(figure("photographs", lambda t: t.raw, 0.0))
     return figures
-
-
-def _difference_figure(result: GateResult | None) -> str:
-    """The differences of the first set of rocks, held-out ones where they were evaluated."""
-    if result is None:
-        return ""
-    block = result.blocks[0]
-    others = {name: block.gain(name) for name in block.table.strategies if name != "hyb-h"}
-    found = [(strategy_label(name), gain) for name, gain in others.items() if gain is not None]
-    return draw_differences(found, strategy_label("hyb-h")) if found else ""
 
 
 # -- where it is from ------------------------------------------------------------------------------------------

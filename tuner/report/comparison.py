@@ -1,76 +1,72 @@
-"""The result of an evaluation: verdicts, tables and page.
-
-``report.html`` of ``gatetune evaluate``, ``confirm`` and ``reproduce``, the same on the terminal, and as JSON for scripts.
-"""
+"""The result of a comparison in words and tables: of one evaluation, of all results of a campaign; on terminal, page and as JSON."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Sequence
-from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from tuner.comparison.of_campaign import ComparisonSpec
+from tuner.campaign.campaign import Campaign
 from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationRun
-from tuner.comparison.statistics import (
-    PAPER_TABLE_I,
-    TABLE_I_ROWS,
-    TABLE_I_ROWS_OBSERVABLE,
-    ComparisonRow,
-    ComparisonTable,
-    Interval,
-    MetricRow,
-    comparison_table,
-    same_photographs,
-    share_kept,
-    strategy_interval,
+from tuner.comparison.result import (
+    LIMIT,
+    ComparisonFacts,
+    ResultBlock,
+    measured_steps,
+    result_blocks,
 )
-from tuner.comparison.verdict import Kind, Verdict, judge
-from tuner.missions.job import Trial
+from tuner.comparison.run import EvaluationRun
+from tuner.comparison.statistics import PAPER_TABLE_I, ComparisonRow, ComparisonTable, MetricRow
+from tuner.comparison.verdict import BAD, GOOD, Kind, Verdict
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import (
+    B_AWARE,
+    COVIS,
     PAPER_STRATEGIES,
+    THRESHOLDS,
     TUNED,
-    controls_at_equal_number,
     description,
-    in_table_order,
+    kind_of,
     sees_ground_truth,
 )
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.deterministic_metrics import PHOTOGRAPHS
-from tuner.problem.objective import Objective
+from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import there
 from tuner.report.labels import (
-    MISSING,
     counted,
     decimals_for,
     difference_text,
     format_number,
     gain_words,
     interval_methods,
-    interval_text,
     measure_text,
     metric_label,
     with_unit,
 )
-from tuner.report.pages import recorded, recorded_rows, write_page
+from tuner.report.pages import recorded, recorded_rows, write_tables
 from tuner.report.style import short_names
 from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"
-COSTS_SHOWN = (Objective(PHOTOGRAPHS, "minimise"), Objective("costs.flight_time_s", "minimise"))
+LEGEND = (
+    "F is the F-score and C the completeness (%) at 48 and 80 mm, C2C the mean distance from the surface to the cloud (mm), "
+    "flight in s; all are of the observable surface. The last column is the paired difference, with its 95 % interval."
+)
 _TITLES = {
     "whole": "Table I on the whole surface, including the underside, as in the paper",
     "observable": "Table I on the surface that at least two reachable cameras can see",
-    "own": "Metrics and costs",
 }
 FLOOR_NOTE = (
     "The rocks’ own floor is the value of a perfect reconstruction: surface that no reachable camera sees, or that is removed "
     "with the ground, has a distance to every cloud."
 )
+
+
+def legend_of(table: ComparisonTable) -> str:
+    """What the columns are; empty where missions are not of rocks, and each column has its full name."""
+    return LEGEND if any(row.metric.label for row in table.rows) else ""
 
 
 def paper_note(fidelity: str) -> str:
@@ -93,22 +89,28 @@ def strategies_text(names: Collection[str]) -> str:
     return f"{own} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
 
 
-class Sentence(NamedTuple):
-    """One line for a reader, and whether it is good news."""
-
-    text: str
-    kind: str = ""  # better, worse, no
+# -- sentences ---------------------------------------------------------------------------------------------------
 
 
-TONES = {Kind.BETTER: "better", Kind.NOT_WORSE: "better", Kind.WORSE: "worse"}
-
-
-def verdict_text(verdict: Verdict, word: str = "rock", whom: str = "") -> str:
-    """The verdict as a sentence; ``whom``: what the reference is called, where not by its label."""
-    label, gain = metric_label(verdict.metric), verdict.gain
-    who, whom = strategy_label(verdict.strategy), whom or strategy_label(verdict.reference)
+def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
+    """The verdict as a sentence."""
+    label, gain, word = metric_label(verdict.metric), verdict.gain, facts.word
+    who, whom = strategy_label(verdict.strategy), strategy_label(verdict.reference)
+    if verdict.kind is Kind.SAME:
+        return f"{who} took the same photographs as {whom} in every mission."
     if gain is None:
         return f"{who}: no mission in common with {whom}."
+    if verdict.counts is not None:
+        own, theirs = verdict.counts
+        return f"{label.name}: {own:.4g}, and {theirs:.4g} for {whom}."
+    if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
+        least = "at least" if facts.asked.goal.second and facts.asked.goal.second.sign > 0 else "at most"
+        kept = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"
+        share = "" if gain.low is None else f", {difference_text(gain, 0, signed=False)} %"
+        bound = f"{label.full}: {least} {facts.asked.goal.limit:g} {label.unit}".rstrip()
+        return f"Constraint ({bound}): met on {kept}{share}."
+    if verdict.best_control:
+        whom = f"the best control with as many photographs ({whom})"
     allowed = f" by more than {with_unit(verdict.margin, label.difference_unit)}" if verdict.margin else ""
     begin = {
         Kind.BETTER: f"{who} is better than {whom}",
@@ -120,249 +122,213 @@ def verdict_text(verdict: Verdict, word: str = "rock", whom: str = "") -> str:
     }[verdict.kind]
     bounds = "too few missions for an interval"
     if gain.low is not None:
-        bounds = interval_text((gain.low, gain.high), signed=True)
+        brackets = difference_text(gain).partition(" ")[2]
+        bounds = f"95 % interval {brackets}" if brackets else "the same in every mission"
     where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, word)}"
     if gain.method == "replicates":  # such an interval has no spread between rocks
         where += f", valid for {'this one' if gain.rocks == 1 else 'these'} only"
     return f"{begin} in {label.full}: {gain_words(gain.mean, label.difference_unit)} ({bounds}; {where})."
 
 
-class ComparisonFacts:
-    """What an evaluation says of its strategies: sentences, then tables from the shortest to the longest.
+def verdict_lines(facts: ComparisonFacts) -> list[str]:
+    """Who is better, metric by metric."""
+    return [verdict_text(verdict, facts) for verdict in facts.verdicts]
 
-    ``reference``: strategy from which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
-    configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by default the
-    F-score alone. ``notes``: what to know before the verdicts.
-    """
 
-    def __init__(
-        self,
-        run: EvaluationRun,
-        reference: str | None = None,
-        asked: ComparisonSpec | None = None,
-        notes: Sequence[str] = (),
-    ) -> None:
-        self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
-        self.asked = asked or ComparisonSpec()
-        self.strategies = tuple(in_table_order(self.plan.strategies))
-        self.reference = reference or ("hyb-h" if "hyb-h" in self.strategies else self.strategies[0])
-        self.word = self.asked.instance_word
-        label = metric_label(self.asked.shown.metric)
-        names = [c.name for c in self.plan.conditions]
-        measure = measure_text(label.full, self.plan.fidelity, self.plan.rocks, names)
-        self.measure = f"{measure}; {counted(len(self.plan.rocks), self.word)}."
+def measure_of(facts: ComparisonFacts) -> str:
+    """What every number of the page is."""
+    plan = facts.plan
+    names = [c.name for c in plan.conditions]
+    measure = measure_text(metric_label(facts.asked.shown.metric).full, plan.fidelity, plan.rocks, names)
+    return f"{measure}; {counted(len(plan.rocks), facts.word)}."
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON (`nbv.convert.json_ready`); means, intervals and differences (strategy minus reference) in the metrics' units."""
-        return {
-            "complete": self.run.complete,
-            "rocks": self.plan.rocks,
-            "replicates": self.plan.replicates,
-            "reference": self.reference,
-            "measure": self.measure,
-            "notes": self.notes,
-            "verdicts": [line._asdict() for line in self.verdicts],
-            "warnings": self.warnings,
-            "failures": self.run.failures,
-            "summary": self.summary,
-            "conditions": self.conditions,
-            "tables": self.tables,
-        }
 
-    # -- tables --------------------------------------------------------------------------------------------------
+def warnings_of(facts: ComparisonFacts) -> list[str]:
+    """What limits the outcome."""
+    out, run, plan, word = list[str](), facts.run, facts.plan, facts.word
+    if not run.complete:
+        finished = f"{len(run.records)} of {plan.combinations} missions are finished"
+        out.append(f"Not complete: {finished}; repeat the command to continue.")
+    failed = facts.summary.failures
+    if run.failures:
+        listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])
+        reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
+        out.append(
+            f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
+            "A strategy that fails where others succeed is worse than its means show."
+        )
+    if len(plan.rocks) < 3:
+        out.append(f"Only {counted(len(plan.rocks), word)}: no result here carries over to other {word}s.")
+    return out
 
-    @cached_property
-    def tables(self) -> dict[str, ComparisonTable]:
-        """Table I by surface; "own" where no mission has those metrics: the metric of a mission file, and costs."""
-        rows: dict[str, Sequence[MetricRow]] = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
-        if not any("whole" in r.metrics for r in self.records):
-            shown = self.asked.shown
-            costs = sorted({f"costs.{name}" for r in self.records for name in r.costs} - {shown.metric})
-            rows = {"own": [self._row_of(o) for o in (shown, *(Objective(n, "minimise") for n in costs))]}
-        return {
-            name: comparison_table(self.records, self.strategies, self.reference, of)
-            for name, of in rows.items()
-        }
 
-    def _row_of(self, o: Objective) -> MetricRow:
-        """A row of a mission file's metric, with as many decimals as its spread deserves."""
-        values = [value for r in self.records if (value := r.measured(o)) is not None]
-        digits = decimals_for(float(np.std(values))) if values else 1
-        return dataclasses.replace(_row_of(o), decimals=digits)
+def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
+    """For JSON: means, intervals and differences (strategy minus reference) in the metrics' units."""
+    verdicts = zip(facts.verdicts, verdict_lines(facts))
+    return {
+        "complete": facts.run.complete,
+        "rocks": facts.plan.rocks,
+        "replicates": facts.plan.replicates,
+        "reference": facts.reference,
+        "measure": measure_of(facts),
+        "notes": facts.notes,
+        "verdicts": [{"text": text, **vars(verdict)} for verdict, text in verdicts],
+        "warnings": warnings_of(facts),
+        "failures": facts.run.failures,
+        "summary": facts.summary,
+        "conditions": facts.conditions,
+        "tables": facts.tables,
+    }
 
-    @cached_property
-    def summary(self) -> ComparisonTable:
-        """The campaign's objectives, costs, and the share of rocks that met its constraint."""
-        return self._summary(self.records)
 
-    @cached_property
-    def conditions(self) -> dict[str, ComparisonTable]:
-        """The same, condition by condition; empty where there is one."""
-        names = [c.name for c in self.plan.conditions]
-        return {
-            name: self._summary([r for r in self.records if r.condition == name])
-            for name in names
-            if len(names) > 1
-        }
+def campaign_document(campaign: Campaign) -> dict[str, Any] | None:
+    """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results; None without an evaluation."""
+    best = campaign.recommendation(save=False)
+    blocks = result_blocks(campaign, best)
+    if best is None or not blocks:
+        return None
+    return {
+        "blocks": [
+            {
+                "rocks": block.rocks,
+                "held_out": block.results.held_out,
+                "replicates": block.results.replicates,
+                "complete": block.results.complete,
+                "table": block.table,
+            }
+            for block in blocks
+        ],
+        "sentences": earned_sentences(blocks, best),
+    }
 
-    def _summary(self, records: Sequence[Trial]) -> ComparisonTable:
-        asked = self.asked
-        costs = [o for o in COSTS_SHOWN if any(r.measured(o) is not None for r in records)]
-        quality = asked.goal.quality
-        objectives = [o for o in asked.goal.objectives if o != quality]
-        counts = {o.metric: o for o in (*objectives, *costs)}
-        rows = [_row_of(o) for o in (*counts.values(), *([quality] if quality else []))]
-        table = comparison_table(records, self.strategies, self.reference, rows)
-        # A cost is read beside the others': its difference would only be in the way.
-        found = [
-            dataclasses.replace(row, differences={}) if row.metric.key in counts else row
-            for row in table.rows
+
+def earned_sentences(blocks: Sequence[ResultBlock], best: Recommendation) -> list[str]:
+    """The gain on held-out and on training rocks, what earned it, and whether the paper's gate did anything."""
+    if not blocks:
+        return []
+    block, said = blocks[0], list[str]()
+    word, reference = block.spec.instance_word, block.table.reference
+    here = there(block.results, word)
+    if not best.keep_default:
+        label = metric_label(block.quality.metric)
+        what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
+        also = [
+            f", and {difference_text(other.gain(TUNED))} on {there(other.results, word)}"
+            for other in blocks[1:]
         ]
-        if asked.goal.limit is not None:
-            shares = {name: self._share(records, name) for name in self.strategies}
-            most = max((share.mean for share in shares.values() if share is not None), default=0.0)
-            best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
-            limit = MetricRow("", "Constraint met", "limit", f"% of {self.word}s", True, 0)
-            found.append(ComparisonRow(limit, shares, best, None, {}))
-        return dataclasses.replace(table, rows=found)
-
-    def _share(self, records: Sequence[Trial], strategy: str) -> Interval | None:
-        goal = self.asked.goal
-        assert goal.second is not None and goal.limit is not None
-        return share_kept(records, strategy, goal.second, goal.limit, exact=goal.second in goal.decided)
-
-    # -- sentences -----------------------------------------------------------------------------------------------
-
-    @cached_property
-    def verdicts(self) -> list[Sentence]:
-        """The verdict on the tuned strategy, without one on the first that is not the reference, line by line."""
-        goal, reference = self.asked.goal, self.reference
-        others = [name for name in self.plan.strategies if name != reference]
-        if not others:
-            return []
-        subject = TUNED if TUNED in others else others[0]
-        of_paper = [name for name in others if name in PAPER_STRATEGIES]
-        out = []
-        for name in (
-            [subject] if TUNED in others or reference not in PAPER_STRATEGIES else of_paper or [subject]
-        ):
-            if self.plan.owner(name) == self.plan.owner(reference):
-                continue
-            if same_photographs(self.records, (reference, name)):
-                both = strategy_label(name), strategy_label(reference)
-                out.append(
-                    Sentence("{} took the same photographs as {} in every mission.".format(*both), "no")
-                )
-                continue
-            out += [self._count(name, o) for o in goal.decided]
-            if goal.quality is not None:
-                margin = 0.0 if goal.limit is None else self.asked.margin
-                out.append(self._quality(name, reference, goal.quality, margin))
-        if subject == TUNED and goal.limit is not None:
-            out += self._limit()
-        if subject == TUNED and goal.quality is not None:
-            out += self._best_control(goal.quality)
-        return out
-
-    def _count(self, name: str, o: Objective) -> Sentence:
-        """``Photographs: 26, and 32 for Hyb-H.``; a deterministic metric has no interval."""
-        own, theirs = (strategy_interval(self.records, n, o.metric) for n in (name, self.reference))
-        whom = strategy_label(self.reference)
-        if own is None or theirs is None:
-            return Sentence(f"{strategy_label(name)}: no mission in common with {whom}.")
-        gain = o.sign * (own.mean - theirs.mean)
-        text = f"{metric_label(o.metric).name}: {own.mean:.4g}, and {theirs.mean:.4g} for {whom}."
-        return Sentence(text, "better" if gain > 0 else "worse" if gain < 0 else "no")
-
-    def _quality(
-        self, name: str, reference: str, quality: Objective, margin: float, whom: str = ""
-    ) -> Sentence:
-        """Whether a strategy's quality is better, worse, or no worse by more than the margin."""
-        verdict = judge(self.records, name, reference, quality, margin)
-        return Sentence(verdict_text(verdict, self.word, whom), TONES.get(verdict.kind, "no"))
-
-    def _limit(self) -> list[Sentence]:
-        goal, share = self.asked.goal, self._share(self.records, TUNED)
-        if share is None or goal.second is None:
-            return []
-        label, kept = metric_label(goal.second.metric), round(share.mean * share.rocks / 100)
-        bound = "at least" if goal.second.direction == "maximise" else "at most"
-        text = f"Constraint ({label.full}: {bound} {goal.limit:g} {label.unit}".rstrip()
-        text += f"): met on {kept} of {counted(share.rocks, self.word)}"
-        if share.low is not None and share.high is not None:
-            text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
-        return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
-
-    def _best_control(self, quality: Objective) -> list[Sentence]:
-        """The verdict against the best control with as many photographs, other than the reference; empty if none was run."""
-        names = [name for name in controls_at_equal_number(self.plan.strategies) if name != self.reference]
-        means = {name: strategy_interval(self.records, name, quality.metric) for name in names}
-        known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
-        if not known:
-            return []
-        best = max(known, key=lambda name: known[name])
-        whom = f"the best control with as many photographs ({strategy_label(best)})"
-        return [self._quality(TUNED, best, quality, 0.0, whom)]
-
-    @cached_property
-    def warnings(self) -> list[str]:
-        """What limits the outcome."""
-        out, run, plan = [], self.run, self.plan
-        if not run.complete:
-            finished = f"{len(run.records)} of {plan.combinations} missions are finished"
-            out.append(f"Not complete: {finished}; repeat the command to continue.")
-        failed = self.summary.failures
-        if run.failures:
-            listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])
-            reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
-            out.append(
-                f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
-                "A strategy that fails where others succeed is worse than its means show."
-            )
-        if len(plan.rocks) < 3:
-            out.append(
-                f"Only {counted(len(plan.rocks), self.word)}: no result here carries over to other {self.word}s."
-            )
-        return out
+        said.append(
+            f"On {here} Tuned gains {difference_text(block.gain(TUNED))} {what} over {strategy_label(reference)}{''.join(also)}."
+        )
+        if reference == "hyb-h":
+            said += _what_earned_it(block, best.changed)
+    if same := block.table.same.get("hyb-h"):
+        said.append(
+            f"On the {here} Hyb-H took the photographs of {strategy_label(same)} in every mission: its gate had no effect."
+        )
+    return said
 
 
-def _row_of(objective: Objective) -> MetricRow:
-    """A table row in the direction of an objective."""
-    label = metric_label(objective.metric)
-    return MetricRow("", label.name, objective.metric, label.unit, objective.direction == "maximise")
+def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
+    """The gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
+    steps = measured_steps(block.results.records, block.table.strategies, changed, block.quality)
+    if missing := [strategy_label(step.strategy) for step in steps if step.gain is None]:
+        return [
+            f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
+        ]
+    parts = [f"{' and '.join(step.groups)} {difference_text(step.gain)}" for step in steps]
+    suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
+    found, without = list[str](), list[str]()
+    for suspect, own in suspects.items():
+        gain = next((step.gain for step in steps if set(own) & set(step.groups)), None)
+        if gain is None:
+            without.append(suspect)
+        elif gain.low is not None and round(gain.low, 1) > 0:
+            found.append(f"{suspect}, {difference_text(gain)} points")
+    verdict = f"it is {' and '.join(found)}" if found else "neither is shown to be one"
+    none = f" ({' and '.join(without)} stayed at the paper's values)" if without else ""
+    return [
+        f"Step by step, this was earned by: {'; '.join(parts)}.",
+        f"The paper names the thresholds and the shared weights as causes: on these rocks {verdict}{none}.",
+    ]
 
 
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def table_by_strategy(
-    table: ComparisonTable, title: str, run: EvaluationRun | None = None, word: str = "rock"
+def block_table(block: ResultBlock) -> Table:
+    """All strategies of a campaign on one set of rocks."""
+    own = block.results
+    least, most = own.replicates[0], own.replicates[-1]
+    replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
+    what, again = ("Held-out", "") if own.held_out else ("Training", ", tuned on")
+    title = f"{what} {block.spec.instance_word}s: {', '.join(short_names(block.rocks))} ({replicates}{again})"
+    return strategy_table(
+        block.table, title if own.complete else f"{title}, not complete", block.quality.metric
+    )
+
+
+def strategy_table(
+    table: ComparisonTable, title: str, quality: str, run: EvaluationRun | None = None
 ) -> Table:
-    """A row per strategy; with its ``run`` what each strategy does. Values are means over ``word`` s."""
-    rows = []
+    """A row per strategy, 80 columns wide at most: means, and the paired difference of the ``quality`` from the reference.
+
+    With its ``run`` what each strategy does is below its name.
+    """
+    shown = next((row for row in table.rows if row.metric.key == quality), None)
+    rows: list[Row] = []
+    kind = ""
     for name in table.strategies:
+        if kind_of(name) != kind:
+            kind = kind_of(name)
+            rows.append(Row(kind))
+        texts = [
+            difference_text(row.cells[name], 0, signed=False)
+            if row.metric.key == LIMIT
+            else format_number(None if (own := row.cells[name]) is None else own.mean, _decimals(row))
+            for row in table.rows
+        ]
+        if shown is not None:
+            difference = difference_text(shown.differences.get(name), _decimals(shown))
+            texts.append("reference" if name == table.reference else difference)
         note = "" if run is None else _what(name, run)
-        cells = [cell(row, name) for row in table.rows]
-        rows.append(Row(_label_in(table, name), (*cells, _missions(table, name)), note))
-    caption = (
-        f"Each value is the mean over {word}s ± half of its 95 % interval; the best one is marked. Below it is the "
-        f"paired difference from {strategy_label(table.reference)}."
-    )
-    return Table(
-        title, ("strategy", *(_row_name(row.metric) for row in table.rows), "missions"), rows, caption
-    )
+        rows.append(Row(strategy_label(name), tuple(map(Cell, texts)), note, best=name == TUNED))
+    notes = [
+        f"{strategy_label(name)}: {counted(failed, 'failed mission')} left out of the means."
+        for name, failed in table.failures.items()
+        if failed
+    ]
+    notes += [
+        f"{strategy_label(name)} took the same photographs as {strategy_label(same)}."
+        for name, same in table.same.items()
+    ]
+    if oracles := [strategy_label(name) for name in table.strategies if sees_ground_truth(name)]:
+        see = "sees" if len(oracles) == 1 else "see"
+        notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")
+    columns = ["strategy", *(_name(row.metric) for row in table.rows)]
+    if shown is not None:
+        columns.append(f"{_name(shown.metric)} from {strategy_label(table.reference)}")
+    return Table(title, tuple(columns), rows, " ".join(notes))
 
 
-def _label_in(table: ComparisonTable, name: str) -> str:
-    """``Hyb-H = B-aware`` where it took the photographs of an earlier strategy in every mission."""
-    same = table.same.get(name)
-    return strategy_label(name) + (f" = {strategy_label(same)}" if same else "")
+def _name(metric: MetricRow) -> str:
+    if metric.key == LIMIT:
+        return "constraint met, %"
+    return metric.label or metric_label(metric.key).axis
+
+
+def _decimals(row: ComparisonRow) -> int:
+    """Those of the metric; without them as many as the spread of its means deserves."""
+    if row.metric.decimals is not None:
+        return row.metric.decimals
+    return decimals_for(
+        float(np.std([cell.mean for cell in row.cells.values() if cell is not None] or [0.0]))
+    )
 
 
 def _what(name: str, run: EvaluationRun) -> str:
-    what = description(name) + ("; sees the ground truth" if sees_ground_truth(name) else "")
     owner = run.plan.owner(name)
-    return what if owner == name else f"{what}; the same missions as {strategy_label(owner)}"
+    same = "" if owner == name else f"; the same missions as {strategy_label(owner)}"
+    return description(name) + same
 
 
 def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differences: bool = True) -> Table:
@@ -376,13 +342,28 @@ def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differen
             group = row.metric.group
             rows.append(Row(group))
         cells = (cell(row, n, paper=paper, difference=differences) for n in table.strategies)
-        rows.append(Row(_row_name(row.metric), tuple(cells)))
+        arrow = "↑" if row.metric.higher_is_better else "↓"
+        rows.append(Row(f"{row.metric.label} {arrow} ({row.metric.unit})", tuple(cells)))
         if row.floor is not None:
-            floor = Cell(format_number(row.floor, row.metric.decimals))
-            name = f"– the rocks’ own floor ({row.metric.unit})"
-            rows.append(Row(name, (floor,) * len(table.strategies)))
-    rows.append(Row("missions", tuple(_missions(table, name) for name in table.strategies)))
-    return Table(title, ("metric", *(_label_in(table, name) for name in table.strategies)), rows)
+            floor = Cell(format_number(row.floor, _decimals(row)))
+            rows.append(Row(f"– the rocks’ own floor ({row.metric.unit})", (floor,) * len(table.strategies)))
+    missions = [
+        f"{table.missions[n]}" + (f" + {table.failures[n]} failed" if table.failures[n] else "")
+        for n in table.strategies
+    ]
+    rows.append(Row("missions", tuple(map(Cell, missions))))
+    return Table(title, ("metric", *map(strategy_label, table.strategies)), rows)
+
+
+def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: bool = True) -> Cell:
+    """The cell of ``strategy`` in ``row``, marked as best unless all strategies are equal; below it the interval and the rest."""
+    metric, known, digits = row.metric, sum(value is not None for value in row.cells.values()), _decimals(row)
+    theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
+    d = row.differences.get(strategy) if difference else None
+    mean, *bounds = difference_text(row.cells[strategy], digits, signed=False).split(" ", 1)
+    below = bounds + ([] if theirs is None else [f"paper {format_number(theirs, digits)}"])
+    below += [] if d is None else [difference_text(d, digits)]
+    return Cell(mean, strategy in row.best and known > len(row.best), tuple(below))
 
 
 def _table_by_instance(facts: ComparisonFacts) -> Table:
@@ -399,42 +380,8 @@ def _table_by_instance(facts: ComparisonFacts) -> Table:
         means = (format_number(float(np.mean(values)) if values else None) for values in known)
         rows.append([strategy_label(name), *means])
     caption = f"{metric_label(o.metric).full}, mean over replicates."
-    return Table.of("", ("strategy", *names), rows, caption)
-
-
-def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: bool = True) -> Cell:
-    """The cell of ``strategy`` in ``row``, marked as best unless all strategies are equal."""
-    metric, known = row.metric, sum(value is not None for value in row.cells.values())
-    theirs = PAPER_TABLE_I.get(strategy, {}).get(metric.key) if paper else None
-    d = row.differences.get(strategy) if difference else None
-    below = [] if theirs is None else [f"paper {format_number(theirs, metric.decimals)}"]
-    below += [] if d is None else [difference_text(d, metric.decimals)]
-    best = strategy in row.best and known > len(row.best)
-    return Cell(_interval_text(row.cells[strategy], metric.decimals), best, tuple(below))
-
-
-def _missions(table: ComparisonTable, strategy: str) -> Cell:
-    """``11 + 1 failed``."""
-    failed = table.failures[strategy]
-    return Cell(f"{table.missions[strategy]}" + (f" + {failed} failed" if failed else ""))
-
-
-def _interval_text(interval: Interval | None, decimals: int) -> str:
-    """``71.2 ± 3.1``; bounds are written out where they are not symmetric; a dash without a mission."""
-    if interval is None:
-        return MISSING
-    mean = format_number(interval.mean, decimals)
-    if interval.low is None or interval.high is None or interval.low == interval.high:
-        return mean  # a count that every mission shares has no width
-    if interval.method == "wilson":
-        return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
-    return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
-
-
-def _row_name(metric: MetricRow) -> str:
-    """``Hausdorff ↓ (mm)``."""
-    unit = f" ({metric.unit})" if metric.unit else ""
-    return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
+    title = f"{facts.word.capitalize()} by {facts.word}"
+    return Table.of(title, ("strategy", *names), rows, caption)
 
 
 # -- the page ------------------------------------------------------------------------------------------------
@@ -454,35 +401,34 @@ def write_comparison_report(
 
     Raises `UserError`: the directory cannot be written.
     """
-    run, plan, tables = facts.run, facts.plan, list(facts.tables.values())
-    kinds = [line.kind for line in facts.verdicts]
-    rows = [row for table in (facts.summary, *tables) for row in table.rows]
+    run, plan, quality = facts.run, facts.plan, facts.asked.shown.metric
+    kinds = [verdict.kind for verdict in facts.verdicts]
+    rows = [row for table in (facts.summary, *facts.tables.values()) for row in table.rows]
     methods = {i.method for row in rows for i in (*row.cells.values(), *row.differences.values()) if i}
-    return write_page(
+    strategies = strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
+    truth = _truth(plan)
+    against = f", by dense clouds against {truth}" if truth else ""
+    tables = [strategy_table(facts.summary, "Results by strategy", quality, run)]
+    tables += [strategy_table(table, f"Under {name}", quality) for name, table in facts.conditions.items()]
+    tables += [_table_by_instance(facts)] if len(plan.instances) > 1 else []
+    return write_tables(
         directory / REPORT_FILE,
-        "comparison.html.j2",
-        strategies=strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies",
-        title=f"{title} · gatetune",
-        heading=title,
-        command=command,
-        facts=facts,
-        kind="worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
-        reference=strategy_label(facts.reference),
-        truth=_truth(plan),
-        summary=table_by_strategy(facts.summary, "", run, facts.word),
-        conditions=[
-            table_by_strategy(table, f"Under {name}", None, facts.word)
-            for name, table in facts.conditions.items()
-        ],
-        instances=_table_by_instance(facts) if len(plan.instances) > 1 else None,
-        tables=[
+        title,
+        f"{strategies} were compared{against}. Differences are from {strategy_label(facts.reference)}.",
+        said=[*verdict_lines(facts), *facts.notes],
+        kind="worse" if set(kinds) & {*BAD} else "better" if {*kinds[:1]} & {*GOOD} else "",
+        measure=measure_of(facts),
+        notes=[*warnings_of(facts), *([paper_note(plan.fidelity)] if paper else [])],
+        tables=tables,
+        legend=[*filter(None, [legend_of(facts.summary)]), interval_methods(methods, facts.word)],
+        folded=[
             table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()
         ],
-        methods=interval_methods(methods, facts.word),
-        paper=paper_note(plan.fidelity) if paper else "",
-        floor=FLOOR_NOTE if any(row.floor is not None for row in rows) else "",
+        open=paper,
+        folded_legend=FLOOR_NOTE if any(row.floor is not None for row in rows) else "",
         provenance=_provenance(run, facts.word),
+        command=command,
     )
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +19,10 @@ from nbv.types import Floats
 from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, panels
 from tuner.comparison.statistics import Interval
 from tuner.comparison.verdict import Kind
+from tuner.export.records import write_rows
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
-from tuner.report.pages import write_page
+from tuner.report.pages import write_tables
 from tuner.report.table import Cell, Row, Table
 
 _Curve = tuple[Floats, list[Interval]]
@@ -42,7 +41,7 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
     about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
     document: dict[str, Any] = json_ready({**about, "by_share": found.by_share, **vars(found)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))
-    _write_csv(
+    write_rows(
         directory / "curves.csv",
         ("strategy", "setting", "photographs", "f_score_percent", "low", "high", "share", "score_0"),
         (
@@ -50,8 +49,9 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
             for one, (numbers, means), (_, shares) in zip(series, curves[""], curves["share"])
             for k, (n, f, share) in enumerate(zip(numbers, means, shares))
         ),
+        digits=4,
     )
-    _write_csv(
+    write_rows(
         directory / "targets.csv",
         ("strategy", "target", "photographs", "f_score_percent"),
         (
@@ -60,25 +60,30 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
             for r, target in enumerate(suite.targets)
             for cell in zip(one.photographs[:, r], one.scores[:, r])
         ),
+        digits=4,
     )
     figure = _figure(suite, series, curves)
     style.save_figure(figure, directory, "curves")
     numbers = dict.fromkeys(row.photographs for row in found.standings)
-    write_page(
+    dagger = "sees the true surface and is no planner. "
+    plugins = "".join(f"; {plugin_text(*each)}" for each in made.get("plugins", {}).items())
+    write_tables(
         directory / "report.html",
-        "curves.html.j2",
-        title="Planners against orbits",
-        sub=f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
-        revision=made["revision"],
-        plugins=[plugin_text(*each) for each in made.get("plugins", {}).items()],
-        verdict=said,
+        "Planners against orbits",
+        f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
+        said=said,
         score_0=[zero_text(zero, len(suite.targets)) for zero in found.score_0],
-        dagger=bool(found.ground_truth),
         figure=style.embed(figure),
+        figure_caption=(
+            "F-score at 48 mm over the number of photographs, all targets and by family, and the share of targets that reach the "
+            f"score. Bands: 95 % bootstrap intervals over targets. {f'Dashed: {dagger}' if found.ground_truth else ''}"
+            "Curves may leave an axis at its lower end."
+        ),
         tables=[
             *([share_table(suite, found)] if found.by_share else []),
             number_table(suite, found, *numbers),
         ],
+        footer=f"{f'† {dagger}' if found.ground_truth else ''}Revision {made['revision']}{plugins}. A suite fixes settings, not the program: cite both.",
     )
     return document
 
@@ -196,14 +201,6 @@ def _marked(found: Outcome, name: str) -> str:
 
 
 # -- files ---------------------------------------------------------------------------------------------------
-
-
-def _write_csv(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([f"{c:.4f}" if isinstance(c, float) else c for c in row] for row in rows)
-    write_atomic(path, text.getvalue())
 
 
 def _figure(suite: Suite, series: Sequence[Series], panels: Mapping[str, Sequence[_Curve]]) -> Figure:

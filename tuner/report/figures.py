@@ -1,4 +1,4 @@
-"""Figures of a campaign's page as data URIs: strategies' differences, outcomes, the gate's decisions, slices of the model."""
+"""Figures of a campaign's page as data URIs: outcomes, slices of the model."""
 
 from __future__ import annotations
 
@@ -10,17 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from nbv.config import GateConfig, MissionConfig
-from nbv.gates.base import COVIS
-from nbv.mission.result import IterationRecord
+from nbv.config import MissionConfig
 from nbv.rocks import DEFAULT_HEIGHT_M
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-from tuner.comparison.statistics import Interval
-from tuner.problem.baselines import label as strategy_label
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
 from tuner.report.labels import MetricLabel, parameter_label
-from tuner.report.style import BLACK, BLUE, GREY, MARKERS, ORANGE, VERMILION, embed, look, new_figure
+from tuner.report.style import BLACK, BLUE, GREY, MARKERS, VERMILION, embed, look, new_figure
 from tuner.surrogate.model import InstanceMeanGP
 
 SLICE_POINTS = 61
@@ -47,23 +43,6 @@ def plan_figure(config: MissionConfig) -> Figure:
         above.set(title="from above", xlabel="east (m)", ylabel="north (m)", aspect="equal")
         beside.set(title="from the side", xlabel="east (m)", ylabel="up (m)", aspect="equal")
     return figure
-
-
-def draw_differences(rows: Sequence[tuple[str, Interval]], reference: str) -> str:
-    """A point and its 95 % interval per strategy: how its F-score at 48 mm differs from the reference's, in points."""
-    with look():
-        figure = new_figure(6.4, 0.8 + 0.26 * len(rows))
-        axis = figure.subplots()
-        for k, (name, d) in enumerate(rows):
-            shade = VERMILION if name == "Tuned" else BLUE
-            if d.low is not None and d.high is not None:
-                axis.plot([d.low, d.high], [k, k], color=shade, linewidth=2, alpha=0.5)
-            axis.plot(d.mean, k, "o", color=shade)
-        axis.axvline(0.0, color=BLACK, linewidth=1)
-        axis.set_yticks(range(len(rows)), [name for name, _ in rows])
-        axis.invert_yaxis()
-        axis.set_xlabel(f"F-score at 48 mm, difference from {reference} (points)")
-        return embed(figure)
 
 
 def draw_outcomes(
@@ -101,39 +80,6 @@ def draw_outcomes(
         axis.set(xlabel=x, ylabel=label.axis)
         if len(trials) < 11:
             figure.legend(loc="outside lower center", ncols=4)
-        return embed(figure)
-
-
-def draw_gate(panels: Sequence[tuple[str, GateConfig, Sequence[IterationRecord]]]) -> str:
-    """A column per mission, (title, gate, trace) each: above the used fraction of the budget, below it d95, with the thresholds.
-
-    A mark is coloured by the scorer that chose the view, and hollow where both scorers had the same best view.
-    """
-    with look():
-        figure = new_figure(1.0 + 2.8 * len(panels), 3.6)
-        axes = figure.subplots(2, len(panels), sharex=True, sharey="row", squeeze=False)
-        for column, (title, gate, trace) in enumerate(panels):
-            steps = [r.iteration + 1 for r in trace]
-            fractions = [r.gate_details.get("f_b", 0.0) for r in trace]
-            for axis, values, threshold in (
-                (axes[0, column], fractions, gate.budget_fraction),
-                (axes[1, column], [r.d95_m for r in trace], gate.d95_m),
-            ):
-                axis.plot(steps, values, color=GREY, linewidth=1)
-                axis.axhline(threshold, color="#444444", linestyle="--", linewidth=1)
-                for step, value, record in zip(steps, values, trace):
-                    bests = {str(best.get("candidate")) for best in record.top.values()}
-                    shade = BLUE if record.scorer == COVIS.name else ORANGE
-                    axis.plot(step, value, "o", color=shade, fillstyle="none" if len(bests) == 1 else "full")
-            axes[0, column].set_title(title)
-            axes[1, column].set_xlabel("planned view")
-        axes[0, 0].set_ylabel("budget used")
-        axes[1, 0].set_ylabel("d95 (m)")
-        for name in sorted({r.scorer for _, _, trace in panels for r in trace}):
-            shade = BLUE if name == COVIS.name else ORANGE
-            axes[0, 0].plot([], [], "o", color=shade, label=strategy_label(name))
-        axes[0, 0].plot([], [], color="#444444", linestyle="--", label="threshold")
-        axes[0, 0].legend(loc="best")
         return embed(figure)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -95,18 +95,17 @@ def number_text(number: float) -> str:
     return format_number(number, 2 if plain else 3 - math.floor(math.log10(abs(number))))
 
 
-def interval_text(bounds: Iterable[float | None], digits: int = 1, *, signed: bool = False) -> str:
-    """``95 % interval +0.2 to +1.0``."""
-    low, high = (format_number(value, digits, signed=signed) for value in bounds)
-    return f"95 % interval {low} to {high}"
+def bracketed(
+    mean: float | None, low: float | None, high: float | None, digits: int = 1, *, signed: bool = False
+) -> str:
+    """``+0.2 [−0.4, +0.8]``, a mean and the bounds of its 95 % interval; the mean alone without bounds."""
+    text, *bounds = (format_number(value, digits, signed=signed) for value in (mean, low, high))
+    return text if low is None or low == high else f"{text} [{', '.join(bounds)}]"
 
 
 def difference_text(d: Interval | None, digits: int = 1, *, signed: bool = True) -> str:
-    """``+0.2 [−0.4, +0.8]`` of a mean and its bounds; the mean alone without bounds; a dash for None."""
-    if d is None:
-        return MISSING
-    mean, low, high = (format_number(value, digits, signed=signed) for value in (d.mean, d.low, d.high))
-    return mean if d.low is None or d.low == d.high else f"{mean} [{low}, {high}]"
+    """The same of an interval; a dash for None."""
+    return MISSING if d is None else bracketed(d.mean, d.low, d.high, digits, signed=signed)
 
 
 def gain_words(gain: float, unit: str, digits: int = 1) -> str:

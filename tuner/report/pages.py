@@ -15,6 +15,7 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import read_result
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import printable, write_atomic
+from tuner.report.table import Table
 
 MOST_READ = 200  # missions whose documents are read
 
@@ -57,6 +58,20 @@ def write_page(path: Path, template: str, **facts: Any) -> Path:
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another directory") from error
     return path
+
+
+def write_tables(path: Path, heading: str, sub: str, *, tables: Sequence[Table], **facts: Any) -> Path:
+    """Write a page of tables below what they say.
+
+    ``facts``: ``said``, its first line in bold, with its ``kind`` and ``measure``; ``notes``; ``score_0``; a ``figure`` with its
+    caption; the ``legend`` below the first table; ``folded`` tables, the first one perhaps ``open``; ``provenance``; ``command``.
+
+    Raises `UserError`: the file cannot be written.
+    """
+    absent = dict.fromkeys(("kind", "measure", "figure", "folded_legend", "command", "footer"), "")
+    empty = dict.fromkeys(("notes", "score_0", "legend", "folded", "provenance"), ())
+    page = {**absent, **empty, "open": False, **facts, "tables": tables, "heading": heading, "sub": sub}
+    return write_page(path, "tables.html.j2", title=f"{heading} · gatetune", **page)
 
 
 def recorded(missions: Sequence[Path]) -> list[dict[str, Any]]:

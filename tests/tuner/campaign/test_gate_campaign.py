@@ -9,9 +9,10 @@ import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.simplify import known_photographs, simplified
+from tuner.comparison.result import result_blocks
 from tuner.missions.job import repeated
 from tuner.problem.baselines import label
-from tuner.report.gate_result import gate_result
+from tuner.report.comparison import campaign_document
 
 pytestmark = pytest.mark.slow
 
@@ -90,7 +91,7 @@ def test_the_campaign_ends_in_one_table(ended):
     assert all(len(line) <= 80 for line in printed.splitlines() if "│" not in line), printed
     page = (run / "report.html").read_text()
     assert page.index('id="use"') < page.index('id="result"')  # what to fly comes first
-    assert 'id="gate-figure"' in page and "measured on 1 held-out rock" not in page
+    assert 'id="gate"' in page and "measured on 1 held-out rock" not in page
     assert "Evaluate it on more rocks: 1 rock cannot represent others." in page.replace("\u00a0", " ")
     for sentence in result["sentences"]:
         assert sentence.split(":")[0][:30] in page.replace("\u00a0", " ")
@@ -99,13 +100,13 @@ def test_the_campaign_ends_in_one_table(ended):
 def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
     run = tmp_path / "gate"
     shutil.copytree(ended[0] / "runs/gate", run)
-    kept = gate_result(Campaign.open(run, read_only=True))
+    kept = result_blocks(Campaign.open(run, read_only=True))
     mission = next((run / "evaluation/missions/random").iterdir())
     shutil.rmtree(mission)
     (run / "comparison.json").unlink()
     gatetune(tmp_path, "campaign", "resume", "gate", "--workers", "1")
     assert mission.is_dir() and (run / "comparison.json").is_file()
-    assert gate_result(Campaign.open(run, read_only=True)) == kept
+    assert result_blocks(Campaign.open(run, read_only=True)) == kept
 
 
 def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
@@ -114,13 +115,13 @@ def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
     shutil.copytree(ended[0] / "runs/gate", run)
     for arm in ("hyb-h-tuned-pool", "tuned-paper-thresholds"):
         shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
-    said = " ".join(gate_result(Campaign.open(run, read_only=True)).sentences)
+    said = " ".join(campaign_document(Campaign.open(run, read_only=True))["sentences"])
     assert (
         "What earned the gain is not known yet" in said
         and "is shown to be one" not in said
         and "–" not in said
     )
-    assert not gate_result(Campaign.open(run, read_only=True)).blocks[0].results.complete
+    assert not result_blocks(Campaign.open(run, read_only=True))[0].results.complete
 
 
 def test_a_later_evaluation_rewrites_the_page(ended, tmp_path):

@@ -75,9 +75,9 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     assert best.values == {"mode": "quick"} and best.improvement > 5
     out, tree, page = said(gatetune, directory, command, "runs/own", "--mission", "own.yaml")
     line = tree["verdicts"][0]
-    assert "13.0" in line["text"] and line["kind"] != "worse"
+    assert "a gain of 13.0" in line["text"] and line["kind"] == "no interval"
     assert line["text"] in out and line["text"] in page
-    difference = tree["tables"]["own"]["rows"][0]["differences"]["tuned"]
+    difference = tree["summary"]["rows"][0]["differences"]["tuned"]
     assert difference["mean"] == -13.0
     assert "rock" not in out and "photograph" not in out
     assert "dense cloud" not in page and "instance" in page
@@ -95,7 +95,7 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     assert code == 0, out + err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own", "--mission", "own.yaml")
     note, limit = tree["notes"][-1], next(v for v in tree["verdicts"] if "Constraint" in v["text"])
-    assert limit["kind"] == "worse"
+    assert limit["kind"] == "not kept"
     assert all(line in out and line in page for line in (note, "0 of 1 instance"))
 
 
@@ -103,7 +103,4 @@ def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):
     directory = evaluated(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}", {"held_out": []})
     words = next_command(directory)
     assert words[0] == "confirm"
-    assert (
-        said(gatetune, directory, *words)[1]["tables"]["own"]["rows"][0]["differences"]["tuned"]["mean"]
-        == -13
-    )
+    assert said(gatetune, directory, *words)[1]["summary"]["rows"][0]["differences"]["tuned"]["mean"] == -13

@@ -5,9 +5,10 @@ import itertools
 import pytest
 from made_evaluations import made_trial
 
+from tuner.comparison.result import measured_steps
 from tuner.comparison.statistics import same_photographs, strategy_difference
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
-from tuner.report.gate_result import F_48, measured_steps
+from tuner.problem.objective import DEFAULT_METRIC
 
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
 
@@ -37,7 +38,7 @@ def test_steps_add_up_to_the_gain(changed, strategies, steps):
     trials = records({name: LEVELS[name] for name in strategies})
     found = measured_steps(trials, strategies, changed)
     assert [step.gain.mean for step in found] == pytest.approx(steps)
-    whole = strategy_difference(trials, TUNED, "hyb-h", F_48).mean
+    whole = strategy_difference(trials, TUNED, "hyb-h", DEFAULT_METRIC).mean
     assert sum(steps) == pytest.approx(whole)
     named = " ".join(group for step in found for group in step.groups)
     assert all(group in named for group in grouped(changed))

@@ -47,7 +47,7 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
 
 def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp_path: Path) -> None:
     names = [p.name for p in ball.registered]
-    everything, few = enough_plans(ball, (16, 20, 24), replicates=3)
+    everything, few = enough_plans(ball, (16, 20, 24), replicates=3).values()
     evaluated = {
         "ring-16": [(70.0, 16), (60.0, 15), (65.0, 16)],
         "ring-20": [(80.0, 20), (70.0, 20), (75.0, 20)],

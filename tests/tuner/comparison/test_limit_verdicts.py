@@ -1,17 +1,16 @@
 """What an evaluation says of a campaign with a limit, and of one whose objective is a cost."""
 
-import re
 from dataclasses import replace
 
 import pytest
 from made_evaluations import made_run, made_trial
 
 from tuner.comparison.of_campaign import ComparisonSpec
+from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.run import EvaluationRun
-from tuner.comparison.verdict import Kind, judge
+from tuner.comparison.verdict import Kind, Verdict
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
-from tuner.report.comparison import TONES, ComparisonFacts
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
@@ -36,33 +35,29 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     return replace(made, records=records)
 
 
-def numbers(text: str) -> list[float]:
-    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
+def verdicts(tuned: float = 97.0, asked: ComparisonSpec = FEWEST, **changes: object) -> list[Verdict]:
+    return ComparisonFacts(run(tuned, **changes), "hyb-h", asked).verdicts
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    facts = ComparisonFacts(run(), "hyb-h", ComparisonSpec(Goal(IMAGES, F, 102.0)))
-    photographs, quality, limit, _ = facts.verdicts
-    assert numbers(photographs.text) == [26, 32] and photographs.kind == "better"
-    assert quality.kind == "better", "kept within the margin"
-    assert numbers(limit.text)[-5:] == [4, 75, 95, 30, 95] and limit.kind == "no", "met on 3 of 4 rocks"
+    count, quality, kept, _ = verdicts(asked=ComparisonSpec(Goal(IMAGES, F, 102.0)))
+    assert count.counts == (26.0, 32.0) and count.kind is Kind.BETTER
+    assert quality.kind is Kind.NOT_WORSE and quality.margin == 1.0
+    assert quality.gain is not None and quality.gain.low is not None
+    share = kept.gain
+    assert kept.kind is Kind.PARTLY_KEPT and share is not None and (share.mean, share.rocks) == (75.0, 4)
+    assert (share.low, share.high) == pytest.approx((30.06, 95.44), abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("tuned", "kind"),
-    [(90.0, Kind.WORSE), (96.3, Kind.NOT_WORSE), (97.0, Kind.NOT_WORSE), (99.0, Kind.BETTER)],
-)
+@pytest.mark.parametrize(("tuned", "kind"), [(90.0, Kind.WORSE), (96.3, Kind.NOT_WORSE), (99.0, Kind.BETTER)])
 def test_the_margin_decides_what_is_said_of_quality(tuned: float, kind: Kind) -> None:
-    assert judge(run(tuned).records, "tuned", "hyb-h", F, FEWEST.margin).kind is kind
-    assert ComparisonFacts(run(tuned), "hyb-h", FEWEST).verdicts[1].kind == TONES[kind]
+    assert verdicts(tuned)[1].kind is kind
 
 
 def test_worse_than_the_best_control_is_said() -> None:
     """The control beats it by 0.7 points, which the margin allows against the default and not here."""
-    assert [line.kind for line in ComparisonFacts(run(94.3), "hyb-h", FEWEST).verdicts[1:]][::2] == [
-        "worse"
-    ] * 2
-    last = ComparisonFacts(run(94.3), "hyb-h", FEWEST).verdicts[-1]
-    assert "Random views" in last.text and 0.7 in numbers(last.text)
-    without_a_limit = ComparisonFacts(run(97.0), "hyb-h", ComparisonSpec(Goal(F))).verdicts[-1]
-    assert "Random views" in without_a_limit.text and without_a_limit.kind == "better"
+    (found,) = [verdict for verdict in verdicts(94.3) if verdict.best_control]
+    assert (found.kind, found.reference) == (Kind.WORSE, "random") and found.gain is not None
+    assert found.gain.mean == pytest.approx(-0.7, abs=0.1)
+    (found,) = [verdict for verdict in verdicts(97.0, ComparisonSpec(Goal(F))) if verdict.best_control]
+    assert found.kind is Kind.BETTER  # without a limit too

@@ -11,16 +11,11 @@ from pathlib import Path
 from made_evaluations import made_run
 from rich.console import Console
 
+from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.statistics import comparison_table
 from tuner.comparison.verdict import Kind, judge
 from tuner.problem.objective import Objective
-from tuner.report.comparison import (
-    ComparisonFacts,
-    cell,
-    table_by_strategy,
-    table_i,
-    write_comparison_report,
-)
+from tuner.report.comparison import cell, strategy_table, table_i, warnings_of, write_comparison_report
 from tuner.report.table import Table
 
 PAPER_ROWS = [
@@ -49,13 +44,13 @@ def test_table_one_has_its_layout() -> None:
     assert [line.name for line in metrics] == PAPER_ROWS
     for line in metrics:
         assert [c.best for c in line.cells] == [False, False, False, True]  # hyb-o leads in all
-        assert all(" ± " in c.text for c in line.cells)
+        assert all(re.fullmatch(r"\[.+, .+\]", c.below[0]) for c in line.cells)
     f_score = table.rows[5].cells["covis"]
     assert f_score is not None and f_score.high is not None
     covis, _, reference, _ = metrics[5].cells
-    assert covis.text == f"{f_score.mean:.1f} ± {f_score.high - f_score.mean:.1f}"
-    assert covis.below[0] == "paper 72.0" and covis.below[1].startswith("+")
-    assert reference.below == ("paper 67.0",)
+    assert covis.text == f"{f_score.mean:.1f}"
+    assert covis.below[:2] == (f"[{f_score.low:.1f}, {f_score.high:.1f}]", "paper 72.0")
+    assert covis.below[2].startswith("+") and reference.below[1:] == ("paper 67.0",)
     assert [c.text for c in lines[-1].cells] == ["12"] * 4
 
 
@@ -67,13 +62,14 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     for row in (mean_c2c, f_score):
         asked = Objective(row.metric.key, "maximise" if row.metric.higher_is_better else "minimise")
         assert {name: judge(run.records, name, "hyb-h", asked).kind for name in kinds} == kinds
-    assert cell(mean_c2c, "tuned").below[0].startswith("−") and cell(mean_c2c, "hyb-h").below == ()
+    assert cell(mean_c2c, "tuned").below[1].startswith("−") and len(cell(mean_c2c, "hyb-h").below) == 1
 
 
 def test_no_interval_no_verdict() -> None:
     facts = ComparisonFacts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
-    assert judge(facts.records, "tuned", "hyb-h", Objective()).kind is Kind.NO_INTERVAL
-    assert [line.kind for line in facts.verdicts] == ["no"] and len(facts.warnings) == 1
+    (verdict,) = facts.verdicts
+    assert verdict.kind is Kind.NO_INTERVAL and verdict.gain is not None and verdict.gain.mean > 5.0
+    assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
 
 
 def test_terminal_tables() -> None:
@@ -84,11 +80,11 @@ def test_terminal_tables() -> None:
         assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
     many = ComparisonFacts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
-    text = printed(table_by_strategy(many.summary, ""), 80)
+    table = strategy_table(many.summary, "", "observable.f_score_48mm")
+    text = printed(table, 80)
     assert max(map(len, text.splitlines())) <= 80 and "…" not in text
-    cells = [cell(many.summary.rows[-1], name) for name in names]
-    assert all(f"{c.text} *" in text if c.best else c.text in text for c in cells)  # in a pipe, too
-    assert all(line in text for c in cells for line in c.below) and sum(c.best for c in cells) == 1
+    assert all(c.text in text for row in table.rows for c in row.cells)
+    assert [row.name for row in table.rows if row.best] == ["Tuned"]
 
 
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
@@ -100,12 +96,12 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
     ]
     run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
     facts = ComparisonFacts(run, "hyb-h")
-    names = [row.name for row in table_by_strategy(facts.summary, "").rows]
-    assert names == ["Covis", "B-aware", "Hyb-H = B-aware", "Greedy oracle"]
-    assert "Hyb-H = B-aware" in table_i(facts.tables["whole"], "").columns
+    assert facts.summary.same == {"hyb-h": "b-aware"}
+    table = strategy_table(facts.summary, "", "observable.f_score_48mm")
+    assert "Hyb-H took the same photographs as B-aware." in table.caption
     for width in (60, 80):
-        assert max(map(len, printed(table_by_strategy(facts.summary, ""), width).splitlines())) <= width
-    assert [v.kind for v in facts.verdicts if "B-aware" in v.text and "Hyb-H" in v.text] == ["no"]
+        assert max(map(len, printed(table, width).splitlines())) <= width
+    assert ("b-aware", Kind.SAME) in [(v.strategy, v.kind) for v in facts.verdicts]
     page = write_comparison_report(facts, tmp_path, paper=True).read_text()
     assert "dense clouds against" not in page, "nothing was photographed"
 

@@ -11,9 +11,10 @@ from made_evaluations import made_run
 
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
+from tuner.comparison.result import ComparisonFacts
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign_page import write_campaign_report
-from tuner.report.comparison import ComparisonFacts, write_comparison_report
+from tuner.report.comparison import write_comparison_report
 from tuner.report.mission_view import write_mission_view
 
 WIDTHS = (420, 1200)

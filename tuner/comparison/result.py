@@ -1,0 +1,272 @@
+"""What strategies that ran against each other have: tables, and verdicts with their numbers.
+
+`tuner.report.comparison` puts these into words, for terminal, pages and JSON.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from tuner.campaign.campaign import Campaign
+from tuner.comparison.advice import Results, held_out_results, training_results
+from tuner.comparison.of_campaign import MARGIN, ComparisonSpec, asked_of
+from tuner.comparison.run import EvaluationRun
+from tuner.comparison.statistics import (
+    TABLE_I_ROWS,
+    TABLE_I_ROWS_OBSERVABLE,
+    ComparisonRow,
+    ComparisonTable,
+    Interval,
+    MetricRow,
+    comparison_table,
+    same_photographs,
+    share_kept,
+    strategy_interval,
+)
+from tuner.comparison.verdict import Kind, Verdict, judge
+from tuner.missions.job import Trial
+from tuner.problem.baselines import (
+    B_AWARE,
+    CHOICE,
+    COVIS,
+    PAPER_STRATEGIES,
+    THRESHOLDS,
+    TUNED,
+    TUNED_POOL_HYB_H,
+    TUNED_WEIGHTS,
+    controls_at_equal_number,
+    grouped,
+    in_table_order,
+)
+from tuner.problem.objective import Objective
+from tuner.recommendation.recommendation import Recommendation
+
+LIMIT = "limit"  # key of the share of rocks that met the constraint
+_COSTS = (
+    MetricRow("", "photos", "costs.images", "", False, 0),
+    MetricRow("", "flight", "costs.flight_time_s", "s", False, 0),
+)
+_QUALITY = (
+    MetricRow("", "F 48", "observable.f_score_48mm", "%", True),
+    MetricRow("", "F 80", "observable.f_score_80mm", "%", True),
+    MetricRow("", "C 48", "observable.completeness_48mm", "%", True),
+    MetricRow("", "C 80", "observable.completeness_80mm", "%", True),
+    MetricRow("", "C2C", "observable.c2c_mean_mm", "mm", False),
+)
+
+
+def row_of(o: Objective) -> MetricRow:
+    """A table row of any metric, which is labelled and rounded where it is shown."""
+    return MetricRow("", "", o.metric, "", o.direction == "maximise", None)
+
+
+def by_strategy(
+    records: Sequence[Trial], strategies: Sequence[str], reference: str, spec: ComparisonSpec
+) -> ComparisonTable:
+    """Costs, the objectives, the usual measures of a cloud, and the share of rocks that met the constraint.
+
+    What no mission has is left out. Missions of a mission file have their own costs.
+    """
+    objectives = [row_of(o) for o in (spec.shown, *spec.goal.objectives)]
+    if not any("images" in r.costs for r in records):
+        costs = sorted({f"costs.{name}" for r in records for name in r.costs})
+        objectives += [row_of(Objective(name, "minimise")) for name in costs]
+    rows = {row.key: row for row in (*_COSTS, *objectives)} | {row.key: row for row in (*_COSTS, *_QUALITY)}
+    table = comparison_table(records, strategies, reference, list(rows.values()))
+    found = [row for row in table.rows if any(row.cells.values())]
+    if spec.goal.limit is not None:
+        shares = {name: kept_by(records, name, spec) for name in strategies}
+        most = max((share.mean for share in shares.values() if share is not None), default=0.0)
+        best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
+        found.append(ComparisonRow(MetricRow("", "", LIMIT, "%", True, 0), shares, best, None, {}))
+    return dataclasses.replace(table, rows=found)
+
+
+def kept_by(records: Sequence[Trial], strategy: str, spec: ComparisonSpec) -> Interval | None:
+    """The share of rocks on which a strategy met the constraint."""
+    goal = spec.goal
+    assert goal.second is not None and goal.limit is not None
+    return share_kept(records, strategy, goal.second, goal.limit, exact=goal.second in goal.decided)
+
+
+class ComparisonFacts:
+    """What an evaluation found: tables, from the shortest to the longest, and verdicts.
+
+    ``reference``: strategy from which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
+    configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by default the
+    F-score alone. ``notes``: what to know before the verdicts.
+    """
+
+    def __init__(
+        self,
+        run: EvaluationRun,
+        reference: str | None = None,
+        asked: ComparisonSpec | None = None,
+        notes: Sequence[str] = (),
+    ) -> None:
+        self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
+        self.asked = asked or ComparisonSpec()
+        self.strategies = tuple(in_table_order(self.plan.strategies))
+        self.reference = reference or ("hyb-h" if "hyb-h" in self.strategies else self.strategies[0])
+        self.word = self.asked.instance_word
+
+    # -- tables --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def tables(self) -> dict[str, ComparisonTable]:
+        """Table I by surface; empty where no mission has those metrics, as those of a mission file."""
+        rows = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
+        return {
+            name: comparison_table(self.records, self.strategies, self.reference, of)
+            for name, of in rows.items()
+            if any("whole" in r.metrics for r in self.records)
+        }
+
+    @cached_property
+    def summary(self) -> ComparisonTable:
+        """All strategies over all conditions."""
+        return by_strategy(self.records, self.strategies, self.reference, self.asked)
+
+    @cached_property
+    def conditions(self) -> dict[str, ComparisonTable]:
+        """The same, condition by condition; empty where there is one."""
+        names = [c.name for c in self.plan.conditions]
+        return {
+            name: by_strategy(
+                [r for r in self.records if r.condition == name], self.strategies, self.reference, self.asked
+            )
+            for name in names
+            if len(names) > 1
+        }
+
+    # -- verdicts ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """On the tuned strategy, without one on the first that is not the reference, metric by metric."""
+        goal, reference = self.asked.goal, self.reference
+        others = [name for name in self.plan.strategies if name != reference]
+        if not others:
+            return []
+        subjects = [TUNED if TUNED in others else others[0]]
+        if TUNED not in others and reference in PAPER_STRATEGIES:
+            subjects = [name for name in others if name in PAPER_STRATEGIES] or subjects
+        out = list[Verdict]()
+        for name in subjects:
+            if self.plan.owner(name) == self.plan.owner(reference):
+                continue
+            if same_photographs(self.records, (reference, name)):
+                out.append(Verdict(Kind.SAME, name, reference, self.asked.shown.metric, None))
+                continue
+            out += [self._count(name, o) for o in goal.decided]
+            if goal.quality is not None:
+                margin = 0.0 if goal.limit is None else MARGIN
+                out.append(judge(self.records, name, reference, goal.quality, margin))
+        if subjects == [TUNED] and goal.limit is not None and goal.second is not None:
+            share = kept_by(self.records, TUNED, self.asked)
+            if share is not None:
+                kind = {100.0: Kind.KEPT, 0.0: Kind.NOT_KEPT}.get(share.mean, Kind.PARTLY_KEPT)
+                out.append(Verdict(kind, TUNED, "", goal.second.metric, share))
+        if subjects == [TUNED] and goal.quality is not None:
+            out += self._best_control(goal.quality)
+        return out
+
+    def _count(self, name: str, o: Objective) -> Verdict:
+        """On a metric that the configuration decides, which has no interval."""
+        means = [strategy_interval(self.records, n, o.metric) for n in (name, self.reference)]
+        own, theirs = means
+        if own is None or theirs is None:
+            return Verdict(Kind.NOT_PAIRED, name, self.reference, o.metric, None)
+        gain = o.sign * (own.mean - theirs.mean)
+        kind = Kind.BETTER if gain > 0 else Kind.WORSE if gain < 0 else Kind.NO_DIFFERENCE
+        difference = Interval(gain, None, None, own.rocks, own.missions, "none")
+        return Verdict(kind, name, self.reference, o.metric, difference, counts=(own.mean, theirs.mean))
+
+    def _best_control(self, quality: Objective) -> list[Verdict]:
+        """Against the best control with as many photographs, other than the reference; empty if none was run."""
+        names = [name for name in controls_at_equal_number(self.plan.strategies) if name != self.reference]
+        means = {name: strategy_interval(self.records, name, quality.metric) for name in names}
+        known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
+        if not known:
+            return []
+        best = max(known, key=lambda name: known[name])
+        verdict = judge(self.records, TUNED, best, quality)
+        return [dataclasses.replace(verdict, best_control=True)]
+
+
+# -- all results of a campaign -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ResultBlock:
+    """All strategies on one set of rocks, from everything in a campaign's directory."""
+
+    results: Results = field(repr=False, compare=False)
+    table: ComparisonTable
+    spec: ComparisonSpec
+
+    @property
+    def quality(self) -> Objective:
+        """What gains are of."""
+        return self.spec.shown
+
+    @property
+    def rocks(self) -> tuple[str, ...]:
+        """The rocks on which the recommendation has run."""
+        return self.results.rocks
+
+    def gain(self, strategy: str) -> Interval | None:
+        """The paired gain over the reference, positive where it is better."""
+        return judge(self.results.records, strategy, self.table.reference, self.quality).gain
+
+
+def result_blocks(campaign: Campaign, best: Recommendation | None = None) -> list[ResultBlock]:
+    """The strategies beside the present recommendation, on held-out rocks first; empty without an evaluation."""
+    s, best = campaign.settings, best or campaign.recommendation(save=False)
+    held_out = None if best is None else held_out_results(campaign, s.problem.config(best.values))
+    reference, spec = s.problem.reference, asked_of(s)
+    if best is None or held_out is None or reference not in held_out.strategies:
+        return []
+    return [
+        ResultBlock(
+            results,
+            by_strategy(results.records, in_table_order(results.strategies), reference, spec),
+            spec,
+        )
+        for results in (held_out, training_results(campaign, best))
+        if results.records and reference in results.strategies
+    ]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One part of the way from Hyb-H to the tuned configuration, by missions on the same rocks and replicates."""
+
+    groups: list[str]  # of parameters, which this step changes
+    strategy: str
+    gain: Interval | None  # over the step before; None where the two have no mission in common
+
+
+def measured_steps(
+    records: Sequence[Trial],
+    strategies: Sequence[str],
+    changed: Sequence[str],
+    quality: Objective | None = None,
+) -> list[Step]:
+    """Return the gain over Hyb-H step by step: pool (with seeds and stop), weights, thresholds, as far as each was run."""
+    groups = grouped(changed)
+    elsewhere = [name for name in groups if name not in CHOICE]
+    weights = [name for name in groups if name in (COVIS, B_AWARE)]
+    thresholds = [name for name in groups if name == THRESHOLDS]
+    stages = [(TUNED_POOL_HYB_H, elsewhere), (TUNED_WEIGHTS, weights), (TUNED, thresholds)]
+    steps, before, waiting = list[Step](), "hyb-h", list[str]()
+    for strategy, names in stages:
+        waiting += names
+        if strategy in strategies and waiting:
+            gain = judge(records, strategy, before, quality or Objective()).gain
+            steps.append(Step(waiting, strategy, gain))
+            before, waiting = strategy, []
+    return steps
