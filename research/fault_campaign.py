@@ -276,6 +276,7 @@ class Flight:
                 break
             self.count("lost", f"exit {session.status}: {session.output.read_text(errors='replace')[-1500:]}")
         kill_all(*of_campaign(self.run))
+        import research.faults_mission  # noqa: F401  (registers the fidelity of the campaign)
         from tuner.campaign.campaign import Campaign
 
         trials = Campaign.open(self.run, read_only=True).trials()

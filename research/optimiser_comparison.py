@@ -103,6 +103,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         default_truth=problem.truth(problem.default),
     )
     strategy = STRATEGIES[name](problem, seed)
+    instances = tuple(map(Instance, problem.rocks))
     history: list[Observation] = []
     spent = total_ask_s = 0.0
     shares = OUR_CHECKPOINTS if name.startswith("gp") else CHECKPOINTS
@@ -114,7 +115,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         total_ask_s += ask_s
         instance = None if request.rock is None else Instance(request.rock)
         proposal = Proposal(request.values, {}, instance, request.replicate)
-        (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
+        (rock, _), replicate = next_block(instances, problem.replicates, history, proposal)
         flight = problem.run(request.values, rock, replicate)
         spent += flight.cost
         observation = Observation(len(history), request.values, rock, replicate, flight.value, flight.value)

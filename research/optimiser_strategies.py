@@ -23,14 +23,14 @@ from research.peers.sampler import PEER_NAMES, available_peers, make_peer_sample
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
-from tuner.samplers import base
+from tuner.samplers import registry
 from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.design import initial_design_size
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     """A sampler of the product, or a peer."""
-    return make_peer_sampler(name, settings) if name in PEER_NAMES else base.make_sampler(name, settings)
+    return make_peer_sampler(name, settings) if name in PEER_NAMES else registry.make_sampler(name, settings)
 
 
 @dataclass(frozen=True)

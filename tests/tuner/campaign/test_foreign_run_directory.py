@@ -29,6 +29,7 @@ from nbv.mission.run_directory import RunDirectory
 from nbv.safe_files import open_to_write, remove_links, require_whole, write_atomic
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.rock_problem import RockProblem
 from tuner.campaign.session import run_campaign
 from tuner.commands.console import output, show_table
 from tuner.comparison.of_campaign import confirmation
@@ -273,18 +274,18 @@ def test_a_store_keeps_its_size_whoever_puts(tmp_path: Path) -> None:
 
 
 def test_refused_configurations_end_no_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config: Callable[..., Any] = fake_campaigns.CampaignSettings.config
+    config: Callable[..., Any] = RockProblem.config
     asked = list[Any]()  # distinct configurations in their order
 
-    def refuse(settings: Any, values: Any, condition: str = "ideal") -> Any:
+    def refuse(problem: RockProblem, values: Any, condition: str = "ideal") -> Any:
         if values not in asked:
             asked.append(dict(values))
         if 1 <= asked.index(values) <= 12:
             raise UserError("the lower angle is above the upper one")
-        return config(settings, values, condition)
+        return config(problem, values, condition)
 
     campaign = begin_campaign(tmp_path / "run", fake_campaigns.settings(sampler="sobol", budget=16))
-    monkeypatch.setattr(fake_campaigns.CampaignSettings, "config", refuse)
+    monkeypatch.setattr(RockProblem, "config", refuse)
     monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
     summary = run_campaign(campaign, InProcessExecutor())
     assert (summary.stopped, summary.message) == ("budget", "the budget is used")
