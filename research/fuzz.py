@@ -194,6 +194,7 @@ def _full_disk(path: Path) -> None:
     disk.mkdir()
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "fuzz", str(disk)], check=True)
     try:
+        (FLOWN.parent / "home").mkdir(exist_ok=True)
         for name in ("flown", "mission", "home", "tetra.obj"):
             subprocess.run(["cp", "-r", str(FLOWN.parent / name), str(disk)], check=True)
         (disk / "arguments").write_bytes(command)

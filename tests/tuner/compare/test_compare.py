@@ -79,7 +79,7 @@ def test_the_first_lines_say_the_dense_stage(fidelity, says, monkeypatch, tmp_pa
     def begin(*_):
         raise Begun
 
-    monkeypatch.setattr("tuner.commands.compare.run_evaluation", begin)
+    monkeypatch.setattr("tuner.commands.console.run_evaluation", begin)
     asked = f"compare --fidelity {fidelity} --strategy orbit --targets 1 --numbers 12,20 --workers 1 --out"
     ended = CliRunner().invoke(app, [*shlex.split(asked), str(tmp_path)])
     assert isinstance(ended.exception, Begun)

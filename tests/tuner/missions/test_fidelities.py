@@ -11,7 +11,7 @@ from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.comparison.curves import Suite, comparison_plans, drawn_targets, require_runnable
+from tuner.comparison.curves import Suite, comparison_plans, drawn_targets
 from tuner.missions.kinds import MissionKind
 from tuner.missions.registry import FIDELITIES, kind_on, mission_function, mission_kind
 from tuner.report.labels import measure_text
@@ -60,6 +60,6 @@ def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pyte
     plans = comparison_plans(suite, {"random": None})
     assert list(plans[""].strategies) == ["random"]  # one mission tells of every number
     with pytest.raises(UserError, match="no flights over boulder"):
-        require_runnable(suite, plans.values())
+        plans[""].require_runnable()
     assert measure_text("F", "sketch", ["slab"], ["ideal"]) == "F; drawn by hand; condition ideal"
     assert mission_function("sketch")(preset("campaign"), "slab", 0, None, keep="summary").status == "ok"
