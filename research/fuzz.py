@@ -194,7 +194,6 @@ def _full_disk(path: Path) -> None:
     disk.mkdir()
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "fuzz", str(disk)], check=True)
     try:
-        (FLOWN.parent / "home").mkdir(exist_ok=True)
         for name in ("flown", "mission", "home", "tetra.obj"):
             subprocess.run(["cp", "-r", str(FLOWN.parent / name), str(disk)], check=True)
         (disk / "arguments").write_bytes(command)
@@ -416,6 +415,7 @@ def make_seeds(folder: Path) -> None:
     SEEDS["store entry"] = [(store.root / "kind" / "ab" / "abcd").read_bytes()]
     SEEDS["command line"] = ["\0".join(a).encode() for a in ARGUMENTS]
     os.environ["GATETUNE_HOME"] = str(folder / "home")
+    (folder / "home").mkdir(exist_ok=True)  # a mission that finds its rock in a cache makes none
     few = preset("campaign").with_values({"stop.adaptive_budget": 2})
     run_geometric_mission(few, "boulder", 0, folder / "mission")
     SEEDS[DISK] = ["\0".join([*a, "8000"]).encode() for a in FILLING]

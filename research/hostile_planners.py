@@ -78,7 +78,7 @@ DECISIONS = {
         for name in ("SIGKILL", "SIGTERM", "SIGSTOP", "SIGSEGV")
     },
     "os.abort": "os.abort()",
-    "kills its parent": "os.kill(os.getppid(), signal.SIGKILL)",
+    "kills its parent": "os.kill(os.getppid(), signal.SIGKILL); time.sleep(5)",  # else a short mission may end first
     "kills its group": "os.killpg(0, signal.SIGKILL)",
     "reads a null pointer": "ctypes.string_at(0)",
     "hangs": "time.sleep(3600)",

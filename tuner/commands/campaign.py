@@ -336,7 +336,7 @@ def show_comparison(campaign: Campaign, planned: PlannedComparison, executor: ex
     )
     facts, _ = run_comparison(planned, executor)
     require_complete(facts.run, f"resume with: gatetune campaign resume {campaign.directory}")
-    show_answer(campaign)
+    show_answer(campaign, campaign.recommendation(save=False))
 
 
 def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:

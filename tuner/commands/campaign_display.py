@@ -186,19 +186,19 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list
     return advised
 
 
-def show_answer(campaign: Campaign) -> bool:
-    """Print the tables of all strategies from everything in the run directory, and write them as ``comparison.json``.
+def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
+    """Print the tables of all strategies beside ``best`` from everything in the run directory, and write them as ``comparison.json``.
 
     Returns whether there are any.
     """
     from tuner.comparison.result import result_blocks
     from tuner.report.comparison import block_table, campaign_document, legend_of
 
-    document = campaign_document(campaign)
-    if document is None:
+    blocks = result_blocks(campaign, best) if best else []
+    if best is None or not blocks:
         return False
+    document = campaign_document(blocks, best)
     write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
-    blocks = result_blocks(campaign)
     for block in blocks:
         output.print(*block_table(block).for_terminal(output.width))
     if legend := legend_of(blocks[0].table):

@@ -236,7 +236,7 @@ def show_all_results(campaign: Campaign) -> dict[str, Any]:
     advice = advice_of(campaign, best)
     with working("writing the campaign's report"):
         write_campaign_report(campaign)
-    tables = show_answer(campaign)
+    tables = show_answer(campaign, best)
     said = advice_lines(advice, best, campaign.settings)
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)
     for line in said:

@@ -97,6 +97,7 @@ def held_out(
     s, found = source.settings, source.recommended()
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
+    s.problem.strategies(_evaluated(source, found, under, ()), strategies)  # names, before rocks take minutes
     chosen, replicates = source.evaluation_rocks(rocks, replicates)
     tuned = _evaluated(source, found, under, chosen)
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from nbv.cache import Store
@@ -73,7 +73,7 @@ class MissionKind:
 
 
 def _rendered_s(config: MissionConfig) -> float:
-    # The 40 missions of `make tune`, of 20 photographs, took 503 s on two cores; PatchMatch takes 11 s on an H200 in place of
+    # The 32 missions of `make tune`, of 20 photographs, took 401 s on two cores; PatchMatch takes 11 s on an H200 in place of
     # SGBM's 7.
     of_one_s = {"patchmatch": 1.45}.get(config.dense.backend, 1.25)
     return of_one_s * (config.seed.total + config.adaptive_budget)
@@ -96,16 +96,7 @@ GEOMETRIC = MissionKind(
     note=LOW_FIDELITY_NOTE,
     loads=("open3d",),
 )
-CURVE = MissionKind(
-    "nbv.geometric.curve_fidelity:run_curve_mission",
-    targets="rocks",
-    predicts=True,
-    every_number=True,
-    seconds=GEOMETRIC.seconds,
-    numbers_are=GEOMETRIC.numbers_are,
-    note=LOW_FIDELITY_NOTE,
-    loads=("open3d",),
-)
+CURVE = replace(GEOMETRIC, runs="nbv.geometric.curve_fidelity:run_curve_mission", every_number=True)
 PHOTOGRAPHS = MissionKind(
     "nbv.photographs.photograph_fidelity:run_photographs_mission",
     targets="photographs",

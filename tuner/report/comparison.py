@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from tuner.campaign.campaign import Campaign
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.result import (
     LIMIT,
     ComparisonFacts,
     ResultBlock,
     measured_steps,
-    result_blocks,
 )
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import PAPER_TABLE_I, ComparisonRow, ComparisonTable, MetricRow
@@ -181,12 +179,8 @@ def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
     }
 
 
-def campaign_document(campaign: Campaign) -> dict[str, Any] | None:
-    """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results; None without an evaluation."""
-    best = campaign.recommendation(save=False)
-    blocks = result_blocks(campaign, best)
-    if best is None or not blocks:
-        return None
+def campaign_document(blocks: Sequence[ResultBlock], best: Recommendation) -> dict[str, Any]:
+    """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results."""
     return {
         "blocks": [
             {
@@ -216,8 +210,10 @@ def earned_sentences(blocks: Sequence[ResultBlock], best: Recommendation) -> lis
             f", and {difference_text(other.gain(TUNED))} on {there(other.results, word)}"
             for other in blocks[1:]
         ]
+        gain = block.gain(TUNED)
+        verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
         said.append(
-            f"On {here} Tuned gains {difference_text(block.gain(TUNED))} {what} over {strategy_label(reference)}{''.join(also)}."
+            f"On {here} Tuned {verb} {difference_text(gain)} {what} {against} {strategy_label(reference)}{''.join(also)}."
         )
         if reference == "hyb-h":
             said += _what_earned_it(block, best.changed)

@@ -115,13 +115,15 @@ def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
     shutil.copytree(ended[0] / "runs/gate", run)
     for arm in ("hyb-h-tuned-pool", "tuned-paper-thresholds"):
         shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
-    said = " ".join(campaign_document(Campaign.open(run, read_only=True))["sentences"])
+    campaign = Campaign.open(run, read_only=True)
+    blocks, best = result_blocks(campaign), campaign.recommendation(save=False)
+    said = " ".join(campaign_document(blocks, best)["sentences"])
     assert (
         "What earned the gain is not known yet" in said
         and "is shown to be one" not in said
         and "–" not in said
     )
-    assert not result_blocks(Campaign.open(run, read_only=True))[0].results.complete
+    assert not blocks[0].results.complete
 
 
 def test_a_later_evaluation_rewrites_the_page(ended, tmp_path):
