@@ -12,9 +12,8 @@ settings.load_profile("untimed")
 
 @pytest.fixture(scope="session", autouse=True)
 def gatetune_home(tmp_path_factory):
-    """Rocks and caches of one test session, shared by its workers and empty at its start."""
-    base = tmp_path_factory.getbasetemp()
-    home = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "gatetune-home"
+    """Rocks and caches of one worker's tests, empty at their start: two workers make sets of photographs of one name."""
+    home = tmp_path_factory.getbasetemp() / "gatetune-home"
     before = os.environ.get("GATETUNE_HOME")
     os.environ["GATETUNE_HOME"] = str(home)
     yield home

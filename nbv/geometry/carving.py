@@ -75,20 +75,30 @@ class Solid:
 
 
 def carved(
-    hull: ConvexHull, points_m: Floats, cameras_m: Floats, seen_m: Floats, cells: int = CELLS
+    hull: ConvexHull,
+    points_m: Floats,
+    cameras_m: Floats,
+    seen_m: Floats,
+    cells: int = CELLS,
+    *,
+    fewest: int = 1,
+    share: float = 0.0,
 ) -> Solid:
     """What lines of sight leave of a convex solid on the ground.
 
-    ``hull`` is the solid. Points (N, 3) are parts of it whatever is said otherwise. Cameras (R, 3) have seen the places (R, 3):
-    a line of sight is free up to a cell before its end. The solid is ``cells`` cells high.
+    ``hull`` is the solid. Cameras (R, 3) have seen the places (R, 3): a line of sight is free up to a cell before its end. A
+    cell with points (N, 3) is part of the solid whatever lines cross it, if it has ``fewest`` of them and at least ``share`` times as many
+    as lines: wrong depths are scattered. The solid is ``cells`` cells high.
     """
     corners = hull.points[hull.vertices]
     cell_m = float(corners[:, 2].max()) / cells
     low = np.append(corners[:, :2].min(axis=0), 0.0)
     shape = np.maximum(np.ceil((corners.max(axis=0) - low) / cell_m).astype(int), 1)
     solid = _inside(hull, low, shape, cell_m)
-    solid[_along(cameras_m, seen_m, low, shape, cell_m)] = False
-    solid[_cells(points_m, low, shape, cell_m)] = True
+    lines = np.bincount(_along(cameras_m, seen_m, low, shape, cell_m), minlength=solid.size)
+    points = np.bincount(_cells(points_m, low, shape, cell_m), minlength=solid.size)
+    solid[lines > 0] = False
+    solid[points >= np.maximum(fewest, share * lines)] = True
     return Solid(low, cell_m, solid.reshape(shape))
 
 

@@ -61,6 +61,7 @@ def reconstruction_probability(
     contrast: Floats,
     directions: Floats,
     dense: DenseConfig,
+    angle_decay_per_deg: float = ANGLE_DECAY_PER_DEG,
 ) -> Floats32:
     """(S,) chance that each sample is reconstructed; 0 where no view sees it.
 
@@ -72,7 +73,7 @@ def reconstruction_probability(
         return np.zeros(seen.shape[1], dtype=np.float32)
     incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
     angle_deg = angles_deg(directions, directions)
-    depth = depth_probability(seen, incidence, contrast, angle_deg, dense)
+    depth = depth_probability(seen, incidence, contrast, angle_deg, dense, angle_decay_per_deg)
 
     width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)
     confirms = logistic((np.float32(CONFIRMING_INCIDENCE_DEG) - incidence) / width)
@@ -90,7 +91,12 @@ def reconstruction_probability(
 
 
 def depth_probability(
-    seen: Bools, incidence: Floats32, contrast: Floats, angle_deg: Floats, dense: DenseConfig
+    seen: Bools,
+    incidence: Floats32,
+    contrast: Floats,
+    angle_deg: Floats,
+    dense: DenseConfig,
+    angle_decay_per_deg: float = ANGLE_DECAY_PER_DEG,
 ) -> Floats32:
     """(V, S) chance that each view has a depth at each sample, confirmed or not; ``angle_deg`` (V, V) between the views."""
     texture = (contrast / (contrast + HALF_CONTRAST)).astype(np.float32)
@@ -98,7 +104,7 @@ def depth_probability(
 
     partner, usable = stereo_partners(angle_deg, dense)
     between = np.take_along_axis(angle_deg, partner, axis=1)
-    pair = np.where(usable, np.exp(-ANGLE_DECAY_PER_DEG * between), 0.0).astype(np.float32)
+    pair = np.where(usable, np.exp(-angle_decay_per_deg * between), 0.0).astype(np.float32)
     no_depth = np.ones_like(good)
     for k in range(partner.shape[1]):
         other = partner[:, k]

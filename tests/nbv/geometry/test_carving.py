@@ -53,6 +53,20 @@ def pocket() -> Solid:
     return carved(CUBE, ends, ends + np.array([0.0, 0.0, 4.0]), ends)
 
 
+def test_places_stay_only_with_lines_in_proportion():
+    """Of two columns that ten lines each pass, the one with two places is carved away, that with five is solid."""
+    column_m = np.array([[0.05, 0.05], [0.45, 0.05]])
+    cameras_m = np.repeat(np.column_stack([column_m, [5.0, 5.0]]), 10, axis=0)
+    ends_m = cameras_m * [1, 1, 0]
+    places_m = np.concatenate([np.tile([[*column_m[k], 1.25]], (n, 1)) for k, n in enumerate((2, 5))])
+    solid = carved(CUBE, places_m, cameras_m, ends_m, fewest=3, share=0.3)
+    heights_m = [
+        solid.low_m[2] + solid.cell_m * (1 + np.flatnonzero(solid.cells[tuple(at)])[-1])
+        for at in ((column_m - solid.low_m[:2]) / solid.cell_m).astype(int)
+    ]
+    assert heights_m == pytest.approx([CELL_M, 1.3])
+
+
 def test_the_floor_of_a_pocket_is_surface_and_only_seen_from_above():
     solid = pocket()
     floor_m, up = np.array([[0.0, 0.0, 0.8]]), np.array([[0.0, 0.0, 1.0]])

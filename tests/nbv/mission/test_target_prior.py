@@ -77,7 +77,18 @@ def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     np.testing.assert_allclose(mission.config.target_m, found_m, atol=0.05)
 
 
-@pytest.mark.parametrize("values", [{}, {**ROUGH, "seed.retarget_after": 24}, {"seed.retarget_after": 6}])
+CENTIMETRES = {f"telemetry.{axis}_noise_m": 0.02 for axis in ("horizontal", "vertical")}  # RTK
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {**ROUGH, "seed.retarget_after": 24},
+        {"seed.retarget_after": 6},
+        {**CENTIMETRES, "seed.retarget_after": 6},
+    ],
+)
 def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> None:
     config = with_target_error(preset("campaign").with_values(values), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
