@@ -252,6 +252,10 @@ class WindConfig(Section):
         return self.mean_speed_m_s + 3 * self.gust_m_s
 
 
+# The target that twelve seeds show is off by this and more.
+PLACES_WELL_M = 0.1
+
+
 @dataclass(frozen=True)
 class TelemetryConfig(Section):
     """Errors of the reported camera pose (`nbv.flight.telemetry`); all zero by default: telemetry is exact."""
@@ -278,6 +282,11 @@ class TelemetryConfig(Section):
     def is_exact(self) -> bool:
         """Whether what is reported is the truth."""
         return self.position_sd_m == 0 and self.attitude_noise_deg == 0
+
+    @property
+    def places_well(self) -> bool:
+        """Whether camera positions are right to centimetres, as by RTK: nothing else then says better where the target stands."""
+        return self.position_sd_m <= PLACES_WELL_M
 
     @property
     def covariance_m2(self) -> tuple[float, float, float]:

@@ -46,7 +46,7 @@ def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointClou
 def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:
     """Clean a dense cloud and measure it; what concerns the rock alone is kept in ``store``.
 
-    Where telemetry errs the metrics also hold ``registered``: the same scores of the cloud after the similarity that
+    Where telemetry errs by more than centimetres the metrics also hold ``registered``: the same scores of the cloud after the similarity that
     fits it best to the true surface (`nbv.evaluation.registration`), and that similarity in numbers.
     """
     cleaned, report = clean_for_evaluation(cloud, config)
@@ -60,7 +60,7 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
         return {**metrics, **{surface: {**metrics[surface], **floors[surface]} for surface in floors}}
 
     metrics = measure(cleaned)
-    if not config.telemetry.is_exact:
+    if not config.telemetry.places_well:
         metrics["registered"] = _registered(cloud, truth, config, measure)
     return Evaluation(metrics, report, cleaned)
 

@@ -116,7 +116,7 @@ class MissionResult:
 def value_at_path(metrics: Mapping[str, Any], path: str) -> Any:
     """What lies at a dotted path in a mission's metrics; None where there is nothing.
 
-    Where telemetry is exact nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
+    Where telemetry is right to centimetres nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
     """
     value: Any = metrics
     for part in path.removeprefix("" if "registered" in metrics else "registered.").split("."):

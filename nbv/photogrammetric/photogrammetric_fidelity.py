@@ -45,7 +45,7 @@ class PhotogrammetricFidelity(CloudFidelity):
             config.evaluation,
             list(config.target_m),
             config.dense.fusion_voxel_m,
-            config.telemetry.is_exact,
+            config.telemetry.places_well,
             config.ground,
             config.scene.ground_seed,
             camera_shell(config),
