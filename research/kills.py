@@ -23,7 +23,7 @@ COMMANDS = {
     "campaign": "campaign run --fidelity geometric --sampler sobol --space gate --budget 10 --replicates 1 --rock boulder "
     "--rock slab --workers 2 --learn-from nothing --set stop.adaptive_budget=4 --name kills --resume-if-present",
 }
-OF_THE_CLOCK = {"wall_s", "finished", "started", "directory"}
+OF_THE_CLOCK = {"wall_s", "costs.wall_s", "finished", "started", "directory"}
 
 
 def start(kind: str, run: Path) -> subprocess.Popen[bytes]:

@@ -1,7 +1,7 @@
 """A pocket as a planner sees it: the hull of the sparse points, the surface carved by coarse depth, the truth.
 
 ``python -m research.picture_of_a_pocket OUT.png [TARGET]``: a vertical section, after the seeds of a geometric mission, and the
-next view of the scorer on the hull, of *predicted*, and of the greedy oracle.
+next view of *predicted* without and with depth, and of the greedy oracle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.planner import Planner
 from nbv.rocks import load_coarse_rock
-from nbv.scorers.prediction import predict, predict_carved
+from nbv.scorers.prediction import predict
+from nbv.scorers.surface import points_on_rock
 from nbv.types import Floats, SparseModel
 from tuner.comparison.curves import Suite
 from tuner.problem.baselines import baseline, ending_at
@@ -58,7 +59,7 @@ def main() -> None:
     config = ending_at(baseline("predicted").config(Suite((target,)).base), NUMBER)
     model, visited_m, position_m, heading = after_seeds(config, target)
     rock = load_coarse_rock(target, Store())
-    carved, hull = predict_carved(model, config), predict(model, config)
+    carved, points_m = predict(model, config), points_on_rock(model.points_m, config)
     oracle_config = config.changed(gate={"oracle_coverage": "matchable"})
     truth = GroundTruthOracle(rock.vertices_m, rock.faces, oracle_config)
     planner = Planner(config)
@@ -66,8 +67,8 @@ def main() -> None:
     plan = planner.plan(model, visited_m, len(visited_m), position_m, heading)
     pool_m = plan.pool.positions_m
     chosen = {
-        "hull": pool_m[np.argmax(predict(bare, config).expected_gain(pool_m))],
-        "carved surface": pool_m[np.argmax(carved.expected_gain(pool_m))],
+        "without depth": pool_m[np.argmax(predict(bare, config).expected_gain(pool_m))],
+        "predicted": pool_m[np.argmax(carved.expected_gain(pool_m))],
         "greedy oracle": pool_m[np.argmax([truth.gain(p, truth.coverage(plan.state)) for p in pool_m])],
     }
     toward = chosen["greedy oracle"][:2] - np.array(config.target_m[:2])
@@ -81,7 +82,6 @@ def main() -> None:
     for k, line in enumerate(section.discrete):
         left.plot(line[:, :2] @ toward, line[:, 2], "k", lw=2, label="truth" if k == 0 else None)
     solid = carved.solid
-    assert solid is not None
     u = np.arange(-1.5, 1.5, solid.cell_m / 2)
     z = np.arange(solid.cell_m / 4, 2.2, solid.cell_m / 2)
     grid = np.stack(np.meshgrid(u, z, indexing="ij"), axis=-1)
@@ -94,10 +94,7 @@ def main() -> None:
     left.pcolormesh(
         u, z, np.where(filled, 1.0, np.nan).T, cmap="Oranges", vmin=0, vmax=2.5, label="carved surface"
     )
-    corners = hull.hull.points
-    convex = trimesh.Trimesh(corners, hull.hull.simplices, process=True).convex_hull.section(
-        plane_origin=[0, 0, 0], plane_normal=[*across, 0.0]
-    )
+    convex = trimesh.convex.convex_hull(points_m).section(plane_origin=[0, 0, 0], plane_normal=[*across, 0.0])
     for line in convex.discrete:
         left.plot(line[:, :2] @ toward, line[:, 2], "b--", lw=1.5, label="hull")
     near = np.abs(model.depth_m[:, :2] @ across) < HALF_SLICE_M

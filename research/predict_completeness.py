@@ -3,6 +3,7 @@
     python -m research.predict_completeness fit --rocks 6
     python -m research.predict_completeness check --split held-out --first 4 --rocks 5 --out predicted.csv
     python -m research.predict_completeness shapes kept --out shapes.csv
+    python -m research.predict_completeness photographs
 
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
 completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
@@ -17,6 +18,7 @@ from __future__ import annotations
 import argparse
 import csv
 import functools
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +26,20 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import spearmanr
 
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, load_condition, under
 from nbv.geometric.completeness import predicted_metrics
 from nbv.rocks.families import EVERY, FAMILIES, SHAPES
-from nbv.scorers.prediction import LEAST_BARE, Calibration, predict
+from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, predict
 from nbv.types import Floats, SparseModel
 from research.adaptive_plans import base, rocks_of, run_missions
 from research.other_shapes import KEPT, LATER, SEEN
 
 BINS = 10
+NEVER = {
+    "stop.criterion": "predicted",
+    "stop.predicted_percent": 100.0,
+}  # stops a mission, but depth is asked for
+PHOTOGRAPHED = ("machine-0", "plates-0", "limbs-0", "handle-0", "boulder", "breccia", "cavern", "waist")
 BOOTSTRAP = 1000
 TWO_RINGS = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
 PLANS: dict[str, dict[str, Any]] = {
@@ -46,7 +53,7 @@ PLANS: dict[str, dict[str, Any]] = {
 ARMS = {name: {**PLANS["adaptive"], "gate.kind": name} for name in ("matchable", "random")}
 COMPARED = (16, 20, 24, 28, 32, 40)
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
-HEAD = ("rock", "plan", "photographs", "completeness", "weakest", "height_m", "bare_top", "predicted")
+HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
 TOLD_FROM = 16
 BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
@@ -66,18 +73,30 @@ def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str
             name,
             len(model.camera_names),
             real["completeness_48mm"] / 100.0,
-            made.weakest,
-            made.height_m,
-            made.bare_top,
+            made.mean_chance,
+            made.unknown,
             made.completeness,
         )
         rows.append(dict(zip(HEAD, values, strict=True)))
 
     for name, planned in plans.items():
-        result = run_missions(base(**planned), rock, listen=functools.partial(look, name)).result
+        result = run_missions(base(**planned, **NEVER), rock, listen=functools.partial(look, name)).result
         if result.status == "failed":
             print(f"{rock} {name}: {result.reason}", flush=True)
     return rows
+
+
+def by_photographs(rock: str, condition: str, plan: str) -> None:
+    """Print the F-score of a mission with photographs, and what was predicted of it."""
+    told = [0.0]
+
+    def look(_: Any, model: SparseModel, believed: MissionConfig) -> None:
+        told[0] = predict(model, believed).f_score_percent
+
+    config = under(base(**PLANS[plan], **NEVER), load_condition(condition))
+    result = run_missions(config, rock, "photogrammetric", listen=look).result
+    score = result.metric("observable.f_score_48mm")
+    print(f"{condition} {rock} {plan}: {told[0]:.1f} predicted, {score:.1f}", flush=True)
 
 
 def column(rows: list[dict[str, Any]], name: str) -> Floats:
@@ -90,17 +109,15 @@ def log_odds(share: Floats) -> Floats:
 
 
 def features(rows: list[dict[str, Any]]) -> Floats:
-    """(N, 4) what the calibration weighs."""
-    bare = np.log(column(rows, "bare_top") + LEAST_BARE)
-    return np.column_stack(
-        [np.ones(len(rows)), log_odds(column(rows, "weakest")), np.log(column(rows, "height_m")), bare]
-    )
+    """(N, 3) what the calibration weighs."""
+    unknown = np.log(column(rows, "unknown") + LEAST_UNKNOWN)
+    return np.column_stack([np.ones(len(rows)), log_odds(column(rows, "mean_chance")), unknown])
 
 
 def fit(rows: list[dict[str, Any]]) -> Floats:
-    """(4,) weights: least squares of the completeness, then an intercept so low that `BELOW` of the states have less."""
+    """(3,) weights: least squares of the completeness, then an intercept so low that `BELOW` of the states have less."""
     x, real = features(rows), column(rows, "completeness")
-    weights = np.asarray(least_squares(lambda w: 1.0 / (1.0 + np.exp(-x @ w)) - real, [0.0, 1.0, 0.0, 0.0]).x)
+    weights = np.asarray(least_squares(lambda w: 1.0 / (1.0 + np.exp(-x @ w)) - real, [0.0, 1.0, -0.5]).x)
     weights[0] += np.quantile(log_odds(real) - x @ weights, BELOW)
     return weights
 
@@ -180,7 +197,7 @@ def compare_arms(rows: list[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("what", choices=("fit", "check", "shapes"))
+    parser.add_argument("what", choices=("fit", "check", "shapes", "photographs"))
     parser.add_argument("which", nargs="?", choices=SETS, default="kept")
     parser.add_argument("--others", action="store_true", help="families that are no boulders")
     parser.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
@@ -188,6 +205,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
+    if arguments.what == "photographs":
+        for rock, condition in itertools.product(PHOTOGRAPHED, ("ideal", "indoors")):
+            for plan in ("orbit-16", "two-rings-24"):
+                by_photographs(rock, condition, plan)
+        return
     plans = PLANS if arguments.what == "check" else {**PLANS, **ARMS}
     if arguments.what == "fit":
         names = [*rocks_of("train", arguments.rocks, 0, EVERY), *(make.__name__ for make in SEEN)]

@@ -3,6 +3,7 @@
     python -m research.where_planning_pays docs/results/data/where_planning_pays.csv
     python -m research.where_planning_pays docs/results/data/where_planning_pays.csv \\
         --held-out docs/results/data/where_planning_pays_believed.csv
+    OMP_NUM_THREADS=1 python -m research.where_planning_pays IN.csv --fly OUT.csv  # IN, the planned missions flown anew
 
 ``gatetune compare`` runs the same strategies and writes such curves. It has no training rocks: here the threshold at
 which a mission stops, and level and slope of two rings of ``level + slope ln(height / m)`` photographs, are chosen on the
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import functools
 import itertools
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,8 +23,12 @@ from typing import Any
 
 import numpy as np
 
+from nbv.geometric.curve_fidelity import run_curve_mission
+from nbv.mission.result import MissionResult
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats, Ints
+from research.adaptive_plans import base
+from research.predict_completeness import PLANS
 from tuner.comparison.curves import Series
 from tuner.comparison.statistics import BOOTSTRAP, bootstrap_means
 
@@ -113,6 +119,19 @@ class Curves:
         return int(np.argmin(ratios))
 
 
+def flown(row: dict[str, str]) -> dict[str, str]:
+    """A row of the planned mission, flown anew: its F-scores, or what it predicted of them."""
+    result = _planned(row["rock"])
+    column = 1 if row["value"] == "f_score" else 2
+    curve = {str(step[0]): f"{step[column]:.3f}" for step in (result.metrics or {}).get("curve") or []}
+    return {**row, **{str(n): curve.get(str(n), "") for n in NUMBERS}}
+
+
+@functools.lru_cache(maxsize=1)
+def _planned(rock: str) -> MissionResult:
+    return run_curve_mission(base(**PLANS[PLANNED]), rock, 0)
+
+
 def needed(series: Series, share: float, score: float, of: Ints) -> float:
     """`Series.needed`; the photographs of its last setting where no setting is enough."""
     found = series.needed(share, score, of)
@@ -190,7 +209,16 @@ def main() -> None:
     parser.add_argument("file", type=Path, help="curves of training and held-out rocks")
     parser.add_argument("--held-out", type=Path, help="file whose held-out rocks are read instead")
     parser.add_argument("--score", type=float, default=98.0)
+    parser.add_argument("--fly", type=Path, help="fly the planned missions of FILE anew, and write this file")
     given = parser.parse_args()
+    if given.fly:
+        rows = read(given.file)
+        with given.fly.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            for row in rows:
+                writer.writerow(flown(row) if row["arm"] == PLANNED else row)
+        return
 
     def split(path: Path, held_out: bool) -> Curves:
         rows: list[dict[str, Any]] = read(path)

@@ -153,8 +153,8 @@ class MissionConfig:
 
     @property
     def plans_on_depth(self) -> bool:
-        """Whether a scorer that asks for depth in flight may rank views: alone, or as the one that a gate switches to."""
-        return "predicted" in (self.gate.kind, self.gate.geometry_scorer)
+        """Whether depth is asked for in flight: by a scorer that may rank views, or to say how complete the cloud will be."""
+        return "predicted" in (self.gate.kind, self.gate.geometry_scorer, self.stop.criterion)
 
     @property
     def adaptive_budget(self) -> int:

@@ -18,6 +18,10 @@ class _MeasuredReconstructor(GeometricReconstructor):
 
     fidelity: CurveFidelity
 
+    @property
+    def _draws_depth(self) -> bool:
+        return self._config.adaptive_budget > 0  # the prediction needs it
+
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         return self.fidelity.note(super().bootstrap(captures), len(captures))
 

@@ -82,7 +82,7 @@ class GeometricReconstructor(Reconstructor):
             config.scene,
             config.ground,
             config.sparse,
-            config.plans_on_depth,
+            self._draws_depth,
             config.dense,
         )
         # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
@@ -91,6 +91,10 @@ class GeometricReconstructor(Reconstructor):
         self._tracks: Tracks | None = None
         self._captures: list[Capture] = []  # registered
         self._waiting: list[Capture] = []  # tried again after every photograph that is
+
+    @property
+    def _draws_depth(self) -> bool:
+        return self._config.plans_on_depth
 
     # -- the sparse model ----------------------------------------------------------------------------
 
@@ -218,7 +222,7 @@ class GeometricReconstructor(Reconstructor):
             alignment_max_m=0.0,
         )
         model = model.select(np.flatnonzero(half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)))
-        if not self._config.plans_on_depth:
+        if not self._draws_depth:
             return model
         rng = keyed_rng("geometric-depth", *self._identity[:2])
         n_samples = len(self._world.samples_m)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import binary_dilation, gaussian_filter
 from scipy.spatial import ConvexHull
 
 from nbv.types import Bools, Floats, Ints
 
-CELLS = 16  # of a solid's height
 OFF_SURFACE_CELLS = 1.5  # from a sample to where its lines of sight begin: its own cube hides nothing
 STEP_CELLS = 0.7  # between the places of a line of sight that are looked up
 _AROUND = 2  # cells of free space: a line of sight begins in them or in the solid
@@ -24,10 +23,11 @@ class Solid:
     cell_m: float
     cells: Bools  # (X, Y, Z)
 
-    def surface(self, known_m: Floats, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """At most ``count`` samples (S, 3) of where it meets free space, and their unit normals (S, 3).
+    def surface(self, known_m: Floats, count: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+        """At most ``count`` samples (S, 3) of where it meets free space, their unit normals (S, 3), and whether these are known (S,).
 
-        A sample is the mean of the known places (K, 3) in its cube, and the cube's middle where there is none.
+        A sample is the mean of the known places (K, 3) in its cube, and the cube's middle where there is none. It is known where its
+        cube or one beside it holds a place.
         """
         padded = np.pad(self.cells, 1)
         padded[:, :, 0] = padded[:, :, 1]  # it stands on the ground
@@ -45,11 +45,12 @@ class Solid:
         shape = np.array(self.cells.shape)
         flat = np.ravel_multi_index(tuple(index.T), self.cells.shape)
         found = _cells(known_m, self.low_m, shape, self.cell_m)
-        here = np.bincount(found, minlength=self.cells.size)[flat]
+        places = np.bincount(found, minlength=self.cells.size)
+        here, shown = places[flat], binary_dilation(places.reshape(self.cells.shape) > 0)[tuple(index.T)]
         sums = [np.bincount(found, known_m[:, k], minlength=self.cells.size)[flat] for k in range(3)]
         middles = self.low_m + (index + 0.5) * self.cell_m
         means = np.stack(sums, axis=1) / np.maximum(here, 1)[:, None]
-        return np.where(here[:, None] > 0, means, middles), normals
+        return np.where(here[:, None] > 0, means, middles), normals, shown
 
     def hides(self, samples_m: Floats, normals: Floats, cameras_m: Floats, ask: Bools) -> Bools:
         """(V, S) whether it stands between each camera (V, 3) and each sample (S, 3), where ``ask`` (V, S)."""
@@ -79,7 +80,7 @@ def carved(
     points_m: Floats,
     cameras_m: Floats,
     seen_m: Floats,
-    cells: int = CELLS,
+    cells: int,
     *,
     fewest: int = 1,
     share: float = 0.0,
@@ -115,15 +116,6 @@ def _inside(hull: ConvexHull, low: Floats, shape: Ints, cell_m: float) -> Bools:
     below[(beyond[:, slope == 0] > 0).any(axis=1)] = -np.inf
     inside: Bools = (z >= above[:, None]) & (z <= below[:, None])
     return inside.ravel()
-
-
-def carved_top(hull: ConvexHull, points_m: Floats, cameras_m: Floats, seen_m: Floats) -> Floats:
-    """(K, 3) the top of what lines of sight leave of a convex solid (`carved`), column by column."""
-    solid = carved(hull, points_m, cameras_m, seen_m)
-    cells = solid.cells
-    columns = np.argwhere(cells.any(axis=2))
-    top = cells.shape[2] - np.argmax(cells[columns[:, 0], columns[:, 1], ::-1], axis=1)
-    return np.column_stack([solid.low_m[:2] + (columns + 0.5) * solid.cell_m, top * solid.cell_m])
 
 
 def _along(cameras_m: Floats, seen_m: Floats, low: Floats, shape: Ints, cell_m: float) -> Ints:

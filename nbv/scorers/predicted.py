@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from nbv.config import MissionConfig
-from nbv.scorers.prediction import predict, predict_carved
+from nbv.scorers.prediction import predict
 from nbv.scorers.scorer import Scorer, SharedTerms
 from nbv.types import CandidatePool, Floats
 
 
 def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
     """(C,) share of what will be missing that each candidate helps to reconstruct."""
-    if len(terms.model.depth_m):
-        return predict_carved(terms.model, config).expected_gain(pool.positions_m)
     prediction = terms.prediction or predict(terms.model, config)
     return prediction.expected_gain(pool.positions_m)
 

@@ -1,13 +1,11 @@
-"""What the dense cloud will cover: a prediction from the sparse model alone.
+"""What the dense cloud will cover: a prediction from the sparse model and coarse depth alone.
 
-The surface is estimated as the convex hull of the sparse points on the rock and of a smaller ball about
-the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
-(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes are expected where this
-chance is least: the first feature is the least chance of the best nine tenths. They also occur where the hull is not the
-surface: over a shape that is open from above, like a bucket, the hull is a lid without any point. So the third feature, beside
-the rock's height, is the share of the top without a point, after lines of sight have carved what cameras look through. A logistic curve of the three gives a lower
-quartile: three in four states of simulated missions on training rocks and shapes, to which it was fitted, are at least as
-complete (``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
+The surface is estimated by carving: inside the hull of what was found, whatever no line of sight has looked through is solid. So
+a part that no photograph has shown yet exists on it, and it can hide itself. On it the rules of dense stereo
+(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. A logistic curve of their mean chance and of the
+share of the surface that no depth has shown, both over what two cameras could see, gives a lower quartile: three in four states
+of simulated missions on training rocks and shapes, to which it was fitted, are at least as complete
+(``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
 """
 
 from __future__ import annotations
@@ -16,35 +14,30 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull
 
 from nbv.config import MissionConfig
-from nbv.geometry.carving import Solid, carved, carved_top
+from nbv.geometry.carving import Solid, carved
 from nbv.geometry.matchability import usable_cosines
-from nbv.geometry.stereo_chance import ANGLE_DECAY_PER_DEG, good_view, reconstruction_probability
+from nbv.geometry.stereo_chance import good_view, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum
 from nbv.random_streams import keyed_rng
-from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock, sample_hull
+from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock
 from nbv.types import Bools, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell
 
 SAMPLES = 600
-CARVED_SAMPLES = 600
-FINE_CELLS = 28  # of the height of a surface that can hide itself
+CELLS = 28  # of the height of the surface
 MOST_KNOWN, MOST_LINES = 60_000, 60_000  # places with depth, and lines of sight, that it is made from
 # A cube is solid for certain with so many places, and so many for each line of sight that crosses it: one depth in twenty is wrong.
 FEWEST_PLACES, PLACES_PER_LINE = 3, 0.3
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
-CONTRAST = 0.02  # of the rock's texture, which nothing says: the median of the training rocks
-# On a carved surface, where views are chosen and no completeness is said: fitted to orbits of 12 to 24 photographs of four training
-# rocks in `indoors`, whose noise costs wide pairs most (docs/results/where_planning_pays.md).
-CAREFUL_CONTRAST, CAREFUL_DECAY_PER_DEG = 0.009, 0.02
+# Of the rock's texture, which nothing says, and of the angle between two views: fitted to orbits of 12 to 24 photographs of four
+# training rocks in `indoors`, whose noise costs wide pairs most (docs/results/where_planning_pays.md).
+CONTRAST, ANGLE_DECAY_PER_DEG = 0.009, 0.02
 FEWEST_OBSERVING = 2
-WEAKEST = 0.1
-BARE_BEYOND = 0.2  # of the height: this far from all points the top is bare
-LEAST_BARE = 0.01  # is added to the bare share where its logarithm is taken
+LEAST_UNKNOWN = 0.01  # is added to the unknown share where its logarithm is taken
 MOST_MISSING = 0.98  # of what will be missing decides; the many samples of the rest take time
-LEAST_CHANCE = 0.05  # what has less is not covered at all: the curve has only seen missions all round
 _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
 
 
@@ -52,10 +45,9 @@ _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logari
 class Calibration:
     """Log-odds of the completeness at 48 mm: ``intercept`` and a weight for each feature."""
 
-    intercept: float = 1.86
-    weakest: float = 0.11  # of the log-odds of `Prediction.weakest`
-    log_height: float = -0.92  # of the logarithm of the estimated surface's height in metres
-    log_bare: float = -0.41  # of the logarithm of `LEAST_BARE` and `Prediction.bare_top` together
+    intercept: float = 0.18
+    mean_chance: float = 0.33  # of the log-odds of `Prediction.mean_chance`
+    log_unknown: float = -0.67  # of the logarithm of `LEAST_UNKNOWN` and `Prediction.unknown` together
 
 
 CALIBRATION = Calibration()
@@ -65,31 +57,32 @@ CALIBRATION = Calibration()
 class Prediction:
     """What the registered views will reconstruct of the estimated surface."""
 
-    samples_m: Floats  # (S, 3) the observable part of it, evenly
+    samples_m: Floats  # (S, 3) of it, evenly
     normals: Floats  # (S, 3)
+    shown: Bools  # (S,) whether depth has shown the place
     chance: Floats32  # (S,) that a sample is reconstructed
-    height_m: float  # of its top above the ground
     good: Floats32  # (V, S) how good each registered view is for a match there
     model: SparseModel
-    hull: ConvexHull
     config: MissionConfig
-    solid: Solid | None = None  # hides samples; None: the surface is convex
-
-    @property
-    def weakest(self) -> float:
-        """The chance that all but `WEAKEST` of the samples have."""
-        return float(np.quantile(self.chance, WEAKEST)) if len(self.chance) else 0.0
+    solid: Solid  # hides samples
 
     @cached_property
-    def bare_top(self) -> float:
-        """Share of the top, seen from above, without a sparse point within `BARE_BEYOND` of the height."""
-        model = self.model
-        on_rock = points_on_rock(model.points_m, self.config)
-        if len(on_rock) == 0:
-            return 1.0
-        seen_m = np.repeat(model.points_m, model.track_lengths, axis=0)
-        top_m = carved_top(self.hull, on_rock, model.camera_centers_m[model.track_cameras], seen_m)
-        return float((cKDTree(on_rock).query(top_m)[0] > BARE_BEYOND * self.height_m).mean())
+    def observable(self) -> Bools:
+        """(S,) whether two of the cameras that may be flown see a sample."""
+        seen, _ = _visibility(
+            self.samples_m, self.normals, camera_shell(self.config), self.config, self.solid
+        )
+        return np.asarray(seen.sum(axis=0) >= FEWEST_OBSERVING)
+
+    @property
+    def mean_chance(self) -> float:
+        """The mean chance of the observable surface."""
+        return float(self.chance[self.observable].mean()) if self.observable.any() else 0.0
+
+    @property
+    def unknown(self) -> float:
+        """The share of the observable surface that no depth has shown."""
+        return float(1.0 - self.shown[self.observable].mean()) if self.observable.any() else 1.0
 
     @property
     def completeness(self) -> float:
@@ -97,12 +90,10 @@ class Prediction:
         weight = CALIBRATION
         log_odds = (
             weight.intercept
-            + weight.weakest * _log_odds(self.weakest)
-            + weight.log_height * float(np.log(self.height_m))
-            + weight.log_bare * float(np.log(self.bare_top + LEAST_BARE))
+            + weight.mean_chance * _log_odds(self.mean_chance)
+            + weight.log_unknown * float(np.log(self.unknown + LEAST_UNKNOWN))
         )
-        covered = float((self.chance > LEAST_CHANCE).mean()) if len(self.chance) else 0.0
-        return min(float(1.0 / (1.0 + np.exp(-log_odds))), covered)
+        return float(1.0 / (1.0 + np.exp(-log_odds)))
 
     @property
     def f_score_percent(self) -> float:
@@ -131,7 +122,7 @@ class Prediction:
             _directions(candidates_m, self.config) @ _directions(self.model.camera_centers_m, self.config).T
         )
         angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        pair = usable_cosines(cosine, self.config.dense) * np.exp(-CAREFUL_DECAY_PER_DEG * angle_deg)
+        pair = usable_cosines(cosine, self.config.dense) * np.exp(-ANGLE_DECAY_PER_DEG * angle_deg)
         partners = pair.astype(np.float32) @ unmatched
         helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
         gained: Floats = ((new * helps) @ missing).astype(float) / total
@@ -139,23 +130,11 @@ class Prediction:
 
 
 def predict(model: SparseModel, config: MissionConfig) -> Prediction:
-    """What the registered cameras of a sparse model will reconstruct of the surface around its points."""
-    points, hull = _estimated_hull(model.points_m, config)
-    samples, normals = sample_hull(points, hull, SAMPLES)
-    above = samples[:, 2] > 0.0
-    samples, normals = samples[above], normals[above]
-    seen, _ = _visibility(samples, normals, camera_shell(config), config)
-    observable = seen.sum(axis=0) >= FEWEST_OBSERVING
-    samples, normals = samples[observable], normals[observable]
-    return _prediction(samples, normals, points, hull, model, config)
-
-
-def predict_carved(model: SparseModel, config: MissionConfig) -> Prediction:
-    """`predict` on a surface that can hide itself: what coarse depth shows, and what no line of sight has looked through."""
+    """What the registered cameras of a sparse model will reconstruct of the surface that it and its coarse depth show."""
     near = np.abs(model.depth_m - config.target_m).max(axis=1) <= config.dense.crop_half_width_m
     near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
     known, cameras_m = model.depth_m[near], model.camera_centers_m
-    points, hull = _estimated_hull(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
+    hull = _estimated_hull(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
     ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
     by = np.concatenate([model.track_cameras, model.depth_cameras])
     rng = keyed_rng("carved-surface", len(known))
@@ -166,56 +145,29 @@ def predict_carved(model: SparseModel, config: MissionConfig) -> Prediction:
         known,
         cameras_m[by[lines]],
         ends[lines],
-        FINE_CELLS,
+        CELLS,
         fewest=FEWEST_PLACES,
         share=PLACES_PER_LINE,
     )
-    samples, normals = solid.surface(known, CARVED_SAMPLES, rng)
-    return _prediction(samples, normals, points, hull, model, config, solid)
-
-
-def _prediction(
-    samples: Floats,
-    normals: Floats,
-    points: Floats,
-    hull: ConvexHull,
-    model: SparseModel,
-    config: MissionConfig,
-    solid: Solid | None = None,
-) -> Prediction:
-    cameras_m = model.camera_centers_m
+    samples, normals, shown = solid.surface(known, SAMPLES, rng)
     seen, incidence = _visibility(samples, normals, cameras_m, config, solid)
-    directions = _directions(cameras_m, config)
-    contrast, decay = (
-        (CONTRAST, ANGLE_DECAY_PER_DEG) if solid is None else (CAREFUL_CONTRAST, CAREFUL_DECAY_PER_DEG)
-    )
+    contrast, directions = np.full(len(samples), CONTRAST), _directions(cameras_m, config)
     chance = reconstruction_probability(
-        seen, incidence, np.full(len(samples), contrast), directions, config.dense, decay
+        seen, incidence, contrast, directions, config.dense, ANGLE_DECAY_PER_DEG
     )
-    return Prediction(
-        samples_m=samples,
-        normals=normals,
-        chance=chance,
-        height_m=max(float(points[:, 2].max()), 0.1),
-        good=good_view(seen, incidence),
-        model=model,
-        hull=hull,
-        config=config,
-        solid=solid,
-    )
+    return Prediction(samples, normals, shown, chance, good_view(seen, incidence), model, config, solid)
 
 
-def _estimated_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, ConvexHull]:
+def _estimated_hull(points_m: Floats, config: MissionConfig) -> ConvexHull:
     on_rock = points_on_rock(points_m, config)
     target, sphere = np.array(config.target_m), ball(config)
     if len(on_rock) >= FEWEST_POINTS:
         sphere = target + BALL_WITHIN * (sphere - target)
-    points = np.concatenate([on_rock, sphere])
-    return points, ConvexHull(points)
+    return ConvexHull(np.concatenate([on_rock, sphere]))
 
 
 def _visibility(
-    samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig, solid: Solid | None = None
+    samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig, solid: Solid
 ) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
     # (c - p) . n / |c - p| by products of matrices: several times as fast as difference by difference.
@@ -225,8 +177,7 @@ def _visibility(
     incidence: Floats32 = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
     inside = in_frustum(samples_m, cameras_m, np.array(config.target_m), config.camera).T
     seen = inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG)
-    if solid is not None:
-        seen &= ~solid.hides(samples_m, normals, cameras_m, seen)
+    seen &= ~solid.hides(samples_m, normals, cameras_m, seen)
     return seen, incidence
 
 

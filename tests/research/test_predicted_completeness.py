@@ -28,6 +28,6 @@ def test_on_shapes_that_nothing_was_fitted_to_it_is_seldom_too_high_and_done_mea
     assert {row["rock"] for row in rows} == {make.__name__ for make in (*KEPT, *LATER)}
     completeness = 1.0 / (1.0 + np.exp(-features(rows) @ astuple(CALIBRATION)))
     told, real = 200.0 * completeness / (1.0 + completeness), percent(rows, "completeness")
-    assert (told - real > 5.0).mean() <= 0.1
-    assert (real[told >= 98.0] >= 97.0).mean() >= 0.9
-    assert (column(rows, "predicted") <= completeness + 0.001).all()  # less where a part is not covered
+    assert (told - real > 5.0).mean() <= 0.05
+    assert (real[told >= 98.0] >= 97.0).mean() >= 0.95
+    assert column(rows, "predicted") == pytest.approx(completeness, abs=1e-3)

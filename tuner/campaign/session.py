@@ -189,7 +189,11 @@ class _Session:
     def _recover(self) -> None:
         """Enter missions that finished without being in the ledger; the others are run again."""
         trials = self._ledger.trials()
-        self._repeats = len(repeated(trials))
+        repeats = repeated(trials)
+        self._repeats = len(repeats)
+        searched = [t.number for t in trials if t.record.status and t.metadata.get("phase") != "simplified"]
+        anew = (k for k, number in enumerate(reversed(searched)) if number not in repeats)
+        self._repeats_in_row = next(anew, len(searched))
         self._taken = {t.photographs_taken for t in trials}
         self._finished = sum(bool(t.record.status) for t in trials) - self._repeats
         for trial in trials:

@@ -116,15 +116,15 @@ def gain_words(gain: float, unit: str, digits: int = 1) -> str:
 
 def ceiling_text(ceiling: Interval, plain: str, *, room: bool) -> str:
     """What the greedy oracle has above the best plain plan, and whether that leaves room for a planner."""
-    most = f"{max(0.0, ceiling.mean if ceiling.high is None else ceiling.high):.1f} points"
-    return (
-        f"The greedy oracle, which sees the true surface, has {difference_text(ceiling)} points over {plain}: "
-        + (
-            f"up to {most} can be gained here, so try planners."
-            if room
-            else f"no planner can gain more than {most} here."
-        )
-    )
+    most = ceiling.mean if ceiling.high is None else ceiling.high
+    if room:
+        what = f"up to {most:.1f} points can be gained here, so try planners."
+    elif most <= 0.0:
+        what = "even that gains nothing here."
+    else:
+        what = f"no planner can be expected to gain more than {most:.1f} points here."
+    has = f"has {difference_text(ceiling)} points over {plain}"
+    return f"The greedy oracle, which sees the true surface, {has}: {what}"
 
 
 def duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""What the dense cloud will cover, predicted from the sparse model alone: closed forms, order, whole missions."""
+"""What the dense cloud will cover, predicted from the sparse model and coarse depth: closed forms, order, whole missions."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from nbv.scorers.prediction import predict, predict_carved
+from nbv.scorers.prediction import predict
 from nbv.types import SparseModel
 
 CONFIG = preset("campaign").with_values({"dense.agreeing_views": 3})
@@ -25,28 +25,31 @@ def orbit(count, elevation_deg=10.0, radius_m=3.5, turn_deg=360.0):
 
 
 def model(cameras_m, points_m=NO_POINTS, normals=NO_POINTS):
-    """Cameras see the points whose normals face them."""
+    """Cameras see the points whose normals face them, and have a depth there."""
     faces = np.einsum("pvk,pk->pv", cameras_m - points_m[:, None], normals) > 0.0
+    point, camera = np.nonzero(faces)
     return SparseModel(
         points_m=points_m,
         reprojection_error_px=np.zeros(len(points_m)),
         track_offsets=np.concatenate([[0], np.cumsum(faces.sum(axis=1))]),
-        track_cameras=np.nonzero(faces)[1],
+        track_cameras=camera,
         camera_centers_m=cameras_m,
         camera_names=tuple(map(str, range(len(cameras_m)))),
         alignment_rms_m=0.0,
         alignment_max_m=0.0,
+        depth_m=points_m[point],
+        depth_cameras=camera,
     )
 
 
 def drum(*, lid):
     """Points on the side of a drum 1.6 m high, and on its lid where it has one, with normals."""
-    rng = np.random.default_rng(0)
-    bearing = rng.uniform(0, 2 * np.pi, 600)
-    out = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(600)])
-    side = 0.8 * out + rng.uniform(0.1, 1.6, 600)[:, None] * [0.0, 0.0, 1.0]
-    top = 0.8 * np.sqrt(rng.uniform(0, 1, 600))[:, None] * out + [0.0, 0.0, 1.6]
-    up = np.tile([0.0, 0.0, 1.0], (600, 1))
+    rng, n = np.random.default_rng(0), 4000
+    bearing = rng.uniform(0, 2 * np.pi, n)
+    out = np.column_stack([np.cos(bearing), np.sin(bearing), np.zeros(n)])
+    side = 0.8 * out + rng.uniform(0.1, 1.6, n)[:, None] * [0.0, 0.0, 1.0]
+    top = 0.8 * np.sqrt(rng.uniform(0, 1, n))[:, None] * out + [0.0, 0.0, 1.6]
+    up = np.tile([0.0, 0.0, 1.0], (n, 1))
     return (np.concatenate([side, top]), np.concatenate([out, up])) if lid else (side, out)
 
 
@@ -59,33 +62,33 @@ def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
 
 
 def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
-    made = predict(model(orbit(12, turn_deg=180.0)), CONFIG)  # bearings 0 to 165 degrees: y > 0
+    """Bearings 0 to 165 degrees: y > 0."""
+    surface = drum(lid=True)
+    made = predict(model(orbit(12, turn_deg=180.0), *surface), CONFIG)
     level = np.abs(made.normals[:, 2]) < 0.3
-    assert made.chance[level & (made.normals[:, 1] > 0.5)].mean() > 0.9
+    assert made.chance[level & (made.normals[:, 1] > 0.5)].mean() > 0.7
     assert made.chance[level & (made.normals[:, 1] < -0.5)].mean() < 0.2
     expected_gain = made.expected_gain(orbit(24))
-    assert (
-        orbit(24)[np.argmax(expected_gain), 1] < 0
-        and expected_gain.min() >= 0.0
-        and expected_gain.max() <= 1.0
-    )
-    again = predict(model(np.concatenate([orbit(12, turn_deg=180.0), orbit(12)])), CONFIG)
+    assert orbit(24)[np.argmax(expected_gain), 1] < 0
+    assert expected_gain.min() >= 0.0 and expected_gain.max() <= 1.0
+    again = predict(model(np.concatenate([orbit(12, turn_deg=180.0), orbit(12)]), *surface), CONFIG)
     assert again.f_score_percent > made.f_score_percent + 3
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(8, 20), st.floats(0.0, 40.0))
 def test_twice_the_views_are_never_predicted_to_cover_less(count, elevation_deg):
-    few, many = (predict(model(orbit(n, elevation_deg)), CONFIG) for n in (count, 2 * count))
+    surface = drum(lid=True)
+    few, many = (predict(model(orbit(n, elevation_deg), *surface), CONFIG) for n in (count, 2 * count))
     assert many.completeness >= few.completeness - 0.01
 
 
-def test_a_top_on_which_no_point_was_found_is_predicted_to_have_holes():
+def test_a_top_that_no_depth_has_shown_is_predicted_to_have_holes():
     cameras_m = np.concatenate([orbit(20), orbit(12, 35.0)])
     closed, unknown = (predict(model(cameras_m, *drum(lid=lid)), CONFIG) for lid in (True, False))
-    assert closed.bare_top < 0.05 and 0.2 < unknown.bare_top < 0.7
+    assert closed.unknown < 0.05 and 0.1 < unknown.unknown < 0.5
     assert closed.f_score_percent > unknown.f_score_percent + 1.0
-    assert predict(model(cameras_m), CONFIG).bare_top == 1.0
+    assert predict(model(cameras_m), CONFIG).unknown == 1.0
 
 
 def run_mission(**values):
@@ -124,20 +127,19 @@ def test_a_threshold_beyond_all_is_refused():
             dataclasses.replace(CONFIG.stop, predicted_percent=value)
 
 
-def test_with_depth_the_inside_of_a_drum_is_to_be_seen_from_above():
+def test_the_inside_of_a_drum_is_to_be_seen_from_above():
     """The hull closes the drum. Depth of its outer side, and of its bottom from two high views, opens it."""
     side, out = drum(lid=False)
     low, high = orbit(12), orbit(2, elevation_deg=75.0, turn_deg=40.0)
     seen = model(np.concatenate([low, high]), side, out)
-    camera, place = np.nonzero(np.einsum("pvk,pk->vp", low - side[:, None], out) > 0.0)
     grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 25)] * 2), axis=-1).reshape(-1, 2)
     bottom = np.column_stack([grid, np.full(len(grid), 0.3)])
     opened = dataclasses.replace(
         seen,
-        depth_m=np.concatenate([side[place], bottom, bottom]),
-        depth_cameras=np.concatenate([camera, np.repeat([12, 13], len(bottom))]),
+        depth_m=np.concatenate([seen.depth_m, bottom, bottom]),
+        depth_cameras=np.concatenate([seen.depth_cameras, np.repeat([12, 13], len(bottom))]),
     )
-    made = predict_carved(opened, CONFIG)
+    made = predict(opened, CONFIG)
     inside = (np.linalg.norm(made.samples_m[:, :2], axis=1) < 0.6) & (made.samples_m[:, 2] < 1.2)
     assert inside.sum() > 20  # the hull has nothing there
     floor = inside & (made.normals[:, 2] > 0.8)

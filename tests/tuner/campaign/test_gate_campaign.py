@@ -142,3 +142,15 @@ def test_a_mission_that_is_not_in_the_store_is_not_known(ended):
     config = campaign.settings.problem.config(campaign.settings.problem.default)
     job = MissionJob("1", config, "slab", 977, campaign.directory)
     assert known_photographs(job) == ""  # photogrammetric, a replicate that nobody has run
+
+
+def test_a_search_without_a_plan_left_to_try_runs_nothing_when_resumed(tmp_path):
+    """Four planned views: the gate never switches, so every trial takes the default's photographs."""
+    run = (
+        "campaign run --name few --space gate --fidelity geometric --rock boulder --budget 10 --sampler sobol "
+        "--learn-from nothing --replicates 1 --workers 1 --set stop.adaptive_budget=4"
+    )
+    assert "no plan left to try" in " ".join(gatetune(tmp_path, *run.split()).split())
+    before = len(Campaign.open(tmp_path / "runs/few", read_only=True).trials())
+    assert "no plan left to try" in " ".join(gatetune(tmp_path, "campaign", "resume", "runs/few").split())
+    assert len(Campaign.open(tmp_path / "runs/few", read_only=True).trials()) == before == 13
