@@ -191,7 +191,9 @@ class _Session:
         trials = self._ledger.trials()
         repeats = repeated(trials)
         self._repeats = len(repeats)
-        searched = [t.number for t in trials if t.record.status and t.metadata.get("phase") != "simplified"]
+        searched = [
+            t.number for t in trials if t.record.status and t.record.metadata.get("phase") != "simplified"
+        ]
         anew = (k for k, number in enumerate(reversed(searched)) if number not in repeats)
         self._repeats_in_row = next(anew, len(searched))
         self._taken = {t.photographs_taken for t in trials}
