@@ -1,12 +1,11 @@
 """A pocket as a planner sees it: the hull of the sparse points, the surface carved by coarse depth, the truth.
 
 ``python -m research.picture_of_a_pocket OUT.png [TARGET]``: a vertical section, after the seeds of a geometric mission, and the
-next view of *predicted* without and with depth, and of the greedy oracle.
+next view of *predicted* and of the greedy oracle.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from typing import Any
 
@@ -63,11 +62,9 @@ def main() -> None:
     oracle_config = config.changed(gate={"oracle_coverage": "matchable"})
     truth = GroundTruthOracle(rock.vertices_m, rock.faces, oracle_config)
     planner = Planner(config)
-    bare = dataclasses.replace(model, depth_m=np.zeros((0, 3)), depth_cameras=np.zeros(0, dtype=np.int64))
     plan = planner.plan(model, visited_m, len(visited_m), position_m, heading)
     pool_m = plan.pool.positions_m
     chosen = {
-        "without depth": pool_m[np.argmax(predict(bare, config).expected_gain(pool_m))],
         "predicted": pool_m[np.argmax(carved.expected_gain(pool_m))],
         "greedy oracle": pool_m[np.argmax([truth.gain(p, truth.coverage(plan.state)) for p in pool_m])],
     }
@@ -98,28 +95,16 @@ def main() -> None:
     for line in convex.discrete:
         left.plot(line[:, :2] @ toward, line[:, 2], "b--", lw=1.5, label="hull")
     near = np.abs(model.depth_m[:, :2] @ across) < HALF_SLICE_M
-    left.plot(
-        model.depth_m[near, :2] @ toward,
-        model.depth_m[near, 2],
-        ".",
-        color="tab:green",
-        ms=3,
-        label="coarse depth",
-    )
-    left.set(
-        aspect="equal",
-        xlim=(-1.5, 1.5),
-        ylim=(0, 2.2),
-        xlabel="m, towards the oracle's view",
-        ylabel="height, m",
-    )
+    depth_m = model.depth_m[near]
+    left.plot(depth_m[:, :2] @ toward, depth_m[:, 2], "g.", ms=3, label="coarse depth")
+    left.set(aspect="equal", xlim=(-1.5, 1.5), ylim=(0, 2.2))
+    left.set(xlabel="m, towards the oracle's view", ylabel="height, m")
     left.set_title(f"{target}, after {len(visited_m)} seeds: section (orange: solid or unknown)")
     left.legend(loc="upper right", fontsize=8)
     top.scatter(mesh.vertices[::7, 0], mesh.vertices[::7, 1], c=mesh.vertices[::7, 2], s=2, cmap="Greys_r")
     top.plot(visited_m[:, 0], visited_m[:, 1], "k^", ms=5, label="seeds")
-    for (name, at), mark in zip(chosen.items(), ("bs", "o", "r*"), strict=True):
-        more = {"color": "tab:orange"} if mark == "o" else {}
-        top.plot(at[0], at[1], mark, ms=9, label=f"{name}: {at[2]:.1f} m high", **more)
+    for (name, at), mark in zip(chosen.items(), ("bo", "r*"), strict=True):
+        top.plot(at[0], at[1], mark, ms=9, label=f"{name}: {at[2]:.1f} m high")
     top.set(aspect="equal", xlabel="m", ylabel="m", title="from above: the next view of each planner")
     top.legend(loc="upper right", fontsize=8)
     figure.savefig(out, dpi=90)

@@ -1,16 +1,14 @@
 """Fits the calibration of `nbv.scorers.prediction`, and says how well the dense cloud's completeness is predicted.
 
     python -m research.predict_completeness fit --rocks 6
-    python -m research.predict_completeness check --split held-out --first 4 --rocks 5 --out predicted.csv
     python -m research.predict_completeness shapes kept --out shapes.csv
     python -m research.predict_completeness photographs
 
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
 completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
 be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
-without it; ``check`` predicts with what is there. ``--rocks`` counts seeds of each family; ``--others`` takes the families
-that are no boulders. ``shapes`` predicts the shapes of `research.other_shapes`, and says how planned views do against random
-ones. A failed mission is left out.
+without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`, and says how
+planned views do against random ones; ``photographs`` predicts missions with photographs. A failed mission is left out.
 """
 
 from __future__ import annotations
@@ -28,13 +26,12 @@ from scipy.stats import spearmanr
 
 from nbv.config import MissionConfig, load_condition, under
 from nbv.geometric.completeness import predicted_metrics
-from nbv.rocks.families import EVERY, FAMILIES, SHAPES
+from nbv.rocks.families import EVERY
 from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, predict
 from nbv.types import Floats, SparseModel
 from research.adaptive_plans import base, rocks_of, run_missions
 from research.other_shapes import KEPT, LATER, SEEN
 
-BINS = 10
 NEVER = {
     "stop.criterion": "predicted",
     "stop.predicted_percent": 100.0,
@@ -59,8 +56,8 @@ BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
 
 
-def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str, Any]]:
-    """Every orbit's end, and other plans after so many photographs."""
+def states(rock: str) -> list[dict[str, Any]]:
+    """Every orbit's end, and plans after so many photographs."""
     rows: list[dict[str, Any]] = []
 
     def look(name: str, reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
@@ -79,7 +76,7 @@ def states(rock: str, plans: dict[str, dict[str, Any]] = PLANS) -> list[dict[str
         )
         rows.append(dict(zip(HEAD, values, strict=True)))
 
-    for name, planned in plans.items():
+    for name, planned in {**PLANS, **ARMS}.items():
         result = run_missions(base(**planned, **NEVER), rock, listen=functools.partial(look, name)).result
         if result.status == "failed":
             print(f"{rock} {name}: {result.reason}", flush=True)
@@ -131,19 +128,12 @@ def predict_without_the_rock(rows: list[dict[str, Any]]) -> None:
             row["predicted"] = float(value)
 
 
-def calibration_error(predicted: Floats, real: Floats) -> float:
-    """Mean over bins of equally many states of how far the mean prediction is from the mean outcome."""
-    bins = np.array_split(np.argsort(predicted, kind="stable"), BINS)
-    return float(np.mean([abs(predicted[b].mean() - real[b].mean()) for b in bins if len(b)]))
-
-
 def report(rows: list[dict[str, Any]]) -> list[str]:
-    """Rank correlation, calibration error and mean absolute error, with 95 % bootstrap intervals over rocks."""
+    """Rank correlation and mean absolute error, with 95 % bootstrap intervals over rocks."""
     rocks = sorted({row["rock"] for row in rows})
     of_rock = {rock: [row for row in rows if row["rock"] == rock] for rock in rocks}
     measures = {
         "rank correlation": lambda p, y: float(spearmanr(p, y).statistic),
-        "calibration error (points)": lambda p, y: 100.0 * calibration_error(p, y),
         "mean absolute error (points)": lambda p, y: 100.0 * float(np.abs(p - y).mean()),
     }
     lines = [f"{len(rows)} states of {len(rocks)} rocks"]
@@ -197,12 +187,9 @@ def compare_arms(rows: list[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("what", choices=("fit", "check", "shapes", "photographs"))
+    parser.add_argument("what", choices=("fit", "shapes", "photographs"))
     parser.add_argument("which", nargs="?", choices=SETS, default="kept")
-    parser.add_argument("--others", action="store_true", help="families that are no boulders")
-    parser.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
     parser.add_argument("--rocks", type=int, default=6, help="seeds of each family")
-    parser.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
     if arguments.what == "photographs":
@@ -210,15 +197,11 @@ def main() -> None:
             for plan in ("orbit-16", "two-rings-24"):
                 by_photographs(rock, condition, plan)
         return
-    plans = PLANS if arguments.what == "check" else {**PLANS, **ARMS}
     if arguments.what == "fit":
         names = [*rocks_of("train", arguments.rocks, 0, EVERY), *(make.__name__ for make in SEEN)]
-    elif arguments.what == "shapes":
-        names = [make.__name__ for make in SETS[arguments.which]]
     else:
-        families = SHAPES if arguments.others else FAMILIES
-        names = rocks_of(arguments.split, arguments.rocks, arguments.first, families)
-    rows = [row for name in names for row in states(name, plans)]
+        names = [make.__name__ for make in SETS[arguments.which]]
+    rows = [row for name in names for row in states(name)]
     if arguments.what == "fit":
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))
         predict_without_the_rock(rows)

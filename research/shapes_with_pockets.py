@@ -1,4 +1,4 @@
-"""*predicted* with and without coarse depth, the greedy oracle and plain plans, on held-out shapes and rocks.
+"""*predicted*, the greedy oracle and plain plans, on held-out shapes and rocks.
 
     OMP_NUM_THREADS=1 python -m research.shapes_with_pockets                                  # geometric, 20 and 24 photographs
     OMP_NUM_THREADS=1 python -m research.shapes_with_pockets --photographs machine-20000 ...  # `indoors`, 24 photographs
@@ -9,17 +9,15 @@ The best plain plan is the best on average, in hindsight, of three orbits and ra
 from __future__ import annotations
 
 import argparse
-import contextlib
 import csv
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-import nbv.geometric.reconstructor as geometric
 from nbv.config import MissionConfig, load_conditions, under
 from nbv.geometric.curve_fidelity import run_curve_mission
-from nbv.photogrammetric import PhotogrammetricReconstructor, run_photogrammetric_mission
+from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES
 from tuner.comparison.curves import Suite, comparison_plans
 from tuner.comparison.statistics import mean_interval
@@ -28,21 +26,8 @@ from tuner.problem.search_space import builtin
 from tuner.report.labels import difference_text
 
 PLAIN = ("orbit", "orbit-high", "orbit-two", "random")
-BARE = "predicted without depth"
 NUMBERS, SHAPES_EACH, ROCKS_EACH = (20, 24), 6, 3
 Scores = dict[str, dict[str, dict[int, float]]]  # F-score at 48 mm by strategy, target, photographs
-
-
-@contextlib.contextmanager
-def without_depth() -> Iterator[None]:
-    """Planners know no depth: lines of sight to sparse points alone carve the surface."""
-    made, photographed = geometric.coarse_depth, PhotogrammetricReconstructor._with_depth
-    geometric.coarse_depth = lambda *_: (np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
-    PhotogrammetricReconstructor._with_depth = lambda self, model: model  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        geometric.coarse_depth, PhotogrammetricReconstructor._with_depth = made, photographed  # type: ignore[method-assign]
 
 
 def by_curve(config: MissionConfig, target: str) -> dict[int, float]:
@@ -71,9 +56,7 @@ def scores_of(
                 for s in ("predicted", "greedy-oracle", *reversed(PLAIN))
                 if name in (s, *(f"{s}-{n}" for n in numbers))
             )
-            for label in (strategy, *([BARE] if strategy == "predicted" and run is by_curve else [])):
-                with without_depth() if label == BARE else contextlib.nullcontext():
-                    found.setdefault(label, {}).setdefault(target, {}).update(run(config, target))
+            found.setdefault(strategy, {}).setdefault(target, {}).update(run(config, target))
             print(f"{target}: {name} {found[strategy][target]}", file=sys.stderr, flush=True)
     return found
 
@@ -89,8 +72,7 @@ def row(title: str, found: Scores, targets: Sequence[str], number: int) -> str:
         pairs = zip(targets, scores[name], scores[best])
         return difference_text(mean_interval({t: [a - b] for t, a, b in pairs}), 2)
 
-    bare = gain(BARE) if BARE in scores else "not run"
-    cells = f"{np.mean(scores[best]):.2f} (`{best}`)", bare, gain("predicted"), gain("greedy-oracle")
+    cells = f"{np.mean(scores[best]):.2f} (`{best}`)", gain("predicted"), gain("greedy-oracle")
     return f"|{title}, {number} photographs|{len(targets)}|{'|'.join(cells)}|"
 
 
@@ -100,9 +82,7 @@ def main() -> None:
     )
     parser.add_argument("--photographs", nargs="*", help="These targets, with photographs.")
     asked = parser.parse_args()
-    print(
-        "|targets|number|best plain plan|*predicted* without depth|*predicted*|greedy oracle|\n|---|---:|---:|---:|---:|---:|"
-    )
+    print("|targets|number|best plain plan|*predicted*|greedy oracle|\n|---|---:|---:|---:|---:|")
     if asked.photographs:
         found = scores_of(asked.photographs, NUMBERS[-1:], by_photographs, "photogrammetric")
         print(row("shapes", found, asked.photographs, NUMBERS[-1]))
