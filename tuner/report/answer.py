@@ -165,7 +165,7 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
     word = s.problem.instance_word
     evidence = "no plain plan is better"
     if advice is not None and advice.is_plain:
-        evidence = "nothing that was run is better"
+        evidence = "nothing that was run is shown to be better"
     elif advice is not None and advice.over_plain is not None and advice.over_plain.kind is Kind.BETTER:
         evidence = f"it is better than every plain plan, {strategy_label(advice.plain)} the best of them,"
     text = NEXT[step].format(
