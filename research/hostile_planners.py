@@ -252,7 +252,7 @@ class Comparison:
             document = json.loads((self.folder / "output").read_text())
         except ValueError:
             return None
-        rows = [row for key in ("at_share", "at_number") for row in document[key]]
+        rows = [row for key in ("findings", "standings") for row in document[key]]
         rows = [row for row in rows if row.get("name", row.get("strategy")) in OTHERS]
         files = sorted(self.folder.glob("out/missions/*/*/mission.json"))
         metrics = {f.parts[-3]: json.loads(f.read_text())["metrics"] for f in files if f.parts[-3] != "bad"}

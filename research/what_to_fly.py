@@ -145,7 +145,9 @@ def dropped(seeds: int, rocks: Sequence[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, left_out in DROPPED.items():
             data = yaml.safe_load(Path("search_spaces/plan_and_gate.yaml").read_text())
-            data["parameters"] = {k: v for k, v in data["parameters"].items() if k not in left_out}
+            for own in (data["parameters"], *data["begin"]):
+                for key in left_out:
+                    own.pop(key, None)
             path = Path(folder) / f"without_{len(left_out)}.yaml"
             path.write_text(yaml.safe_dump(data, sort_keys=False))
             for seed in range(seeds):
