@@ -59,22 +59,20 @@ class ExternalGate(Gate):
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The program's answer."""
-        kind = self.config.gate.kind
+        gate = f"gate {self.config.gate.kind!r} of {' '.join(self.command)}"
         seed = int(self.rng(state).integers(2**31))
         try:
             self._program = self._program or _Program(self.command)
             answer = self._program.ask(_state_line(state, pool, self.config.target_m, seed))
         except (OSError, ValueError) as error:
-            message = (
-                f"gate {kind!r} of {' '.join(self.command)} gave no usable answer ({shortened(str(error))})"
-            )
+            message = f"{gate} gave no usable answer ({shortened(str(error))})"
             raise MissionFailure("plugin_failed", message) from error
         if answer.scores is None and answer.view not in pool.ids:
-            message = f"{kind} answered {shortened(str(answer))}, which names no view of the pool"
+            message = f"{gate} answered {shortened(str(answer))}, which names no view of the pool"
             raise MissionFailure("plugin_failed", message)
         chosen = [view == answer.view for view in pool.ids]
         scores = np.array(chosen if answer.scores is None else answer.scores, dtype=float)
-        return GateDecision(ranking_of(kind, scores, rankings), f"answer of {self.command[0]}")
+        return GateDecision(ranking_of(self.config.gate.kind, scores, rankings), f"answer of {self.command[0]}")
 
 
 class _Program:
