@@ -72,7 +72,9 @@ class ExternalGate(Gate):
             raise MissionFailure("plugin_failed", message)
         chosen = [view == answer.view for view in pool.ids]
         scores = np.array(chosen if answer.scores is None else answer.scores, dtype=float)
-        return GateDecision(ranking_of(self.config.gate.kind, scores, rankings), f"answer of {self.command[0]}")
+        return GateDecision(
+            ranking_of(self.config.gate.kind, scores, rankings), f"answer of {self.command[0]}"
+        )
 
 
 class _Program:
