@@ -65,7 +65,7 @@ class Airspace:
         return tuple(fly_straight(p, q, self.limits, self.wind_m_s) for p, q in itertools.pairwise(poses))
 
     def route(self, start: Pose, end: Pose) -> tuple[Leg, ...]:
-        """The legs from ``start`` to ``end``: one if the straight line is clear, else two.
+        """The legs from ``start`` to ``end``: one if the straight line is clear, else two; three straight over where none of these is.
 
         The detour passes left of, right of or over the keep-out cylinder (or its rim), whichever takes least time, with a
         short hover at the corner. Where an end itself lies inside the cylinder, it is one that this end is just outside of.
@@ -91,7 +91,7 @@ def _around_target(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
         for corner, heading in _corners(a, b, keep_out, end.heading_rad)
         if clear(a, corner, keep_out) and clear(corner, b, keep_out)
     ]
-    return min(choices, key=_duration_s, default=direct)
+    return min(choices, key=_duration_s) if choices else _over(space, start, end, keep_out.top_m + MARGIN_M)
 
 
 def _among(space: Airspace, legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
@@ -112,8 +112,13 @@ def _among(space: Airspace, legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
     choices = [space.straight(start, middle, end) for middle in middles if free([start, middle, end])]
     if choices:
         return min(choices, key=_duration_s)
-    top = max([a[2], b[2], *(c.top_m + MARGIN_M for c in around)])
-    up, over = (pose_at(np.array([*p[:2], top]), end.heading_rad) for p in (a, b))
+    return _over(space, start, end, max([a[2], b[2], *(c.top_m + MARGIN_M for c in around)]))
+
+
+def _over(space: Airspace, start: Pose, end: Pose, top_m: float) -> tuple[Leg, ...]:
+    """Straight up, across and straight down."""
+    top_m = max(start.position_m[2], end.position_m[2], top_m)
+    up, over = (pose_at(np.array([*p.position_m[:2], top_m]), end.heading_rad) for p in (start, end))
     return space.straight(start, up, over, end)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -79,9 +79,10 @@ class RockProblem(MissionProblem):
         instances = instances_over(rocks, [condition.name for condition in conditions])
         if are_drawn(rocks):
             replicates = max(replicates, -(-budget // len(instances)))
+        begin, space = space.begin, replace(space, begin=())
         default = space.default(asked)
         base = space.config(asked, default)
-        return RockProblem(
+        problem = RockProblem(
             space=space,
             instances=instances,
             default=default,
@@ -92,6 +93,9 @@ class RockProblem(MissionProblem):
             conditions=tuple(conditions),
             fidelity_name=fidelity,
         )
+        # Right when the file was read; what the campaign's settings exclude, such as a ring too low, is left out.
+        begin = tuple(values for values in begin if problem.can_run({**default, **values}))
+        return replace(problem, space=replace(space, begin=begin))
 
     @property
     def repeatable(self) -> tuple[Instance, ...]:

@@ -93,6 +93,7 @@ def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
     assert all(leg.end.position_m[2] >= min(start.position_m[2], end.position_m[2]) for leg in legs)
 
 
+@example(far=1.0, bearing=5.0, z=1.0, end=Pose((0.0, 1.0, 1.0), 0.0))  # both inside, no corner
 @settings(max_examples=100)
 @given(far=st.floats(0.05, 1.29), bearing=st.floats(0, 6), z=st.floats(0.3, 2.1), end=poses)
 def test_from_inside_the_keep_out_no_leg_goes_nearer_to_the_axis_than_its_ends(

@@ -79,6 +79,13 @@ def test_a_resume_has_the_same_plain_plans(budget: int) -> None:
     assert settings_from_dict(begun.to_dict(), "campaign.yaml").search == begun.search
 
 
+def test_a_beginning_that_the_settings_exclude_is_left_out() -> None:
+    """Its ring at 10 degrees lies at 1.41 m."""
+    assert [values["gate.kind"] for values in settings().problem.space.begin] == ["predicted"]
+    high = settings(overrides={**TWENTY, "flight.min_camera_altitude_m": 1.6})
+    assert high.problem.space.begin == () and high.problem.default
+
+
 def test_every_plain_plan_runs_on_the_same_blocks_the_default_first(campaign: Campaign) -> None:
     s = campaign.settings
     assert list(s.problem.arms) == ["orbit", "orbit-high", "random", "hyb-h"]
