@@ -80,10 +80,12 @@ def test_a_resume_has_the_same_plain_plans(budget: int) -> None:
 
 
 def test_a_beginning_that_the_settings_exclude_is_left_out() -> None:
-    """Its ring at 10 degrees lies at 1.41 m."""
-    assert [values["gate.kind"] for values in settings().problem.space.begin] == ["predicted"]
-    high = settings(overrides={"flight.min_camera_altitude_m": 1.6})
-    assert high.problem.space.begin == () and high.problem.default
+    """A ring at 6 degrees lies at 1.2 m."""
+    own = {"seed.layout": "turn", "seed.lowest_deg": 6.0}
+    space = dataclasses.replace(load_search_space("plan_and_gate"), begin=(own,))
+    low = settings(space=space, overrides={})
+    high = settings(space=space, overrides={"flight.min_camera_altitude_m": 1.3})
+    assert low.problem.space.begin == (own,) and high.problem.space.begin == ()
 
 
 def test_every_plain_plan_runs_on_the_same_blocks_the_default_first(campaign: Campaign) -> None:
