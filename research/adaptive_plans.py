@@ -26,7 +26,7 @@ BASE: dict[str, Any] = {
     "seed.lowest_deg": 10.0,
     "stop.adaptive_budget": 0,
     "stop.criterion": "budget",
-    **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+    **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
 }
 
 

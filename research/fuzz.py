@@ -98,14 +98,6 @@ def _mission_result(path: Path) -> None:
     MissionResult.load(path.parent)
 
 
-def _policy(path: Path) -> None:
-    from nbv.config import preset
-    from nbv.gates import make_gate
-    from nbv.gates.learned import LearnedGate  # noqa: F401  the kind must be known
-
-    make_gate(preset("campaign").with_values({"gate.kind": "learned", "gate.learned_policy": str(path)}))
-
-
 def _state(path: Path) -> None:
     from nbv.mission.planning_state import load_state
 
@@ -311,7 +303,6 @@ TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "authors' file": ("x.yaml", _authors_file),
     "result.json": ("result.json", _result),
     "mission.json": ("mission.json", _mission_result),
-    "gate policy": ("policy.json", _policy),
     "planning state": ("state.npz", _state),
     "rock": ("rock.npz", _rock),
     "mesh OBJ": ("m.obj", _mesh),
@@ -350,7 +341,6 @@ def make_seeds(folder: Path) -> None:
 
     from nbv.cache import Store
     from nbv.config import preset
-    from nbv.gates.learned import shipped_policy
     from nbv.geometric import run_geometric_mission
     from nbv.mission.planning_state import save_state
     from nbv.rocks.catalogue import write_rock
@@ -384,7 +374,6 @@ def make_seeds(folder: Path) -> None:
     SEEDS["mission.json"] = [next(FLOWN.glob("missions/*/mission.json")).read_bytes()]
     SEEDS["ledger"] = [(FLOWN / "study.journal").read_bytes()]
     SEEDS["recommendation"] = [(FLOWN / "recommendation.json").read_bytes()]
-    SEEDS["gate policy"] = [json.dumps(shipped_policy()).encode()]
     from nbv.viewpoints import candidate_pool
 
     state = gate_states.state()

@@ -46,8 +46,7 @@ PLANS: dict[str, dict[str, Any]] = {
     "two-rings-40": {"seed.count": 40, **TWO_RINGS},
     "adaptive": {"seed.count": 12, "stop.adaptive_budget": 36, "gate.kind": "predicted"},
 }
-# Views that other scorers plan, and random ones: to compare with.
-ARMS = {name: {**PLANS["adaptive"], "gate.kind": name} for name in ("matchable", "random")}
+ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
 COMPARED = (16, 20, 24, 28, 32, 40)
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")

@@ -36,7 +36,19 @@ Count = Annotated[int, Meta(ge=0)]
 OneOrMore = Annotated[int, Meta(ge=1)]
 TwoOrMore = Annotated[int, Meta(ge=2)]
 
-_EARLIER_NAMES = {"seed.reaim_after": "seed.retarget_after"}  # which are still read
+_EARLIER_NAMES = {  # which are still read
+    "seed.reaim_after": "seed.retarget_after",
+    "matchable": "predicted",
+    **{f"matchable.weights.{term}": f"predicted.weights.{term}" for term in ("main", "nov", "move", "ang")},
+}
+_WITHOUT_EFFECT = {  # what earlier versions wrote of parameters that are gone, where nobody had changed them
+    "gate.learned_policy": "",
+    "gate.bridge_below": 0.0,
+    "pool.min_register_chance": 0.0,
+    "stop.min_gain_percent": 0.0,
+    "predicted.views": 6,
+    **{f"{scorer}.weights.register": 0.0 for scorer in ("covis", "b_aware", "predicted")},
+}
 ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack
 _UNITS = {
     "m": "m",
@@ -270,7 +282,7 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
             values[path] = raw
         elif any(other.startswith(f"{path}.") for other in known):
             values |= leaves(known, raw, what, f"{path}.")
-        else:
+        elif _WITHOUT_EFFECT.get(path) != raw:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
     return values
 

@@ -26,8 +26,8 @@ from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
     GateConfig,
-    MatchableConfig,
     PoolConfig,
+    PredictedConfig,
     SeedConfig,
     SharedTermsConfig,
     StopConfig,
@@ -50,8 +50,8 @@ from nbv.plugins import Plugin, settings_class
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 PLUGINS = "plugins"  # the field with the sections of plug-ins
-# Every digest contains this section, which the configuration no longer has, so that recorded missions keep their digests.
-_REMOVED = {"visibility": {"mode": "frustum"}}
+# Every digest contains these fields, which the configuration no longer has, so that recorded missions keep their digests.
+_REMOVED = {"visibility": {"mode": "frustum"}, "gate": {"learned_policy": ""}}
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class MissionConfig:
     shared: SharedTermsConfig = field(default_factory=SharedTermsConfig)
     covis: CovisConfig = field(default_factory=CovisConfig)
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
-    matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED)
+    predicted: PredictedConfig = field(default_factory=PredictedConfig, metadata=ADDED)
     gate: GateConfig = field(default_factory=GateConfig)
     telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED)
     target: TargetConfig = field(default_factory=TargetConfig, metadata=ADDED)
@@ -193,7 +193,11 @@ class MissionConfig:
         A field that was added since version 1 and has its default is left out: a mission run before the
         field existed is the same mission.
         """
-        tree = {**canonical(self), **_REMOVED}
+        tree = canonical(self)
+        for section, values in _REMOVED.items():
+            tree[section] = {**tree.get(section, {}), **values}
+        if "predicted" in tree:  # its weights were those of a scorer that is gone
+            tree["matchable"] = {**tree.pop("predicted"), "views": 6}
         if of_plugins := [[plugin.name, plugin.facts] for plugin in self.plugins_used]:
             tree["plugins_used"] = of_plugins
         text = json.dumps(tree, sort_keys=True, separators=(",", ":"))

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from nbv.plugins import Registry
 
-_SCORERS = ("covis", "b-aware", "matchable", "predicted")
-_GATES = ("hyb-h", "hyb-o", "greedy-oracle", "learned", "random", "movement-only")
+_SCORERS = ("covis", "b-aware", "predicted")
+_GATES = ("hyb-h", "hyb-o", "greedy-oracle", "random", "movement-only")
 
 # A scorer's name is also that of the gate that always takes its ranking.
 SCORERS = Registry("scorers", _SCORERS, reserved=_GATES)

@@ -195,11 +195,6 @@ class PoolConfig(Section):
         8, "mission file", "sectors around the target; candidates in the least photographed come first"
     )
     max_candidates: OneOrMore = code(200, "mission file", "most candidates that are scored")
-    min_register_chance: Share = not_in_paper(
-        0.0,
-        "least chance to register of a candidate; if none has it, the likeliest is kept",
-        added=True,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -237,18 +232,11 @@ class StopConfig(Section):
         "predicted F-score at 48 mm at which criterion predicted ends Phase 2",
         added=True,
     )
-    min_gain_percent: NonNegative = not_in_paper(
-        0.0,
-        "Phase 2 ends when the next view adds less than this share of the matchable views that the surface needs; "
-        "0: never",
-        reason="after 12 seeds the first view adds 5 to 6 %, the 20th 0 to 2 % (slab, waist, vesicular, cavern, geometric)",
-        added=True,
-    )
 
     @property
     def may_end_early(self) -> bool:
         """Whether something else than the budget may end Phase 2: the number of photographs is then an outcome."""
-        return self.criterion != "budget" or self.min_gain_percent > 0
+        return self.criterion != "budget"
 
 
 @dataclass(frozen=True)
@@ -259,9 +247,6 @@ class Weights(Section):
     nov: NonNegative = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov")
     move: NonNegative = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move")
     ang: NonNegative = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang")
-    register: NonNegative = not_in_paper(
-        0.0, "weight of the chance that the photograph registers", label="weight W_reg", added=True
-    )
 
 
 @dataclass(frozen=True)
@@ -327,11 +312,10 @@ class BAwareConfig(Section):
 
 
 @dataclass(frozen=True)
-class MatchableConfig(Section):
-    """Not in the paper: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
+class PredictedConfig(Section):
+    """Not in the paper: what the dense cloud is predicted to lack (`nbv.scorers.predicted`)."""
 
     weights: Weights = field(default_factory=Weights)
-    views: TwoOrMore = not_in_paper(6, "views that must match one another on a piece of surface")
 
 
 @dataclass(frozen=True)
@@ -365,11 +349,6 @@ class GateConfig(Section):
         "d95 above which Hyb-H uses the geometry scorer",
         label="KNN distance d95",
     )
-    bridge_below: Share = not_in_paper(
-        0.0,
-        "if a smaller share of the photographs has registered, the next view lies between registered and unregistered ones; 0: never",
-        added=True,
-    )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
         "reconstruction", "when Hyb-O counts a sample as covered", reason="our reading of III-B"
     )
@@ -386,4 +365,3 @@ class GateConfig(Section):
         "weight of a scorer's own main term in Hyb-O; above 0, the margin decides ties",
         added=True,
     )
-    learned_policy: str = not_in_paper("", "policy file of the learned gate; empty: the built-in one")

@@ -4,7 +4,6 @@ Two of them see the ground truth and are upper references, not planners: they sa
 """
 
 from nbv.gates.base import Gate
-from nbv.gates.bridging import bridge, next_between
 from nbv.gates.features import gate_features
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
 from nbv.gates.registry import gate_class, make_gate
@@ -12,10 +11,8 @@ from nbv.gates.registry import gate_class, make_gate
 __all__ = [
     "Gate",
     "GroundTruthOracle",
-    "bridge",
     "gate_class",
     "gate_features",
     "make_gate",
-    "next_between",
     "oracle_rewards",
 ]

@@ -37,7 +37,6 @@ class Gate(ABC):
     """
 
     sees_ground_truth: ClassVar[bool] = False  # True: an upper reference, not deployable
-    bridges: ClassVar[bool] = True  # False: a control, which never bridges to unregistered photographs
     settings: ClassVar[type | None] = None  # of a plug-in: a frozen dataclass, ``config.NAME`` has them
 
     config: MissionConfig

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from nbv.gates.base import Gate, budget_fraction, ranking_of
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
@@ -33,8 +31,6 @@ class HeuristicGate(Gate):
 class RandomGate(Gate):
     """Any feasible candidate with equal probability, drawn per (rock, replicate, iteration)."""
 
-    bridges: ClassVar[bool] = False
-
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """A random permutation of the pool."""
         rng = keyed_rng("random-gate", self.rock_sha256, self.replicate, state.iteration)
@@ -43,8 +39,6 @@ class RandomGate(Gate):
 
 class MovementGate(Gate):
     """The cheapest candidate to reach (Eq. 3 alone)."""
-
-    bridges: ClassVar[bool] = False
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Rising movement cost."""

@@ -1,6 +1,6 @@
-"""What a learned gate may look at: statistics of the sparse model and the budget.
+"""Statistics of the sparse model and the budget that every decision is traced with, as a gate may read them.
 
-None depends on the scorers' weights (scores, margins and agreement do), so that a policy learned at one
+None depends on the scorers' weights (scores, margins and agreement do), so that a gate made at one
 weight vector still means something at another. None depends on the residual to telemetry either: it says how good the
 receiver is, not the model.
 """

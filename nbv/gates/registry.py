@@ -10,7 +10,6 @@ from nbv.errors import UserError
 from nbv.gates.base import Gate
 from nbv.gates.controls import HeuristicGate, MovementGate, RandomGate
 from nbv.gates.ground_truth import GroundTruthOracle
-from nbv.gates.learned import LearnedGate
 from nbv.gates.oracle import GreedyOracleGate, OracleGate
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
@@ -18,7 +17,6 @@ BUILT_IN: dict[str, type[Gate]] = {
     "hyb-h": HeuristicGate,
     "hyb-o": OracleGate,
     "greedy-oracle": GreedyOracleGate,
-    "learned": LearnedGate,
     "random": RandomGate,
     "movement-only": MovementGate,
 }
@@ -47,7 +45,7 @@ def make_gate(
 ) -> Gate:
     """The gate that ``config.gate.kind`` names; only those that see the ground truth get it.
 
-    `UserError` for an oracle gate without ground truth, or a learned gate whose policy file cannot be read.
+    `UserError` for an oracle gate without ground truth.
     """
     kind = config.gate.kind
     gate = gate_class(kind)

@@ -31,12 +31,6 @@ def usable_cosines(cosine: NDArray[np.floating[Any]], dense: DenseConfig) -> Boo
     return (cosine <= near) & (cosine >= far)
 
 
-def partners(pairs: Bools, seen: Bools) -> NDArray[np.int16]:
-    """(S, V) partners of each view, from matchable pairs (S, V, V) and who sees what (S, V)."""
-    counts = (pairs & seen[:, None, :]).sum(axis=2)
-    return np.where(seen, counts, -1).astype(np.int16)
-
-
 def matchable_views(partners: Counts) -> Counts:
     """(S,) matchable views of each sample, from partners (S, V)."""
     views: Counts = partners.max(axis=1, initial=-1) + 1

@@ -9,9 +9,10 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import Gate, next_between
+from nbv.gates import Gate
 from nbv.geometry.target import find_target
 from nbv.mission.recorder import Recorder
+from nbv.mission.second_turn import next_between
 from nbv.mission.target_prior import target_must_be_found, with_target_found
 from nbv.planner import Planner
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, UpdateReport, Viewpoint

@@ -39,7 +39,7 @@ class IterationRecord:
     scorer: str  # whose ranking was used
     reason: str  # the gate's
     gate_details: dict[str, Any]
-    features: dict[str, Number]  # what a learned gate would read
+    features: dict[str, Number]  # of the sparse model, as a gate may read them
     top: dict[str, dict[str, Number | str]]  # per scorer: its best candidate with score and terms
     chosen: str  # candidate id
     registered: bool  # did the new image register

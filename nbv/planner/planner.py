@@ -9,12 +9,11 @@ import numpy as np
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import MissionFailure, UserError
-from nbv.gates import Gate, bridge, make_gate
+from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.safe_files import read_yaml
-from nbv.scorers import expected_gain_percent, rank_candidates
+from nbv.scorers import rank_candidates
 from nbv.scorers.prediction import Prediction, predict
-from nbv.scorers.registration import registrable
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -116,7 +115,6 @@ class Planner:
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
-        pool = registrable(pool, model, self.config)
         prediction = None
         if stop.criterion == "predicted":
             prediction = predict(model, self.config)
@@ -124,15 +122,9 @@ class Planner:
         if converged or len(pool) == 0:
             return Plan(state, converged, pool)
         rankings = rank_candidates(state, pool, self.config, prediction)
-        decision = bridge(state, pool, rankings, self.config) if self.gate.bridges else None
-        decision = decision or self.gate.decide(state, pool, rankings)
+        decision = self.gate.decide(state, pool, rankings)
         if self.config.plugins_used:
             self._require_own(pool.viewpoint(decision.ranking.top), state)
-        if stop.min_gain_percent > 0:
-            view_m = pool.positions_m[decision.ranking.top]
-            gain = expected_gain_percent(model.points_m, view_m, visited, self.config)
-            if gain < stop.min_gain_percent:
-                return Plan(state, True, pool)
         return Plan(state, False, pool, rankings, decision)
 
     def _require_own(self, view: Viewpoint, state: PlanningState) -> None:

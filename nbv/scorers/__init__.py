@@ -6,7 +6,6 @@ configuration may name stand in ``registry``.
 
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.matchable import expected_gain_percent
 from nbv.scorers.registry import PAPER_SCORERS, rank_candidates
 from nbv.scorers.scorer import Scorer, SharedTerms, box_points
 
@@ -17,6 +16,5 @@ __all__ = [
     "Scorer",
     "SharedTerms",
     "box_points",
-    "expected_gain_percent",
     "rank_candidates",
 ]

@@ -14,5 +14,4 @@ def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: Mission
     return prediction.expected_gain(pool.positions_m)
 
 
-# Its weights are those of `nbv.scorers.matchable`.
-PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.matchable.weights)
+PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.predicted.weights)

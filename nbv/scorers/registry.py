@@ -6,13 +6,12 @@ from nbv.config import SCORERS, MissionConfig
 from nbv.plugins import read_only
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.matchable import MATCHABLE
 from nbv.scorers.predicted import PREDICTED
 from nbv.scorers.prediction import Prediction
 from nbv.scorers.scorer import SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
-BUILT_IN = {scorer.name: scorer for scorer in (COVIS, B_AWARE, MATCHABLE, PREDICTED)}
+BUILT_IN = {scorer.name: scorer for scorer in (COVIS, B_AWARE, PREDICTED)}
 # Ranked in every mission, whatever its gate: the traces say what either would have chosen.
 PAPER_SCORERS = (COVIS.name, B_AWARE.name)
 

@@ -15,7 +15,6 @@ from nbv.geometry.frames import wrap_angle
 from nbv.geometry.visibility import in_frustum
 from nbv.random_streams import keyed_rng
 from nbv.scorers.prediction import Prediction
-from nbv.scorers.registration import registration_chance
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
 
@@ -30,7 +29,6 @@ class SharedTerms:
     nov: Floats  # (C,)
     move: Floats  # (C,)
     ang: Floats  # (C,)
-    register: Floats | None  # (C,) chance to register; None where no scorer weighs it
     prediction: Prediction | None  # of the dense cloud, where the planner has made one
 
     @property
@@ -65,9 +63,6 @@ class Scorer:
         main, w = self.main_term(terms, pool, config), self.weights(config)
         scores = w.main * main + w.nov * terms.nov - w.move * terms.move - w.ang * terms.ang
         unweighted = {"main": main, "nov": terms.nov, "move": terms.move, "ang": terms.ang}
-        if w.register and terms.register is not None:
-            scores = scores + w.register * terms.register
-            unweighted["register"] = terms.register
         return Ranking(self.name, argsort_descending(scores), scores, unweighted)
 
 
@@ -83,13 +78,12 @@ def shared_terms(
     config: MissionConfig,
     prediction: Prediction | None = None,
 ) -> SharedTerms:
-    """What all scorers need of the C candidates: box points, their visibility, Eq. 2 to 4, and the chance to register.
+    """What all scorers need of the C candidates: box points, their visibility, and Eq. 2 to 4.
 
     ``prediction`` is passed on to the scorer *predicted*. `MissionFailure` ``no_points_in_box`` where no sparse point lies
     near the target.
     """
     shared, target = config.shared, np.array(config.target_m)
-    weighed = any(section.weights.register for section in (config.covis, config.b_aware, config.matchable))
     box = box_points(state.model, config)
     if len(box.points_m) == 0:
         raise MissionFailure(
@@ -105,7 +99,6 @@ def shared_terms(
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
         move=movement(pool, state, shared.d_travel_m),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
-        register=registration_chance(state.model, pool.positions_m, config) if weighed else None,
         prediction=prediction,
     )
 

@@ -54,8 +54,7 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--against",
-            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle and "
-            "orbits).",
+            help="Baseline, repeatable (default: the paper's four, predicted, random, greedy-oracle and orbits).",
         ),
     ] = None,
     workers: Workers = None,
@@ -129,9 +128,7 @@ def reproduce(
     replicates: Annotated[int, typer.Option(help="Replicates per rock; the paper ran one.")] = 1,
     strategies: Annotated[
         list[str] | None,
-        typer.Option(
-            "--strategy", help="Strategy, repeatable (default: the paper's four, learned, greedy-oracle)."
-        ),
+        typer.Option("--strategy", help="Strategy, repeatable (default: the paper's four, greedy-oracle)."),
     ] = None,
     set_: Overrides = None,
     fidelity: Fidelity = DEFAULT_FIDELITY,
@@ -140,8 +137,8 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the paper's default configuration with its four strategies and two references (learned gate, greedy oracle); print
-    Table I beside the paper's numbers.
+    """Run the paper's default configuration with its four strategies and the greedy oracle; print Table I beside the paper's
+    numbers.
 
     Example: gatetune reproduce --replicates 3
     """

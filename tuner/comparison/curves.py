@@ -41,7 +41,7 @@ THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which 
 HARDLY = 0.5  # a share of targets, below which scores are compared and not numbers of photographs
 SHOWN_NUMBERS = (16, 20, 24, 32, 40)  # beside the first and the last
 CURVE = "curve"
-DECIDED = ("gate.kind", "stop.adaptive_budget", "stop.max_photographs", "stop.min_gain_percent")
+DECIDED = ("gate.kind", "stop.adaptive_budget", "stop.max_photographs")
 # Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,

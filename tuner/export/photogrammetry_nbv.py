@@ -88,9 +88,7 @@ SCORING = (
     Key("hybrid.oracle.coverage_threshold_m", 0.02, "gate.oracle_threshold_m"),
     # Only their later code (f3120ba) reads it, and takes 0.5 where it is missing.
     Key("hybrid.oracle.quality_credit_weight", 0.0, "gate.oracle_quality_weight"),
-    Key(
-        "hybrid.learned_switch.policy_json_path", ""
-    ),  # their policies have other features and another schema
+    Key("hybrid.learned_switch.policy_json_path", ""),  # no such gate here
     Key("hybrid.shadow.enabled", True),  # both rankings are always recorded here
     Key("hybrid.shadow.log_top_k", 5),  # all candidates are recorded here
 )
@@ -326,11 +324,6 @@ def write_mission(
             "sparse.ground_features",
             bool(config.sparse.ground_features),
             "theirs matches photographs as they are: seeds 30 degrees and more apart may not register",
-        ),
-        (
-            "stop.min_gain_percent",
-            bool(stop.min_gain_percent),
-            "theirs does not ask what the next view would add",
         ),
         ("stop.predicted_percent", stop.criterion == "predicted", "theirs predicts no completeness"),
         ("stop.knn_threshold_m", by_distance, _not_written(values, "knn_distance_threshold")),

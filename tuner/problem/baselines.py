@@ -63,7 +63,7 @@ SEEDS, STOP, OTHER = "seeds", "stop", "other"
 _GROUPS = {
     THRESHOLDS: ("gate.",),
     COVIS: ("covis.",),
-    B_AWARE: ("b_aware.", "matchable."),
+    B_AWARE: ("b_aware.", "predicted."),
     POOL: ("pool.",),
     SEEDS: ("seed.", "sparse."),
     STOP: ("stop.",),
@@ -86,7 +86,7 @@ def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
 ONE_RING: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 0.0, "seed.upper_share": 0.0}
 HIGH_RING: dict[str, Any] = {**ONE_RING, "seed.lowest_deg": 20.0}
 TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
-SCORER_ALONE: dict[str, Any] = {f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
+SCORER_ALONE: dict[str, Any] = {f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
 FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 
 
@@ -105,7 +105,6 @@ BASELINES: dict[str, Baseline] = {
         Baseline("b-aware", "B-aware", "baseline-aware repair scorer alone (Eq. 6 to 8)", in_paper=True),
         Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
         Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface", in_paper=True),
-        Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
         # The ceiling needs the reward that the dense stage pays back: docs/results/table_1.md.
@@ -114,12 +113,6 @@ BASELINES: dict[str, Baseline] = {
             "Greedy oracle",
             "the best single view by the true surface",
             values={"gate.oracle_coverage": "matchable"},
-        ),
-        Baseline(
-            "matchable",
-            "Matchable",
-            "scorer matchable alone: how much surface would gain a matchable view",
-            values=SCORER_ALONE,
         ),
         Baseline(
             "predicted",
@@ -161,14 +154,14 @@ BASELINES: dict[str, Baseline] = {
     )
 }
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
-# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, scorer matchable,
-# random views, a planner that sees the true surface, and plain orbits.
+# What `gatetune evaluate` compares with unless told otherwise: the paper's four, *predicted*, random views, a planner that sees
+# the true surface, and plain orbits.
 ORBITS, RETARGETED_ORBITS = ("orbit", "orbit-high", "orbit-two"), ("orbit-reaimed", "orbit-two-reaimed")
 # The plain plans that a campaign runs as trials where its space holds them, the simplest first.
 ARMS = ("orbit", "orbit-high", "random")
-EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle", *ORBITS)
-# What `gatetune reproduce` runs: Table I's columns, and the same two references for the gates.
-REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
+EVALUATION_BASELINES = (*PAPER_STRATEGIES, "predicted", "random", "greedy-oracle", *ORBITS)
+# What `gatetune reproduce` runs: Table I's columns, and the reference for the gates.
+REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "greedy-oracle")
 TUNED = "tuned"
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
 # Arms that split the gain of a tuned configuration. Not baselines by name, since the campaign decides their pool.
@@ -192,7 +185,7 @@ _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in 
 # In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
 COMPARISON = ("hyb-h", "covis", "random", "orbit", "b-aware", "orbit-high", "hyb-o")
 
-PLANNER = ("gate", "covis", "b_aware", "matchable", "shared", "plugins")  # sections that choose views
+PLANNER = ("gate", "covis", "b_aware", "predicted", "shared", "plugins")  # sections that choose views
 PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
 
 
@@ -262,7 +255,6 @@ def ending_at(config: MissionConfig, number: int) -> MissionConfig:
             "adaptive_budget": max(0, number - config.seed.total),
             "max_photographs": 0,
             "criterion": "budget",
-            "min_gain_percent": 0.0,
         }
     )
 

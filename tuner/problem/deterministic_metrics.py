@@ -19,7 +19,7 @@ from tuner.problem.search_space import SearchSpace
 
 PHOTOGRAPHS = "costs.images"
 DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
-ENDS_EARLY = ("stop.criterion", "stop.min_gain_percent")
+CRITERION = "stop.criterion"
 _NO_MISSION = 1e6  # the cost of values that exclude one another
 _SAME = 1e-9
 
@@ -94,7 +94,7 @@ def photographs_metric(
     ``default``: the default values; what is not tuned is read from their configuration.
     """
     base, tuned = config(default), {path for p in space.parameters for path in (p.path, *p.also)}
-    if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or tuned & set(ENDS_EARLY):
+    if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or CRITERION in tuned:
         return None
 
     def photographs(values: Mapping[str, Any]) -> float:

@@ -53,7 +53,7 @@ Scale = Literal["linear", "log"]
 
 # What only the planner of a mission reads: without effect where no view is planned.
 PLANNERS = (
-    *("gate.", "covis.", "b_aware.", "matchable."),
+    *("gate.", "covis.", "b_aware.", "predicted."),
     *(
         "pool.min_altitude_m",
         "pool.max_altitude_m",
@@ -64,7 +64,7 @@ PLANNERS = (
     *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
 )
 # What nothing reads: beside random views, and where the seeds fly the paper's rings.
-_NOT_AT_RANDOM = ("gate.budget", "gate.d95", "gate.geometry", "covis.", "b_aware.", "matchable.")
+_NOT_AT_RANDOM = ("gate.budget", "gate.d95", "gate.geometry", "covis.", "b_aware.", "predicted.")
 _NOT_ON_RINGS = ("seed.lowest_deg", "seed.span_deg", "seed.upper_share")
 
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little

@@ -12,7 +12,7 @@ A search space file reads::
       gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
       b_aware.target_track_length: {kind: int, low: 3, high: 12}
       stop.knn_region: {kind: categorical, choices: [all, box]}
-      b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [matchable.weights.nov]}  # one value for both
+      b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [predicted.weights.nov]}  # one value for both
 """
 
 from __future__ import annotations

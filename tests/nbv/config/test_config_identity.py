@@ -26,6 +26,15 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
     renamed = MissionConfig().with_values({"seed.retarget_after": 6})
     assert config_from_dict({"seed": {"reaim_after": 6}}) == renamed
     assert MissionConfig().with_values({"seed.reaim_after": 6}) == renamed
+    weighed = MissionConfig().with_values({"predicted.weights.nov": 0.0})
+    assert MissionConfig().with_values({"matchable.weights.nov": 0.0}) == weighed
+    earlier = {
+        "gate": {"learned_policy": ""},
+        "matchable": {"views": 6, "weights": {"nov": 0.0, "register": 0.0}},
+    }
+    assert config_from_dict(earlier) == weighed and weighed.digest() == "50a6786ac303e7f1"
+    with pytest.raises(UserError, match=r"unknown mission parameter 'predicted\.views'"):
+        config_from_dict({"matchable": {"views": 3}})
 
 
 @pytest.mark.parametrize(

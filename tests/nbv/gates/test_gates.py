@@ -56,9 +56,9 @@ def test_every_kind_can_be_made_or_says_what_it_lacks() -> None:
 
 
 def test_hyb_h_switches_to_the_configured_geometry_scorer() -> None:
-    ranked = {**rankings(0, 1, len(pool())), "matchable": rankings(0, 2, len(pool()))["b-aware"]}
-    gate = make_gate(config("hyb-h", **{"gate.geometry_scorer": "matchable"}))
-    assert gate.decide(state(used=0), pool(), ranked).ranking is ranked["matchable"]
+    ranked = {**rankings(0, 1, len(pool())), "predicted": rankings(0, 2, len(pool()))["b-aware"]}
+    gate = make_gate(config("hyb-h", **{"gate.geometry_scorer": "predicted"}))
+    assert gate.decide(state(used=0), pool(), ranked).ranking is ranked["predicted"]
     assert gate.decide(state(used=39, d95_m=0.0), pool(), ranked).ranking is ranked["covis"]
 
 

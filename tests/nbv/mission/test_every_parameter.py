@@ -88,25 +88,21 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "pool.revisit_exclusion_m": ({}, 3.0),
     "pool.azimuth_sectors": ({"pool.max_candidates": 12}, 3),
     "pool.max_candidates": ({}, 5),
-    "pool.min_register_chance": ({"stop.adaptive_budget": 12}, 0.99),
     "stop.max_photographs": ({}, 25),
     "stop.criterion": ({"stop.knn_threshold_m": 0.5}, "knn"),
     "stop.knn_threshold_m": ({"stop.criterion": "both"}, 0.5),
     "stop.knn_neighbours": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.14}, 1),
     "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.4}, "all"),
     "stop.predicted_percent": ({"stop.criterion": "predicted"}, 99.99),
-    "stop.min_gain_percent": ({}, 50.0),
     "gate.kind": ({}, "b-aware"),
     "gate.geometry_scorer": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0, "gate.d95_m": 9.0}, "covis"),
     "gate.budget_fraction": ({CALLED: "hyb-h", "gate.d95_m": 0.0}, 0.0),
     "gate.d95_m": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0}, 5.0),
-    "gate.bridge_below": ({CALLED: "hyb-h"}, 1.0),
     "gate.oracle_coverage": ({CALLED: "hyb-o"}, "seen"),
     "gate.oracle_samples": ({CALLED: "hyb-o"}, 150),
     "gate.oracle_threshold_m": ({CALLED: "hyb-o"}, 0.3),
     "gate.oracle_matchable_views": ({CALLED: "hyb-o", "gate.oracle_coverage": "matchable"}, 8),
     "gate.oracle_quality_weight": ({CALLED: "hyb-o"}, 5.0),
-    "gate.learned_policy": ({CALLED: "learned"}, "nowhere.json"),
     "target.size_error_percent": ({"rock": "boulder-7"}, 50.0),
     **{f"telemetry.{name}": (NOISY, value) for name, value in {
         "horizontal_noise_m": 0.2, "vertical_noise_m": 0.2, "drift_m": 0.1, "drift_time_s": 50.0,
@@ -120,10 +116,10 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "shared.theta_min_deg": ({CALLED: "covis", "covis.weights.ang": 5.0}, 60.0),
     "covis.weights.ang": ({CALLED: "covis", "shared.theta_min_deg": 60.0}, 9.0),
     "b_aware.weights.ang": ({CALLED: "b-aware", "shared.theta_min_deg": 60.0}, 9.0),
-    "matchable.weights.ang": ({CALLED: "matchable", "shared.theta_min_deg": 60.0}, 9.0),
+    "predicted.weights.ang": ({CALLED: "predicted", "shared.theta_min_deg": 60.0}, 9.0),
     "evaluation.thresholds_mm": ({}, [30.0, 48.0]),
 }  # fmt: skip
-OF_SCORER = {"covis": "covis", "b_aware": "b-aware", "matchable": "matchable"}
+OF_SCORER = {"covis": "covis", "b_aware": "b-aware", "predicted": "predicted"}
 
 
 def other(path: str, value: Any) -> Any:

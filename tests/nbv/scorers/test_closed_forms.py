@@ -128,7 +128,7 @@ def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
     state, pool = synthetic_state(400, MissionConfig())
     rankings = rank_candidates(state, pool, MissionConfig())
     assert tuple(rankings) == PAPER_SCORERS == ("covis", "b-aware")
-    assert rankings["matchable"] is rankings["matchable"]
-    assert tuple(rankings) == ("covis", "b-aware", "matchable")
-    with pytest.raises(UserError, match="unknown scorer 'matchabel'; there are covis, b-aware, matchable"):
-        rankings["matchabel"]
+    assert rankings["predicted"] is rankings["predicted"]
+    assert tuple(rankings) == ("covis", "b-aware", "predicted")
+    with pytest.raises(UserError, match="unknown scorer 'predictet'; there are covis, b-aware, predicted"):
+        rankings["predictet"]

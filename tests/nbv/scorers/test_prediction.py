@@ -101,7 +101,7 @@ def run_mission(**values):
             "gate.kind": "predicted",
             "stop.criterion": "predicted",
             "stop.adaptive_budget": 12,
-            **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+            **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
             **values,
         }
     )

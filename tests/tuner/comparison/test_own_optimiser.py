@@ -26,7 +26,7 @@ def test_it_is_the_mean_of_the_missions():
 
 
 def test_bounds_and_names_are_those_of_the_space():
-    f = tuner.objective("plan", ["slab"])
+    f = tuner.objective("plan_and_gate", ["slab"])
     for p, name, (low, high), ax in zip(
         f.settings.space.parameters, f.names, f.bounds, f.ax_parameters(), strict=True
     ):
@@ -50,7 +50,7 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
         f({"gate.d96_m": 1.0})
     with pytest.raises(UserError, match="there are 2 parameters"):
         f([1.0])
-    plan = tuner.objective("plan", ["slab"])
+    plan = tuner.objective("plan_and_gate", ["slab"])
     for wrong in (
         [math.nan] * len(plan.names),
         {"seed.count": 10**9},

@@ -126,8 +126,7 @@ def test_mistakes(tmp_path: Path) -> None:
 def test_baselines_and_the_papers_table() -> None:
     configs = baseline_configs([name for name in BASELINES if BASELINES[name].plans], BASE)
     assert all(config.gate.kind == name for name, config in configs.items())
-    for own in ("matchable", "predicted"):
-        assert dataclasses.astuple(configs.pop(own).matchable.weights) == (1.0, 0.0, 0.0, 0.0, 0.0)
+    assert dataclasses.astuple(configs.pop("predicted").predicted.weights) == (1.0, 0.0, 0.0, 0.0)
     same = {"gate.kind": "hyb-h", "gate.oracle_coverage": BASE.gate.oracle_coverage}
     assert all(config.with_values(same) == BASE for config in configs.values())
     assert configs["greedy-oracle"].gate.oracle_coverage == "matchable"  # what the dense stage pays back

@@ -43,7 +43,7 @@ def test_a_few_faults_do_no_harm(tmp_path: Path) -> None:
 
 CASES = {
     **dict.fromkeys(("settings file", "condition", "configuration", "mission file", "authors' file"), 20),
-    **dict.fromkeys(("result.json", "mission.json", "gate policy", "planning state", "store entry"), 20),
+    **dict.fromkeys(("result.json", "mission.json", "planning state", "store entry"), 20),
     **dict.fromkeys(("search space", "rock", "mesh OBJ", "mesh GLB", "ledger", "campaign.yaml"), 5),
     **dict.fromkeys(
         ("photograph", "mask", "model of photographs", "control points", "set of photographs"), 5

@@ -45,10 +45,8 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
     )
     assert both.dimension == 8 and set(both.paths) < set(full.paths)
     assert len(full.categorical_dimensions) == 1 and len(full.discrete_dimensions) == 2
-    pool, beyond = load_search_space("gate_weights_and_pool"), load_search_space("beyond_paper")
-    assert set(pool.paths) - set(both.paths) == {"pool.max_altitude_m"} and set(pool.paths) < set(
-        beyond.paths
-    )
+    pool = load_search_space("gate_weights_and_pool")
+    assert set(pool.paths) - set(both.paths) == {"pool.max_altitude_m"}
     # Where the space begins nothing is filtered: the paper's pool.
     at = np.array([0.0, -4.0, 2.0]), np.zeros((0, 3))
     paper = preset("paper")
@@ -146,12 +144,12 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 
 
 def test_one_parameter_may_set_several_paths() -> None:
-    shared = "{low: 0.1, high: 2.0, also: [matchable.weights.nov, covis.weights.nov]}"
+    shared = "{low: 0.1, high: 2.0, also: [predicted.weights.nov, covis.weights.nov]}"
     text = f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n"
     space = space_from_dict(parse_yaml(text, "shared"), "shared")
     assert space.dimension == 1 and space_from_dict(space.to_dict(), "again") == space
     config = space.config(preset("paper"), {"b_aware.weights.nov": 0.7})
-    novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.matchable.weights.nov}
+    novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.predicted.weights.nov}
     assert novelty == {0.7}
 
 
@@ -165,7 +163,7 @@ def test_an_earlier_name_of_a_parameter_is_read() -> None:
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(
         UserError,
-        match="unknown search space 'gates'; there are beyond_paper, few_photographs, full, gate, gate_and_weights,",
+        match="unknown search space 'gates'; there are full, gate, gate_and_weights,",
     ):
         load_search_space("gates")
     with pytest.raises(UserError, match="cannot read"):

@@ -135,7 +135,7 @@ def test_photographs_are_seeds_and_planned_views() -> None:
     assert cut is not None and cut.of(values) == 26.0 and cut.of(most) == 30.0
 
 
-@pytest.mark.parametrize("base", [{"stop__criterion": "both"}, {"stop__min_gain_percent": 1.0}])
+@pytest.mark.parametrize("base", [{"stop__criterion": "both"}, {"stop__criterion": "predicted"}])
 def test_what_a_mission_may_cut_short_is_not_known(base: dict[str, Any]) -> None:
     assert photographs(**base) is None
 

@@ -78,7 +78,7 @@ def test_terminal_tables() -> None:
         text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
         assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
         assert max(map(len, text.splitlines())) <= width and "…" not in text
-    names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
+    names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
     many = ComparisonFacts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
     table = strategy_table(many.summary, "", "observable.f_score_48mm")
     text = printed(table, 80)

@@ -26,7 +26,7 @@ def campaign_page(folder: Path) -> Path:
 
 
 def evaluation_page(folder: Path) -> Path:
-    names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "matchable", "random")
+    names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "predicted", "random")
     run = made_run({name: 60.0 - i for i, name in enumerate(names)}, rocks=("arch", "fin"), replicates=3)
     return write_comparison_report(ComparisonFacts(run, "hyb-h"), folder, title="Held out")
 
