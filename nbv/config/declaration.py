@@ -282,7 +282,7 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
             values[path] = raw
         elif any(other.startswith(f"{path}.") for other in known):
             values |= leaves(known, raw, what, f"{path}.")
-        elif _WITHOUT_EFFECT.get(path) != raw:
+        elif path not in _WITHOUT_EFFECT or raw != _WITHOUT_EFFECT[path]:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
     return values
 

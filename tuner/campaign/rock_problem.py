@@ -87,7 +87,7 @@ class RockProblem(MissionProblem):
             instances=instances,
             default=default,
             replicates=replicates,
-            arms={**_arms(space, base), RockProblem.reference: default},
+            arms={**plain_plans(space, base), RockProblem.reference: default},
             base=base,
             seed=seed,
             conditions=tuple(conditions),
@@ -198,10 +198,10 @@ class RockProblem(MissionProblem):
         return True
 
 
-def _arms(space: SearchSpace, base: MissionConfig) -> dict[str, Values]:
-    """Return plain orbits and random views where the space holds them, all with the default's number."""
+def plain_plans(space: SearchSpace, base: MissionConfig, names: Sequence[str] = ARMS) -> dict[str, Values]:
+    """Return the plain orbits and random views of these ``names`` that the space holds, all with the default's number."""
     found = dict[str, Values]()
-    for name in ARMS:
+    for name in names:
         config = baseline(name).config(base)
         values = {path: value_at(config, path) for path in space.paths}
         if all(p.contains(values[p.path]) for p in space.parameters) and (
@@ -235,4 +235,11 @@ def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[
         f"Plain orbits run where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
         f"{high:g}° (the quartiles)."
     )
-    return Strategies({name: placed(c) if is_orbit(name) else c for name, c in strategies.items()}, (note,))
+    found, orbits = dict[str, MissionConfig](), set[MissionConfig]()
+    for name, config in strategies.items():
+        own = placed(config) if is_orbit(name) else config
+        if own not in orbits:  # rings of several elevations are one there
+            found[name] = own
+        if is_orbit(name):
+            orbits.add(own)
+    return Strategies(found, (note,))

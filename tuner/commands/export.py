@@ -21,6 +21,7 @@ from nbv.safe_files import printable, write_atomic
 from nbv.terrain import Cylinder, buried_rock
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.rock_problem import RockProblem, plain_plans
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
@@ -31,7 +32,7 @@ from tuner.export.mission_files import mission_config, read_flight, rock_of_miss
 from tuner.export.records import write_csv
 from tuner.export.route import Home, qgc_plan
 from tuner.export.vehicle_files import OURS, change_text, commented_yaml, vehicle_files
-from tuner.problem.baselines import TUNED, base_name
+from tuner.problem.baselines import ORBITS, TUNED, base_name
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
@@ -198,7 +199,10 @@ def _export_outside(
 
 def _asked(campaign: Campaign, best: Recommendation, strategy: str) -> Recommendation:
     """The recommendation, or with its values those of the plain plan that is named or advised."""
-    arms = campaign.settings.problem.arms
+    problem = campaign.settings.problem
+    arms = problem.arms
+    if strategy in ORBITS and isinstance(problem, RockProblem):
+        arms = {**plain_plans(problem.space, problem.base, [strategy]), **arms}
     if strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
         return best
     if strategy not in arms:

@@ -16,7 +16,7 @@ from tuner.comparison.curves import Suite, comparison_plans, require_room
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
-PLAIN = ("orbit", "orbit-high", "orbit-two")
+PLAIN = ("orbit", "orbit-middle", "orbit-high", "orbit-two")
 ORBIT_NUMBERS = tuple(range(12, 49, 4))
 POCKET_DEPTH = 0.05  # of the height: surface so far inside the convex hull lies in a pocket
 

@@ -17,7 +17,7 @@ from nbv.viewpoints import raw_candidates
 from tuner.comparison.advice import Next
 from tuner.comparison.verdict import Kind
 from tuner.missions.registry import mission_kind
-from tuner.problem.baselines import TUNED, is_orbit
+from tuner.problem.baselines import ARMS, TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
@@ -108,6 +108,9 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
             gains.append(f"from {over} {f'{difference_text(verdict.gain)} {unit}'.strip()}")
     if gains:
         said.append(f"On {where} it differs {' and '.join(gains)} (95 % intervals; above 0 it is better).")
+    if best.plain == ARMS[0] and advice.over_plain is not None and not advice.results.held_out:
+        word = s.problem.instance_word
+        said.append(f"That does not tell which is better on other {word}s: docs/results/what_to_fly.md.")
     if advice.is_plain and not best.keep_default and advice.over_plain is None:
         said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
     orbit_is_plain = advice.over_plain and advice.by_orbit and advice.by_orbit.strategy == advice.plain

@@ -85,7 +85,7 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     code, _, err = gatetune("confirm", run.directory, "--rock", "a", "--replicates", 3)
     assert code == 0, err
     (plan,) = plans
-    orbits = ["orbit-32", "orbit-high-32", "orbit-two-32"]
+    orbits = ["orbit-middle-32", "orbit-32", "orbit-high-32", "orbit-two-32"]
     assert list(plan.strategies) == ["tuned", "default", *orbits] and plan.rocks == ("a",)
     assert {job.replicate for job in plan.jobs(tmp_path)} == {2, 3, 4}
     code, _, err = gatetune("confirm", run.directory, "--rock", "elsewhere")

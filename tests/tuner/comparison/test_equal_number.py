@@ -10,6 +10,7 @@ from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.campaign.rock_problem import where_photographed
 from tuner.problem.baselines import (
     BASELINES,
+    ORBITS,
     at_equal_number,
     baseline_configs,
     controls_at_equal_number,
@@ -86,9 +87,10 @@ def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
 
 def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
     instances = (IDEAL_CONDITION, load_condition("field"))
-    assert list(orbits_at_number(BASE, instances[:1])) == ["orbit-32", "orbit-high-32", "orbit-two-32"]
+    names = [f"{name}-32" for name in ORBITS]
+    assert list(orbits_at_number(BASE, instances[:1])) == names
     found = orbits_at_number(BASE, instances)
-    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 0, 16, 16]
+    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 0, 0, 16, 16]
 
 
 def test_orbits_over_photographs_fly_where_these_were_taken(
@@ -100,8 +102,9 @@ def test_orbits_over_photographs_fly_where_these_were_taken(
     write_set("ball", places(np.linspace(0.0, 342.0, 20), elevations_deg), rendered=False)
     found, notes = where_photographed(orbits_at_number(tuned, ()) | {"tuned": tuned}, ["ball"])
     number = photographs(tuned)
-    ring, two = found[f"orbit-{number}"].seed, found[f"orbit-two-{number}"].seed
+    ring, two = found[f"orbit-middle-{number}"].seed, found[f"orbit-two-{number}"].seed
     assert (ring.lowest_deg, ring.span_deg, ring.count) == (pytest.approx(39.0, abs=0.1), 0.0, number)
     assert (two.lowest_deg, two.upper_deg) == (pytest.approx(34.5, abs=0.1), pytest.approx(43.5, abs=0.1))
+    assert list(found) == [f"orbit-middle-{number}", f"orbit-two-{number}", "tuned"]
     assert found["tuned"] is tuned and "39° (the median)" in notes[0]
     assert where_photographed(found, ["slab"]) == (found, ())
