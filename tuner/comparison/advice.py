@@ -12,7 +12,7 @@ from functools import cached_property
 from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
-from tuner.comparison.statistics import MIN_ROCKS, Interval, strategy_difference, strategy_interval
+from tuner.comparison.statistics import MIN_ROCKS, Interval, strategy_difference
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
@@ -152,13 +152,10 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     found = held_out_results(campaign, tuned)
     if found is None or not _plain(found.strategies, reference):
         found = training_results(campaign, best)
-    plain = {
-        name: found.strategies[name]
-        for name in _plain(found.strategies, reference)
-        if strategy_interval(found.records, name, quality.metric) is not None
-    }
-    named = _best(found.records, plain, quality)
     key = mission_key(tuned)
+    plain = {name: found.strategies[name] for name in _plain(found.strategies, reference)}
+    gains = _gains(found.records, plain, key, quality)
+    named = max(gains, key=lambda name: gains[name], default="")
     over_plain = None
     if named and mission_key(plain[named]) != key:
         over_plain = judge(found.records, TUNED, named, quality)
@@ -166,11 +163,12 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     if found.held_out and over_plain is not None and over_plain.kind is Kind.WORSE:
         fly = named
     flown = found.strategies[fly]
-    orbit = _best(found.records, {n: c for n, c in plain.items() if is_orbit(n)}, quality)
+    orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
     ceiling = None
     if named and CEILING in {base_name(name) for name in found.strategies}:
         oracle = next(name for name in found.strategies if base_name(name) == CEILING)
-        ceiling = strategy_difference(found.records, oracle, named, quality.metric)
+        same = mission_key(plain[named]) == key
+        ceiling = strategy_difference(found.records, oracle, TUNED if same else named, quality.metric)
         ceiling = ceiling if ceiling is None or quality.direction == "maximise" else ceiling.reversed
     elsewhere = reference in found.strategies and mission_key(found.strategies[reference]) != mission_key(
         flown
@@ -201,11 +199,21 @@ def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]
     return [name for name in kinds if name in equal | same]
 
 
-def _best(records: Sequence[Trial], among: Mapping[str, Configuration], quality: Objective) -> str:
-    """Return the one of ``among`` with the best mean; empty where none has one."""
-    means = {name: strategy_interval(records, name, quality.metric) for name in among}
-    known = {name: quality.sign * i.mean for name, i in means.items() if i is not None}
-    return max(known, key=lambda name: known[name]) if known else ""
+def _gains(
+    records: Sequence[Trial], among: Mapping[str, Configuration], tuned: str, quality: Objective
+) -> dict[str, float]:
+    """Return the mean gain over the recommendation of those of ``among`` that ran where it ran; 0 of those that are its missions.
+
+    Paired, since evaluations may have run different plans on different rocks.
+    """
+    found = dict[str, float]()
+    for name, config in among.items():
+        difference = strategy_difference(records, name, TUNED, quality.metric)
+        if mission_key(config) == tuned:
+            found[name] = 0.0
+        elif difference is not None:
+            found[name] = quality.sign * difference.mean
+    return found
 
 
 def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:

@@ -12,6 +12,7 @@ from typing import Any
 import fake_campaigns
 import pytest
 import yaml
+from made_evaluations import made_metrics, made_trial
 
 from nbv.config import config_from_dict, preset
 from nbv.errors import UserError
@@ -19,8 +20,8 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.comparison.advice import advice_of
-from tuner.problem.baselines import baseline
+from tuner.comparison.advice import Results, advice_of
+from tuner.problem.baselines import TUNED, baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space, space_from_dict
@@ -193,6 +194,27 @@ def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> No
     exported = gatetune("export", campaign.directory)[1]
     for sentence in tree["advice"]:
         assert sentence[:40] in shown.replace("\n", " ") and sentence[:40] in exported.replace("\n", " ")
+
+
+def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second evaluation runs the recommended orbit, not its twin among the plain plans, on a harder rock."""
+    best = campaign.recommended()
+    twin = {**campaign.settings.problem.arms, best.plain: best.values}
+    configs = {name: campaign.settings.problem.config(values) for name, values in twin.items()}
+    configs[TUNED] = configs[best.plain]
+    scores = {"easy": {TUNED: 99.0, best.plain: 99.0, "random": 99.2}, "hard": {TUNED: 80.0, "random": 81.0}}
+    records = [
+        made_trial(name, rock, 0, measured={"metrics": made_metrics(score)})
+        for rock, of in scores.items()
+        for name, score in of.items()
+    ]
+    results = Results(True, records, configs, True)
+    monkeypatch.setattr("tuner.comparison.advice.held_out_results", lambda *_: results)
+    advice = advice_of(campaign, best)
+    assert advice.plain == "random" and advice.over_plain is not None and advice.over_plain.gain is not None
+    assert advice.over_plain.gain.mean == pytest.approx(-0.6)
 
 
 def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
