@@ -23,10 +23,12 @@ import yaml
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats
+from tuner.campaign.rock_problem import plain_plans
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.comparison.statistics import mean_interval
 from tuner.missions.registry import mission_function
+from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, distinct_configurations, next_block
 from tuner.recommendation.choose import recommend
@@ -197,7 +199,8 @@ def campaigns(seeds: int) -> None:
         for seed in range(seeds):
             s = settings(rocks, seed=seed)
             best = recommended(s, campaign(s))
-            plain = {name: truths(s, values, unseen) for name, values in s.problem.arms.items()}
+            plans = {**s.problem.arms, **plain_plans(s.problem.space, s.problem.base, ORBITS)}
+            plain = {name: truths(s, values, unseen) for name, values in plans.items()}
             top, own = max(plain, key=lambda name: mean(plain[name])), truths(s, best.values, unseen)
             gain = mean_interval({r: [a - b for a, b in zip(own[r], plain[top][r])] for r in unseen})
             default = mean_interval({r: [a - b for a, b in zip(own[r], plain["hyb-h"][r])] for r in unseen})

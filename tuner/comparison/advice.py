@@ -62,7 +62,9 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
         complete &= len(own) == plan.combinations
         records += [r for r in own if r.condition in under]
         strategies |= plan.strategies
-    records = _each_once(records)
+    twins = [n for n, c in strategies.items() if n != TUNED and mission_key(c) == mission_key(tuned)]
+    own = [r for r in records if r.strategy == TUNED]
+    records = _each_once([*records, *(dataclasses.replace(r, strategy=n) for n in twins for r in own)])
     return Results(True, records, strategies, complete) if records else None
 
 

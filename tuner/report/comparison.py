@@ -297,6 +297,11 @@ def strategy_table(
         f"{strategy_label(name)} took the same photographs as {strategy_label(same)}."
         for name, same in table.same.items()
     ]
+    if shown is not None:
+        rocks = {name: cell.rocks for name, cell in shown.cells.items() if cell is not None}
+        fewer = [strategy_label(name) for name, count in rocks.items() if count < max(rocks.values())]
+        if fewer:
+            notes.append(f"On fewer of these rocks: {', '.join(fewer)}; compare differences, not means.")
     if oracles := [strategy_label(name) for name in table.strategies if sees_ground_truth(name)]:
         see = "sees" if len(oracles) == 1 else "see"
         notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")

@@ -87,6 +87,14 @@ def test_terminal_tables() -> None:
     assert [row.name for row in table.rows if row.best] == ["Tuned"]
 
 
+def test_strategies_on_fewer_rocks_are_named() -> None:
+    run = made_run(LEVELS)
+    records = [r for r in run.records if (r.strategy, r.rock) != ("covis", "slab")]
+    facts = ComparisonFacts(dataclasses.replace(run, records=records), "hyb-h")
+    caption = strategy_table(facts.summary, "", "observable.f_score_48mm").caption
+    assert "On fewer of these rocks: Covis; compare differences, not means." in caption
+
+
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
     run = made_run({"covis": 60.0, "b-aware": 58.0, "hyb-h": 58.0, "greedy-oracle": 66.0}, noise=0.0)
     taken = {"covis": "c", "greedy-oracle": "g"}
