@@ -11,7 +11,6 @@ import io
 import logging
 import os
 import re
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -115,11 +114,6 @@ def is_photographed(name: str) -> bool:
         and surface_path(name).is_file()
         and not imported_path(name).is_file()
     )
-
-
-def are_photographed(rocks: Sequence[str]) -> bool:
-    """Whether there are rocks, and every one is a set of photographs."""
-    return bool(rocks) and all(map(is_photographed, rocks))
 
 
 def save_imported(rock: Rock, *, force: bool = False) -> Path:

@@ -14,9 +14,8 @@ from nbv.cache import digest
 from nbv.config import IDEAL, Condition, MissionConfig, under
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from nbv.rocks.catalogue import are_photographed
 from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
-from tuner.missions.registry import code_of, kind_on
+from tuner.missions.registry import DEFAULT_FIDELITY, code_of, kind_on
 from tuner.problem.baselines import (
     ARMS,
     EVALUATION_BASELINES,
@@ -213,7 +212,12 @@ def plain_plans(space: SearchSpace, base: MissionConfig, names: Sequence[str] = 
 
 def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:
     """Return the conditions that may make the target's position uncertain: none over photographs that were taken before."""
-    return () if are_photographed(tuned.rocks) else tuned.conditions
+    return () if _all_taken(tuned.rocks) else tuned.conditions
+
+
+def _all_taken(rocks: Sequence[str]) -> bool:
+    """Return whether there are rocks, and photographs of every one were taken before."""
+    return bool(rocks) and all(kind_on(rock, DEFAULT_FIDELITY).photographs == "taken" for rock in rocks)
 
 
 def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[str]) -> Strategies:
@@ -221,7 +225,7 @@ def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[
 
     One ring runs at the median elevation of all photographs, two rings at their quartiles.
     """
-    if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
+    if not _all_taken(rocks) or not any(map(is_orbit, strategies)):
         return Strategies(dict(strategies))
     elevations_deg = np.concatenate([PhotographSet.read(rock).coverage.elevations_deg for rock in rocks])
     low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()
