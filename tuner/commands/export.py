@@ -201,8 +201,8 @@ def _asked(campaign: Campaign, best: Recommendation, strategy: str) -> Recommend
     """The recommendation, or with its values those of the plain plan that is named or advised."""
     problem = campaign.settings.problem
     arms = problem.arms
-    if strategy in ORBITS and isinstance(problem, RockProblem):
-        arms = {**plain_plans(problem.space, problem.base, [strategy]), **arms}
+    if isinstance(problem, RockProblem):
+        arms = {**arms, **plain_plans(problem.space, problem.base, ORBITS)}
     if strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
         return best
     if strategy not in arms:
