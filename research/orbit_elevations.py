@@ -29,7 +29,7 @@ from tuner.report.labels import difference_text
 FIRST = "orbit 15"
 PLANS = (FIRST, "orbit 10", "orbit 20", "orbit 25", "orbit 30", "predicted 15")
 PHOTOGRAPHS, SEEDS = 20, 12
-KINDS = ("real rocks", "rocks of the catalogue", "drawn rocks", "shapes with pockets")
+KINDS = ("scanned rocks", "rocks of the catalogue", "drawn rocks", "shapes with pockets")
 TRAINED_ON, DRAWS = 3, 4000
 
 
@@ -54,7 +54,9 @@ def score(job: tuple[str, str]) -> float:
 
 def fly(out: Path, targets: Sequence[str]) -> None:
     """Run what ``out`` lacks."""
-    done = set(read(out)) if out.exists() else set[tuple[str, str]]()
+    if not out.exists():
+        out.write_text("plan,target,f_score_48mm\n")
+    done = set(read(out))
     jobs = [(plan, target) for target in targets for plan in PLANS if (plan, target) not in done]
     with ProcessPoolExecutor(2) as pool, out.open("a", newline="") as file:
         for job, found in zip(jobs, pool.map(score, jobs)):
@@ -65,7 +67,7 @@ def fly(out: Path, targets: Sequence[str]) -> None:
 def read(path: Path) -> dict[tuple[str, str], float]:
     """Scores by plan and target."""
     with path.open() as file:
-        return {(plan, target): float(found) for plan, target, found in csv.reader(file)}
+        return {(row["plan"], row["target"]): float(row["f_score_48mm"]) for row in csv.DictReader(file)}
 
 
 def kind_of(target: str) -> str:
