@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -62,9 +62,7 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
         complete &= len(own) == plan.combinations
         records += [r for r in own if r.condition in under]
         strategies |= plan.strategies
-    twins = [n for n, c in strategies.items() if n != TUNED and mission_key(c) == mission_key(tuned)]
-    own = [r for r in records if r.strategy == TUNED]
-    records = _each_once([*records, *(dataclasses.replace(r, strategy=n) for n in twins for r in own)])
+    records = _with_twins(records, strategies)
     return Results(True, records, strategies, complete) if records else None
 
 
@@ -90,11 +88,15 @@ def training_results(campaign: Campaign, best: Recommendation) -> Results:
         ]
     place = {rock: k for k, rock in enumerate(s.rocks)}
     records.sort(key=lambda r: place.get(r.rock, 0))
-    return Results(False, _each_once(records), configs, True)
+    return Results(False, _with_twins(records, configs), configs, True)
 
 
-def _each_once(records: Iterable[Trial]) -> list[Trial]:
-    return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in records}.values())
+def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration]) -> list[Trial]:
+    """Return each record once, those of the recommendation also under the names of the strategies that run its missions."""
+    tuned, own = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
+    same = [] if tuned is None else [n for n, c in strategies.items() if mission_key(c) == mission_key(tuned)]
+    every = [*records, *(dataclasses.replace(r, strategy=name) for name in same for r in own)]
+    return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in every}.values())
 
 
 class Next(StrEnum):

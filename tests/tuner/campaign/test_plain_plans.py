@@ -7,6 +7,7 @@ import itertools
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fake_campaigns
@@ -20,7 +21,7 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.comparison.advice import Results, advice_of
+from tuner.comparison.advice import Results, advice_of, training_results
 from tuner.problem.baselines import TUNED, baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
@@ -194,6 +195,20 @@ def test_one_advice_for_status_and_json(gatetune: Any, campaign: Campaign) -> No
     exported = gatetune("export", campaign.directory)[1]
     for sentence in tree["advice"]:
         assert sentence[:40] in shown.replace("\n", " ") and sentence[:40] in exported.replace("\n", " ")
+
+
+def test_a_plain_plan_that_is_recommended_shares_its_results(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A confirmation runs fresh replicates of the recommendation, under that name alone."""
+    s = campaign.settings
+    best = dataclasses.replace(campaign.recommended(), values=s.problem.arms["orbit-middle"])
+    fresh = made_trial(TUNED, "a", 7, measured={"metrics": made_metrics(90.0)})
+    confirmed = SimpleNamespace(strategies={TUNED: s.problem.config(best.values)}, records=lambda _: [fresh])
+    monkeypatch.setattr("tuner.comparison.advice.evaluations", lambda *_: [(Path(), confirmed)])
+    records = training_results(campaign, best).records
+    own, twin = ({(r.rock, r.replicate) for r in records if r.strategy == n} for n in (TUNED, "orbit-middle"))
+    assert own == twin and ("a", 7) in twin
 
 
 def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
