@@ -22,8 +22,8 @@ from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.families import SHAPES
 from nbv.types import Floats
 from tuner.campaign.settings_file import QUICK
-from tuner.comparison.statistics import mean_interval
 from tuner.problem.baselines import BASELINES, ONE_RING
+from tuner.problem.intervals import mean_interval
 from tuner.report.labels import difference_text
 
 FIRST = "orbit 15"

@@ -21,8 +21,8 @@ from nbv.config import IDEAL, MissionConfig, load_condition, preset, under
 from nbv.mission import MissionResult
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import is_photographed
-from tuner.comparison.statistics import mean_interval
 from tuner.missions.registry import mission_function
+from tuner.problem.intervals import mean_interval
 
 F_SCORE = "observable.f_score_48mm"
 SCORERS = {"covis": "covis", "b-aware": "b_aware", "predicted": "predicted"}

@@ -20,8 +20,8 @@ from nbv.geometric.curve_fidelity import run_curve_mission
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES
 from tuner.comparison.curves import Suite, comparison_plans
-from tuner.comparison.statistics import mean_interval
 from tuner.problem.instances import Instance
+from tuner.problem.intervals import mean_interval
 from tuner.problem.search_space import builtin
 from tuner.report.labels import difference_text
 

@@ -26,10 +26,10 @@ from nbv.types import Floats
 from tuner.campaign.rock_problem import plain_plans
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.comparison.statistics import mean_interval
 from tuner.missions.registry import mission_function
 from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
+from tuner.problem.intervals import mean_interval
 from tuner.problem.observations import Observation, distinct_configurations, next_block
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation

@@ -30,7 +30,7 @@ from nbv.types import Floats, Ints
 from research.adaptive_plans import base
 from research.predict_completeness import PLANS
 from tuner.comparison.curves import Series
-from tuner.comparison.statistics import BOOTSTRAP, bootstrap_means
+from tuner.problem.intervals import BOOTSTRAP, bootstrap_means
 
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 NUMBERS = range(12, 49)

@@ -241,9 +241,9 @@ def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[
     )
     found, orbits = dict[str, MissionConfig](), set[MissionConfig]()
     for name, config in strategies.items():
-        own = placed(config) if is_orbit(name) else config
-        if own not in orbits:  # rings of several elevations are one there
+        if not is_orbit(name):
+            found[name] = config
+        elif (own := placed(config)) not in orbits:  # rings of several elevations are one there
             found[name] = own
-        if is_orbit(name):
             orbits.add(own)
     return Strategies(found, (note,))

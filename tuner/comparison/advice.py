@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -12,11 +12,12 @@ from functools import cached_property
 from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
-from tuner.comparison.statistics import MIN_ROCKS, Interval, strategy_difference
+from tuner.comparison.statistics import strategy_difference
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit
+from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.problem.objective import Objective
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
@@ -158,7 +159,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
         found = training_results(campaign, best)
     key = mission_key(tuned)
     plain = {name: found.strategies[name] for name in _plain(found.strategies, reference)}
-    gains = _gains(found.records, plain, key, quality)
+    gains = _gains(found.records, plain, quality)
     named = max(gains, key=lambda name: gains[name], default="")
     over_plain = None
     if named and mission_key(plain[named]) != key:
@@ -171,8 +172,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     ceiling = None
     if named and CEILING in {base_name(name) for name in found.strategies}:
         oracle = next(name for name in found.strategies if base_name(name) == CEILING)
-        same = mission_key(plain[named]) == key
-        ceiling = strategy_difference(found.records, oracle, TUNED if same else named, quality.metric)
+        ceiling = strategy_difference(found.records, oracle, named, quality.metric)
         ceiling = ceiling if ceiling is None or quality.direction == "maximise" else ceiling.reversed
     elsewhere = reference in found.strategies and mission_key(found.strategies[reference]) != mission_key(
         flown
@@ -203,21 +203,13 @@ def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]
     return [name for name in kinds if name in equal | same]
 
 
-def _gains(
-    records: Sequence[Trial], among: Mapping[str, Configuration], tuned: str, quality: Objective
-) -> dict[str, float]:
-    """Return the mean gain over the recommendation of those of ``among`` that ran where it ran; 0 of those that are its missions.
+def _gains(records: Sequence[Trial], among: Iterable[str], quality: Objective) -> dict[str, float]:
+    """Return the mean gain over the recommendation of those of ``among`` that ran where it ran.
 
     Paired, since evaluations may have run different plans on different rocks.
     """
-    found = dict[str, float]()
-    for name, config in among.items():
-        difference = strategy_difference(records, name, TUNED, quality.metric)
-        if mission_key(config) == tuned:
-            found[name] = 0.0
-        elif difference is not None:
-            found[name] = quality.sign * difference.mean
-    return found
+    differences = {name: strategy_difference(records, name, TUNED, quality.metric) for name in among}
+    return {name: quality.sign * own.mean for name, own in differences.items() if own is not None}
 
 
 def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:

@@ -13,10 +13,10 @@ from nbv.geometry.sampling import sample_surface
 from nbv.rocks import Rock, load_coarse_rock
 from tuner.comparison.advice import CEILING, LITTLE
 from tuner.comparison.curves import Suite, comparison_plans, require_room
+from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import builtin
 
-PLAIN = ("orbit", "orbit-middle", "orbit-high", "orbit-two")
 ORBIT_NUMBERS = tuple(range(12, 49, 4))
 POCKET_DEPTH = 0.05  # of the height: surface so far inside the convex hull lies in a pocket
 
@@ -58,13 +58,13 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
     places = (Instance(target),)
     suite = Suite(places, tuple(sorted({*ORBIT_NUMBERS, photographs})))
     require_room(suite)
-    for name in (*PLAIN, CEILING):
+    for name in (*ORBITS, CEILING):
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
         (plan,) = comparison_plans(Suite(places, numbers), {name: None}).values()
         for run, config in plan.strategies.items():
             metrics = run_curve_mission(builtin(config), target).metrics or {}
             reached[run] = float(metrics["curve"][-1][1]) if "curve" in metrics else 0.0
-    plain = {name: reached[f"{name}-{photographs}"] for name in PLAIN}
+    plain = {name: reached[f"{name}-{photographs}"] for name in ORBITS}
     best = max(plain, key=plain.__getitem__)
     enough = (n for n in suite.numbers if reached[f"orbit-two-{n}"] >= suite.score)
     return Ceiling(

@@ -26,12 +26,12 @@ from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, 
 from nbv.types import Bools, Floats, Ints
 from tuner.comparison.advice import CEILING, leaves_room
 from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.statistics import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 from tuner.comparison.verdict import Kind, kind_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of
 from tuner.problem.instances import Instance
+from tuner.problem.intervals import Interval, bootstrap_bounds, bootstrap_means, bootstrapped
 
 BY_HEIGHT, STOPPED = "orbit-by-height", "-stopped"  # derived from the missions of others
 TWO_RINGS = "orbit-two"

@@ -20,10 +20,10 @@ from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
-from tuner.comparison.statistics import Interval, mean_interval
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by
+from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.objective import DEFAULT_METRIC
 from tuner.problem.search_space import builtin
 

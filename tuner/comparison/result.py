@@ -19,7 +19,6 @@ from tuner.comparison.statistics import (
     TABLE_I_ROWS_OBSERVABLE,
     ComparisonRow,
     ComparisonTable,
-    Interval,
     MetricRow,
     comparison_table,
     same_photographs,
@@ -41,6 +40,7 @@ from tuner.problem.baselines import (
     grouped,
     in_table_order,
 )
+from tuner.problem.intervals import Interval
 from tuner.problem.objective import Objective
 from tuner.recommendation.recommendation import Recommendation
 

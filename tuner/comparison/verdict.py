@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tuner.comparison.statistics import Interval, strategy_difference
+from tuner.comparison.statistics import strategy_difference
 from tuner.missions.job import Trial
+from tuner.problem.intervals import Interval
 from tuner.problem.objective import Objective
 
 

@@ -87,7 +87,6 @@ ONE_RING: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 0.0, "seed
 MIDDLE_RING: dict[str, Any] = {**ONE_RING, "seed.lowest_deg": 15.0}
 HIGH_RING: dict[str, Any] = {**ONE_RING, "seed.lowest_deg": 20.0}
 TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
-SCORER_ALONE: dict[str, Any] = {f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
 FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 
 
@@ -119,7 +118,7 @@ BASELINES: dict[str, Baseline] = {
             "predicted",
             "Predicted",
             "scorer predicted alone: how much the predicted completeness would rise",
-            values=SCORER_ALONE,
+            values={f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
         ),
         Baseline(
             "orbit-middle",

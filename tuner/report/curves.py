@@ -17,9 +17,9 @@ from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
 from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, panels
-from tuner.comparison.statistics import Interval
 from tuner.comparison.verdict import Kind
 from tuner.export.records import write_rows
+from tuner.problem.intervals import Interval
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
 from tuner.report.pages import write_tables

@@ -14,7 +14,7 @@ from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.objective import reached
 
 if TYPE_CHECKING:  # it takes a second to load
-    from tuner.comparison.statistics import Interval
+    from tuner.problem.intervals import Interval
 
 MISSING = "–"
 # With more decimals what is smaller is written with an exponent; so is what has an uncertainty of more digits than `LARGE`.
@@ -206,7 +206,7 @@ def parameter_label(path: str) -> ParameterLabel:
 
 
 def interval_methods(methods: Collection[str], word: str = "rock") -> str:
-    """Sentences on how intervals were made, from the ``method`` of each (``tuner.comparison.statistics.Interval``)."""
+    """Sentences on how intervals were made, from the ``method`` of each (``tuner.problem.intervals.Interval``)."""
     texts = {
         "rocks": f"t-intervals over the means of {word}s, each weighted equally, hold for unseen {word}s of the same kind.",
         "replicates": f"Intervals from the pooled variance between replicates hold for new replicates on these {word}s only.",

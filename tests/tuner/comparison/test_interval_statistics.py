@@ -7,7 +7,8 @@ import pytest
 from made_evaluations import made_trial
 from scipy import stats
 
-from tuner.comparison.statistics import mean_interval, strategy_difference
+from tuner.comparison.statistics import strategy_difference
+from tuner.problem.intervals import mean_interval
 
 
 def test_closed_forms() -> None:

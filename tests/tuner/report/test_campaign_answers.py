@@ -11,8 +11,8 @@ import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.advice import Next, Results, next_step
-from tuner.comparison.statistics import Interval
 from tuner.missions.job import Trial
+from tuner.problem.intervals import Interval
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import NextRock
 from tuner.report.answer import next_text, use_sentence
