@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from tuner.acquisition.constrained import Constraint, second_model
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance, are_drawn, conditions_of, rocks_of
+from tuner.problem.intervals import MIN_ROCKS, mean_interval
 from tuner.problem.observations import (
     Block,
     Key,
@@ -60,7 +60,6 @@ EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
 SUSPECT, CONTRADICTS = 2.5, 6.0  # standard deviations
 ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
-FEWEST_ROCKS = 3  # for an interval over rocks
 
 
 @numerics()
@@ -287,26 +286,29 @@ class Choice:
     def _first_plain(self, plain: Mapping[int, str]) -> int:
         """Return the first plain plan or, of those that are better than it on the training rocks, the best."""
         first, *others = plain
-        better = [i for i in others if not self._not_worse(first, i) and self._better_on_rocks(i, first)]
+        better = [i for i in others if self._better_on_rocks(i, first)]
         return max(better, key=lambda i: self.modelled.mean[i]) if better else first
 
     def _better_on_rocks(self, i: int, j: int) -> bool:
-        """Return whether candidate ``i`` failed less often than ``j``, or is better with a 95 % interval over rocks.
+        """Return whether candidate ``i`` failed less often than ``j``, or is better by more than noise with a 95 % interval over rocks.
 
         Paired by block. Fewer than three rocks say nothing of others: on them the model's interval counts.
         """
         own, other = self.candidates.outcomes(i), self.candidates.outcomes(j)
-        failed, failed_there = (list(of.values()).count(None) for of in (own, other))
+        shared = [block for block in own if block in other]
+        failed, failed_there = ([of[block] for block in shared].count(None) for of in (own, other))
         if failed != failed_there:
             return failed < failed_there
+        if self._not_worse(j, i):
+            return False
         of_rock: dict[str, list[float]] = {}
-        for block in own.keys() & other.keys():
+        for block in shared:
             if (y := own[block]) is not None and (there := other[block]) is not None:
                 of_rock.setdefault(block[0].rock, []).append(y - there)
-        gains = np.array([np.mean(values) for values in of_rock.values()])
-        if len(gains) < FEWEST_ROCKS:
+        if len(of_rock) < MIN_ROCKS:
             return interval_95(*self.modelled.difference(i, j))[0] > 0.0
-        return bool(gains.mean() > stats.sem(gains) * stats.t.ppf(0.975, len(gains) - 1))
+        gain = mean_interval(of_rock)
+        return gain is not None and gain.low is not None and gain.low > 0.0
 
     def _best_plain(self, index: int) -> tuple[str, BestPlain | None]:
         """Return which plain plan a candidate is, and the best of them with the candidate's gain over it."""

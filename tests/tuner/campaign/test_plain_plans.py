@@ -112,10 +112,15 @@ def test_what_nothing_reads_is_at_its_default() -> None:
     assert at_random == {**default, "gate.kind": "random"}
 
 
-def recommended(extra: Mapping[str, tuple[Values, float]], arms: Mapping[str, float], gains: Any = ()) -> Any:
+def recommended(
+    extra: Mapping[str, tuple[Values, float]],
+    arms: Mapping[str, float],
+    gains: Any = (),
+    failing: Any = (),
+) -> Any:
     """After missions on three rocks and two replicates: of the plain plans with these means, and of other configurations.
 
-    ``gains``: of the orbit at 20°, rock by rock.
+    ``gains``: of the orbit at 20°, rock by rock; ``failing``: rocks on which the orbit at 15° fails.
     """
     s, observations = settings(rocks=("a", "b", "c")), list[Observation]()
     plans = {name: (s.problem.arms[name], mean) for name, mean in arms.items()} | dict(extra)
@@ -124,7 +129,12 @@ def recommended(extra: Mapping[str, tuple[Values, float]], arms: Mapping[str, fl
         for k, (rock, replicate) in enumerate(itertools.product("abc", (0, 1))):
             y = mean + wobble[(k + len(observations)) % 4] + (2.0 if rock == "b" else 0.0)
             y += gains["abc".index(rock)] if gains and name == "orbit-high" else 0.0
-            observations.append(Observation(len(observations), values, rock, replicate, y, y))
+            if name == "orbit-middle" and rock in failing:
+                observations.append(
+                    Observation(len(observations), values, rock, replicate, None, None, "sfm")
+                )
+            else:
+                observations.append(Observation(len(observations), values, rock, replicate, y, y))
     best = recommend(s.problem, s.goal, observations)
     assert best is not None
     return s, best
@@ -157,6 +167,10 @@ def test_the_first_orbit_wins_a_tie_and_a_better_plan_wins() -> None:
     assert recommended({}, ARMS, gains=(2.4, 2.5, 2.6))[1].plain == "orbit-high"
     best = recommended({"tried": (values, 99.0)}, ARMS)[1]
     assert best.plain == "" and best.values == values and best.best_plain.interval_95[0] > 0
+
+
+def test_a_plain_plan_that_fails_on_a_rock_gives_way() -> None:
+    assert recommended({}, ARMS, failing="c")[1].plain == "orbit-high"
 
 
 def test_the_orbit_is_exported_as_settings_and_as_a_route(
