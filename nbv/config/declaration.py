@@ -271,19 +271,25 @@ def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
 def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str = "") -> dict[str, Any]:
     """The raw values of a YAML tree, in which anything may be left out, by path; keys may be paths themselves.
 
-    `UserError` for an unknown key, which is called ``what``, and for another value where there must be a mapping.
+    `UserError` for an unknown key, which is called ``what``, for another value where there must be a mapping, and for two values
+    of one parameter.
     """
     if not isinstance(tree, Mapping):
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
     values = dict[str, Any]()
     for key, raw in tree.items():
-        path = canonical_path(f"{prefix}{key}")
+        path, found = canonical_path(f"{prefix}{key}"), dict[str, Any]()
         if path in known:
-            values[path] = raw
+            found = {path: raw}
         elif any(other.startswith(f"{path}.") for other in known):
-            values |= leaves(known, raw, what, f"{path}.")
+            found = leaves(known, raw, what, f"{path}.")
         elif path not in _WITHOUT_EFFECT or raw != _WITHOUT_EFFECT[path]:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
+        for twice in found.keys() & values.keys():
+            raise UserError(
+                f"{what} {twice!r} has two values; leave one out (keys may be paths, or earlier names)"
+            )
+        values |= found
     return values
 
 

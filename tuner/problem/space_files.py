@@ -70,7 +70,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     if not isinstance(base, dict):
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
-    raw, base = _with_current_names(raw), _with_current_names(base)
+    raw, base = _with_current_names(raw, source), _with_current_names(base, source)
     parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
@@ -90,7 +90,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         parameters,
         base,
         str(tree.get("description") or ""),
-        tuple(map(_with_current_names, begin)),
+        tuple(_with_current_names(values, source) for values in begin),
         coerce(bool, tree.get("equal_photographs", False), f"{source}: equal_photographs"),
     )
     if space.equal_photographs:
@@ -109,8 +109,12 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     return space
 
 
-def _with_current_names(values: dict[str, Any]) -> dict[str, Any]:
-    return {canonical_path(path): value for path, value in values.items()}
+def _with_current_names(values: dict[str, Any], source: str) -> dict[str, Any]:
+    named = [canonical_path(path) for path in values]
+    for path in named:
+        if named.count(path) > 1:
+            raise UserError(f"{source}: {path} stands here twice, once by an earlier name; leave one out")
+    return dict(zip(named, values.values()))
 
 
 def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> None:

@@ -33,6 +33,12 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
         "matchable": {"views": 6, "weights": {"nov": 0.0, "register": 0.0}},
     }
     assert config_from_dict(earlier) == weighed and weighed.digest() == "50a6786ac303e7f1"
+    for both in (
+        {"matchable.weights.nov": 0.1, "predicted": {"weights": {"nov": 0.5}}},
+        {"seed.count": 9, "seed": {"count": 8}},
+    ):
+        with pytest.raises(UserError, match="has two values; leave one out"):
+            config_from_dict(both)
     with pytest.raises(UserError, match=r"unknown mission parameter 'predicted\.views'"):
         config_from_dict({"matchable": {"views": 3}})
 

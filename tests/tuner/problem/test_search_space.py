@@ -134,6 +134,10 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
             "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d95_m]}\n",
             "gate.d95_m is tuned twice",
         ),
+        (
+            "parameters:\n  seed.reaim_after: {low: 3, high: 9}\n  seed.retarget_after: {low: 3, high: 9}\n",
+            "seed.retarget_after stands here twice, once by an earlier name",
+        ),
         (GOOD + "base:\n  gate.kind: psychic\n", "base: gate.kind is 'psychic'"),
     ],
 )
