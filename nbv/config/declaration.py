@@ -47,6 +47,7 @@ _WITHOUT_EFFECT = {  # what earlier versions wrote of parameters that are gone, 
     "pool.min_register_chance": 0.0,
     "stop.min_gain_percent": 0.0,
     "predicted.views": 6,
+    "dense.patchmatch_samples": 15,
     **{f"{scorer}.weights.register": 0.0 for scorer in ("covis", "b_aware", "predicted")},
 }
 ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack

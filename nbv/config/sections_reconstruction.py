@@ -71,7 +71,7 @@ class SparseConfig(Section):
     )
 
 
-_TABLE = "docs/how-to/install.md has the table"
+_TABLE = "docs/results/patchmatch.md has the table"
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ class DenseConfig(Section):
     patchmatch_window_step_px: Annotated[int, Meta(ge=1, le=2)] = not_in_paper(
         2, "distance of the pixels that PatchMatch compares in its window", reason=_TABLE, added=True
     )
-    patchmatch_samples: OneOrMore = code(
-        15, "COLMAP's default", "sources that PatchMatch draws for a pixel", added=True
+    patchmatch_draws: OneOrMore = not_in_paper(
+        8, "times that PatchMatch draws a source for a pixel", reason=_TABLE, added=True
     )
     patchmatch_geometric: bool = not_in_paper(
         False, "whether PatchMatch's second, geometric pass runs, too", reason=_TABLE, added=True

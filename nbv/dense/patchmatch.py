@@ -47,9 +47,11 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
         "depth_max": max(distances) + config.crop_half_width_m,
         "window_radius": config.patchmatch_window_radius_px,
         "window_step": config.patchmatch_window_step_px,
-        "num_samples": config.patchmatch_samples,
+        "num_samples": config.patchmatch_draws,
         "num_iterations": config.patchmatch_iterations,
         "geom_consistency": config.patchmatch_geometric,
+        # Ours follows. COLMAP's wants two sources to confirm a depth, and a photograph of a small set has two to four.
+        "filter": False,
     }
     with tempfile.TemporaryDirectory(prefix="gatetune-patchmatch-") as folder:
         workspace = Path(folder)
