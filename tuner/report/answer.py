@@ -105,9 +105,9 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
         over = strategy_label(verdict.reference)
         over = f"the best plain plan ({over})" if verdict is advice.over_plain else over
         if verdict.gain is not None:
-            gains.append(f"from {over} {f'{difference_text(verdict.gain)} {unit}'.strip()}")
+            gains.append(f"{f'{difference_text(verdict.gain)} {unit}'.strip()} against {over}")
     if gains:
-        said.append(f"On {where} it differs {' and '.join(gains)} (95 % intervals; above 0 it is better).")
+        said.append(f"On {where} it has {', '.join(gains)} (95 % intervals; above 0 is better).")
     if best.plain == ARMS[0] and advice.over_plain is not None and not advice.results.held_out:
         word = s.problem.instance_word
         said.append(f"That does not tell which is better on other {word}s: docs/results/what_to_fly.md.")
@@ -244,7 +244,8 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """The recommendation's outcome on the training rocks, then the predicted gain on a rock that was not run."""
     word, label = s.problem.instance_word, metric_label(best.metric)
     alone = best.keep_default and not best.exact
-    said = f"{_subject(label)} is {_mean(label, best.mean, best.sd, best.interval_95 if alone else None)}"
+    subject = _subject(label) if best.exact else f"By the model, {_subject(label).replace('The ', 'the ')}"
+    said = f"{subject} is {_mean(label, best.mean, best.sd, best.interval_95 if alone else None)}"
     if not best.keep_default:
         said += f" in place of {_mean(label, best.default_mean, best.sd)}"
     if not best.exact:
@@ -322,7 +323,7 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     worth = f"{_subject(label)} is {_mean(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
-        worth = f"Its gain over it is {_gain(rival.difference, (low, high), (high - low) / 4, label)}"
+        worth = f"Its gain over the recommendation is {_gain(rival.difference, (low, high), (high - low) / 4, label)}"
     keeps = (
         ""
         if rival.probability is None
