@@ -24,7 +24,7 @@ from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 CEILING = "greedy-oracle"
-LITTLE = 1.0  # points: what a planner could gain at most where it is not worth trying others
+LITTLE = 1.0  # points: what the oracle gains at most where it is not worth trying planners
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,8 @@ class Advice:
 
 
 def leaves_room(ceiling: Interval | None) -> bool | None:
-    """Whether a planner may gain something below a ceiling; None where it was not run."""
-    return None if ceiling is None else (ceiling.high or ceiling.mean) > LITTLE
+    """Whether the oracle gains so much on average that a planner may gain some of it; None where it was not run."""
+    return None if ceiling is None else ceiling.mean > LITTLE
 
 
 def advice_of(campaign: Campaign, best: Recommendation) -> Advice:

@@ -83,6 +83,8 @@ def test_what_next_follows_the_state(campaign: Campaign) -> None:
     assert step_of(facts, on_three, fly="orbit") is Next.FLY_PLAIN
     room = {"is_plain": True, "ceiling": Interval(5.0, 2.0, 8.0, 3, 6, "rocks")}
     assert step_of(facts, on_three, **room) is Next.TRY_PLANNERS
+    noisy = {"is_plain": True, "ceiling": Interval(-0.7, -3.8, 2.4, 5, 10, "rocks")}
+    assert step_of(facts, on_three, **noisy) is Next.FLY
     assert step_of(facts, on_three, is_plain=True) is Next.FLY
     for step in Next:  # each has its words and, unless nothing is to be done, a command
         why, command = next_text(step, campaign, None)
