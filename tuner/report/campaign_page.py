@@ -336,9 +336,12 @@ def _stop_reason(facts: CampaignFacts) -> str:
 
 
 def bounds_text(facts: CampaignFacts) -> str:
-    """Which recommended values lie at a bound of the search space beyond which a mission could run; empty where none does."""
+    """Which recommended values lie at a bound of the search space beyond which a mission could run; empty where none does.
+
+    The values of a plain plan are given and not searched for.
+    """
     best, s = facts.recommendation, facts.settings
-    if best is None:
+    if best is None or best.plain:
         return ""
     names = [
         parameter_label(p.path).name

@@ -77,6 +77,7 @@ def test_what_next_follows_the_state(campaign: Campaign) -> None:
     wide = facts.settings.space.parameters[1]
     edge = better(campaign, values={**facts.default, wide.path: wide.high})
     assert "d95" in bounds_text(edge) and not bounds_text(facts)
+    assert not bounds_text(better(campaign, values={**facts.default, wide.path: wide.high}, plain="orbit"))
     assert step_of(facts, ["arch"]) is Next.MORE_INSTANCES
     on_three = ["arch", "fin", "horn"]
     assert step_of(facts, on_three) is Next.FLY
