@@ -32,7 +32,7 @@ _REFUSALS = (
     (
         r"out of memory",
         "card_full",
-        f"end what else runs on it, take smaller photographs (--set dense.max_size_px=640), {_ON_CPU}",
+        f"end what else runs on it, take smaller photographs (--set dense.max_size_px=480), {_ON_CPU}",
     ),
     (
         r"no kernel image|invalid device function|driver version|unsupported toolchain|PTX",
