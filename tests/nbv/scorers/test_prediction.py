@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
+from nbv.scorers import prediction
 from nbv.scorers.prediction import predict
 from nbv.types import SparseModel
 
@@ -78,10 +79,12 @@ def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
 @settings(max_examples=15, deadline=None)
 @given(st.integers(8, 20), st.floats(0.0, 40.0))
 def test_twice_the_views_are_never_predicted_to_cover_less(count, elevation_deg):
-    """But for what is drawn: from 12 to 14 degrees the lid is barely open, and its unknown share varies by 7 points."""
+    """Of every place: in a draw of 600, as in missions, the unknown share varies by some points."""
     surface = drum(lid=True)
-    few, many = (predict(model(orbit(n, elevation_deg), *surface), CONFIG) for n in (count, 2 * count))
-    assert many.completeness >= few.completeness - 0.03
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prediction, "SAMPLES", 10_000)
+        few, many = (predict(model(orbit(n, elevation_deg), *surface), CONFIG) for n in (count, 2 * count))
+    assert many.completeness >= few.completeness - 0.01
 
 
 def test_a_top_that_no_depth_has_shown_is_predicted_to_have_holes():
