@@ -2,8 +2,8 @@
 
     python -m research.patchmatch_table photograph MISSIONS --rock slab --plan hyb_h     # missions with SGBM, 15 s each
     python -m research.patchmatch_table match MISSIONS CLOUDS --rows default "radius 3"  # where a card is, 4 to 35 s a row
-    python -m research.patchmatch_table measure MISSIONS CLOUDS >> OUT.csv               # against the true rocks
-    python -m research.patchmatch_table tell docs/results/data/patchmatch.csv
+    python -m research.patchmatch_table measure MISSIONS CLOUDS > OUT.csv                # against the true rocks
+    python -m research.patchmatch_table tell OUT.csv
 
 20 photographs in `indoors`, replicate 0. ``match`` needs `nbv.dense` alone, so that it runs where little is installed; its
 processes share the card as missions do. Photographs are kept in grey, which is all that both matchers use.
@@ -172,7 +172,7 @@ def tell(path: Path) -> None:
         rock for rock in dict.fromkeys(rock for rock, _, _ in found) if (rock, "hyb_h", "radius 7") in found
     ]
     print(f"|Hyb-H, F 48 mm / F 16 mm|s|{'|'.join(rocks)}|\n|-|-:|{'-:|' * len(rocks)}")
-    for row in (row for row in ROWS if any(key[2] == row for key in found)):
+    for row in (row for row in (*ROWS, "sgbm") if any(key[2] == row for key in found)):
         own = [found.get((rock, "hyb_h", row)) for rock in rocks]
         card_s = np.mean([float(r["card_s"]) for r in own if r])
         cells = [f"{r['f_score_48mm']} / {r['f_score_16mm']}" if r else "" for r in own]

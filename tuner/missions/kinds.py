@@ -73,8 +73,8 @@ class MissionKind:
 
 
 def _rendered_s(config: MissionConfig) -> float:
-    # The 32 missions of `make tune`, of 20 photographs, took 226 s on two cores; PatchMatch takes 12 s on an H100 in place of
-    # SGBM's 7.
+    # The 32 missions of `make tune`, of 20 photographs, took 226 s on two cores; PatchMatch takes 8 s on an H100 and 2 s after
+    # it in place of SGBM's 7.
     of_one_s = {"patchmatch": 0.9}.get(config.dense.backend, 0.7)
     return of_one_s * (config.seed.total + config.adaptive_budget)
 
