@@ -137,6 +137,10 @@ def main() -> None:
     except KeyboardInterrupt:
         errors.print("interrupted")
         sys.exit(130)
+    except SystemExit as ended:
+        if isinstance(getattr(ended.__context__, "__cause__", None), KeyboardInterrupt):  # typer says nothing
+            errors.print("interrupted")
+        raise
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None:
             _say(f"{error.strerror}: {error.filename}")

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.errors import MissionFailure
+from nbv.errors import MissionFailure, UserError
 from nbv.safe_files import open_to_write
 
 DEVICES = Path("/dev")
@@ -52,6 +52,17 @@ options = pycolmap.PatchMatchOptions()
 options.mergedict(json.loads(sys.argv[2]))
 pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
+
+
+def require_cuda() -> None:
+    """`UserError` where the installed pycolmap has no CUDA."""
+    import pycolmap  # noqa: PLC0415  half a second, wasted where no card is asked for
+
+    if not pycolmap.has_cuda:
+        raise UserError(
+            'dense.backend=patchmatch needs a pycolmap with CUDA: run `pip install "gatetune[cuda]"` on a '
+            "machine with an NVIDIA GPU, or set dense.backend=sgbm"
+        )
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ import pycolmap
 import numpy as np
 from PIL import Image as PillowImage
 
-from nbv.dense.card import free_card, patch_match
-from nbv.errors import UserError
+from nbv.dense.card import free_card, patch_match, require_cuda
 
 _MIN_DEPTH_M = 0.3
 
@@ -30,11 +29,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
 
     `UserError` where the installed pycolmap has no CUDA; `MissionFailure` where the card fails.
     """
-    if not pycolmap.has_cuda:
-        raise UserError(
-            'dense.backend=patchmatch needs a pycolmap with CUDA: run `pip install "gatetune[cuda]"` on a '
-            "machine with an NVIDIA GPU, or set dense.backend=sgbm"
-        )
+    require_cuda()
     config = views.config
     # PatchMatch weighs many sources per pixel, so it is given more than the pairwise matcher.
     wide = replace(views, config=replace(config, neighbours=config.patchmatch_sources))

@@ -31,7 +31,7 @@ from nbv.config import (
 )
 from nbv.convert import json_ready
 from nbv.dense import patchmatch_runs, with_best_dense_stage
-from nbv.dense.card import cards
+from nbv.dense.card import cards, require_cuda
 from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
@@ -248,6 +248,12 @@ def mission_config(
     return base.with_values(with_best_dense_stage(values))
 
 
+def require_dense_stage(kind: MissionKind, config: Any) -> None:
+    """`UserError` where missions with photographs would end at their dense stage on this machine."""
+    if kind.photographs and config.dense.backend == "patchmatch":
+        require_cuda()
+
+
 def note_dense_stage(kind: MissionKind, config: Any) -> None:
     """Say which dense stage missions with photographs run, on what, and about how long one takes, where that is known."""
     if not kind.photographs:
@@ -255,7 +261,7 @@ def note_dense_stage(kind: MissionKind, config: Any) -> None:
     backend, photographs = config.dense.backend, config.seed.total + config.adaptive_budget
     where = {"sgbm": "SGBM on the CPU", "patchmatch": "COLMAP's PatchMatch on "}.get(backend, backend)
     if backend == "patchmatch":
-        where += ", ".join(card.name for card in cards()) or "its workers' NVIDIA cards"
+        where += ", ".join(card.name for card in cards()) or "the NVIDIA cards of its workers"
         where += ", one mission at a time on each (--set dense.backend=sgbm for the CPU's)"
     elif patchmatch_runs():
         where += ", though this machine has CUDA (a new run with --set dense.backend=patchmatch uses it)"

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -217,6 +218,15 @@ def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.parametrize("command", [("mission", "run"), ("campaign", "run"), ("reproduce",)])
+def test_a_dense_stage_that_cannot_run_is_refused_before_anything_is_written(gatetune, monkeypatch, command):
+    monkeypatch.setattr("pycolmap.has_cuda", False)
+    monkeypatch.setattr("tuner.commands.console.with_best_dense_stage", lambda values: values)
+    code, _, err = gatetune(*command, "--rock", "slab", "--set", "dense.backend=patchmatch")
+    assert code == 2 and 'pip install "gatetune[cuda]"' in err
+    assert not Path("runs").exists()
+
+
 @pytest.mark.parametrize(
     ("error", "says"),
     [
@@ -235,6 +245,14 @@ def test_what_ran_out_is_one_line(error, says, monkeypatch, capsys):
         main()
     assert ended.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_an_interruption_is_one_line(gatetune, monkeypatch):
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tuner.commands.config.mission_config", interrupt)
+    assert gatetune("config", "show")[::2] == (130, "interrupted\n")
 
 
 def test_this_machine_can_fly(gatetune):
