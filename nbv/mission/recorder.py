@@ -101,12 +101,12 @@ class Recorder:
             if self._run is not None:
                 self._run.append(TRACE, json.dumps(json_ready(record)))
             number, budget = record.iteration + 1, self._config.adaptive_budget
-            left_min = (budget - number) * (time.perf_counter() - self._planned_at_s) / 60.0
+            left_s = (budget - number) * (time.perf_counter() - self._planned_at_s)
             self._log(
                 f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
                 f"d95 {1000 * record.d95_m:.0f} mm  {len(report.model.points_m)} points"
                 f"{'' if record.registered else '  not registered'}"
-                f"{f'  {left_min:.1f} min left, then the dense cloud' if number < budget else ''}"
+                f"{f'  {left_s:.0f} s left, then the dense cloud' if number < budget else ''}"
             )
 
     def ended(self, plan: Plan) -> None:
