@@ -32,5 +32,4 @@ def require_checksum(tree: Any, source: str, *, always: bool = False) -> None:
 
 
 def checksum_of(tree: Any) -> str:
-    """Checksum of a tree as JSON reads it back."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -26,7 +26,6 @@ PACKAGES = ("gatetune", *MISSION_LIBRARIES, "torch", "botorch", "gpytorch", "opt
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Installed versions of the packages that decide results."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -57,7 +56,6 @@ def provenance() -> dict[str, Any]:
 
 
 def _git(*arguments: str) -> str:
-    """What git says of this checkout."""
     root = Path(__file__).resolve().parent.parent
     command = ["git", "--no-optional-locks", *arguments]  # it may be killed, or have no room
     return subprocess.run(

@@ -9,14 +9,10 @@ from collections.abc import Iterator
 
 
 class Stopwatch:
-    """Adds up the seconds of every stage, and remembers its last ones.
-
-    A stage inside another is taken off the outer one's sum: no second is counted twice. What the last one took includes it.
-    """
+    """Adds up the seconds of every stage; a stage inside another is taken off the outer one's sum."""
 
     def __init__(self) -> None:
         self.total_s: dict[str, float] = defaultdict(float)
-        self.last_s: dict[str, float] = {}
         self._inner_s = [0.0]  # of the stages inside each stage that runs now, the outermost first
 
     @contextlib.contextmanager
@@ -27,6 +23,6 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.last_s[stage] = time.perf_counter() - started
-            self.total_s[stage] += self.last_s[stage] - self._inner_s.pop()
-            self._inner_s[-1] += self.last_s[stage]
+            took_s = time.perf_counter() - started
+            self.total_s[stage] += took_s - self._inner_s.pop()
+            self._inner_s[-1] += took_s

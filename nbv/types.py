@@ -82,8 +82,6 @@ class SparseModel:
 
 @dataclass(frozen=True)
 class UpdateReport:
-    """What became of one capture."""
-
     model: SparseModel
     registered: bool
     message: str = ""  # why not, or what was noticed (e.g. the alignment residual)
@@ -134,20 +132,7 @@ class CandidatePool:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def select(self, keep: Ints, filtered: str) -> CandidatePool:
-        """The candidates ``keep`` (K,); ``filtered`` names the filter in ``counts``."""
-        return CandidatePool(
-            tuple(self.ids[i] for i in keep),
-            self.positions_m[keep],
-            self.headings_rad[keep],
-            self.azimuths_deg[keep],
-            self.elevations_deg[keep],
-            tuple(self.bands[i] for i in keep),
-            {**self.counts, filtered: len(keep)},
-        )
-
     def viewpoint(self, index: int) -> Viewpoint:
-        """The candidate at ``index``."""
         x, y, z = (float(v) for v in self.positions_m[index])
         return Viewpoint(
             self.ids[index],
@@ -184,7 +169,6 @@ class Ranking:
 
     @property
     def top(self) -> int:
-        """Index of the best candidate."""
         return int(self.order[0])
 
 

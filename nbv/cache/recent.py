@@ -17,7 +17,6 @@ class Recent(Generic[Value]):
         self._values: OrderedDict[Hashable, Value] = OrderedDict()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of ``key``, made where it is not kept."""
         if key not in self._values:
             self._values[key] = make()
             if len(self._values) > self._size:
@@ -26,5 +25,4 @@ class Recent(Generic[Value]):
         return self._values[key]
 
     def clear(self) -> None:
-        """Forget all values."""
         self._values.clear()

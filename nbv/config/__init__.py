@@ -8,7 +8,6 @@ named environments in which missions run, ``names`` the parts of the program tha
 from nbv.config.conditions import (
     IDEAL_CONDITION,
     Condition,
-    available_conditions,
     condition_from_dict,
     load_condition,
     load_conditions,
@@ -29,7 +28,6 @@ from nbv.config.names import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, gate_kin
 from nbv.config.presets import PRESETS, preset
 from nbv.config.sections_planning import (
     BAwareConfig,
-    GateConfig,
     PoolConfig,
     SeedConfig,
     Weights,
@@ -62,7 +60,6 @@ __all__ = [
     "DenseConfig",
     "EvaluationConfig",
     "FlightConfig",
-    "GateConfig",
     "GroundConfig",
     "MissionConfig",
     "PoolConfig",
@@ -73,7 +70,6 @@ __all__ = [
     "TelemetryConfig",
     "Weights",
     "WindConfig",
-    "available_conditions",
     "canonical",
     "canonical_path",
     "condition_from_dict",

@@ -71,11 +71,6 @@ def shipped_files(folder: str) -> dict[str, Path]:
     return {file.stem: file for where in (installed, beside) for file in sorted(where.glob("*.yaml"))}
 
 
-def available_conditions() -> dict[str, Path]:
-    """Named conditions and their files, ``ideal`` first."""
-    return dict(sorted(shipped_files("conditions").items(), key=lambda item: item[0] != IDEAL))
-
-
 def load_conditions(names_or_paths: Sequence[str]) -> tuple[Condition, ...]:
     """As `load_condition`, in order; ``UserError`` where two have one name."""
     conditions = tuple(load_condition(name) for name in names_or_paths)
@@ -98,7 +93,7 @@ def load_condition(name_or_path: str) -> Condition:
 
     `UserError` where there is no such condition, or for a mistake in the file.
     """
-    named = available_conditions()
+    named = dict(sorted(shipped_files("conditions").items(), key=lambda item: item[0] != IDEAL))
     path = named.get(name_or_path, Path(name_or_path))
     if name_or_path not in named and path.suffix not in (".yaml", ".yml"):
         raise UserError(

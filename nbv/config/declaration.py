@@ -48,6 +48,12 @@ _WITHOUT_EFFECT = {  # what earlier versions wrote of parameters that are gone, 
     "stop.min_gain_percent": 0.0,
     "predicted.views": 6,
     "dense.patchmatch_samples": 15,
+    "dense.patchmatch_geometric": False,
+    "seed.rings": 1,
+    "seed.start_bearing_deg": 0.0,
+    "seed.ring_radii_m": [],
+    "seed.ring_bearings_deg": [],
+    "gate.oracle_matchable_views": 3,
     **{f"{scorer}.weights.register": 0.0 for scorer in ("covis", "b_aware", "predicted")},
 }
 ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack

@@ -33,12 +33,6 @@ class SeedConfig(Section):
     radius_m: Positive = text(4.0, "III", "distance of the seed orbit to the target")
     ring_elevations_deg: Elevations = text((15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings")
     ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III", "views in each seed ring")
-    ring_radii_m: tuple[Positive, ...] = not_in_paper(
-        (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
-    )
-    ring_bearings_deg: tuple[float, ...] = not_in_paper(
-        (), "compass bearing of each seed ring's first view; empty: north", added=True
-    )
     count: int = not_in_paper(
         0,
         "seeds at even azimuths around the target, in place of the rings above; 0: those rings",
@@ -50,24 +44,15 @@ class SeedConfig(Section):
         "how the seeds of `count` fly: one turn, or the rings above with `count` shared out among them in their proportions",
         added=True,
     )
-    rings: Annotated[int, Meta(ge=1, le=90)] = not_in_paper(
-        1, "number of elevations among which the seeds of `count` alternate", added=True
-    )
     lowest_deg: Elevation = not_in_paper(
         20.0,
-        "the lowest of these elevations",
+        "elevation of the seeds of `count`, or of their first ring",
         reason="the mean of the paper's is 24",
         label="elevation of the lowest ring",
         added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "highest minus lowest of these elevations", reason="the paper's: 21", added=True
-    )
-    start_bearing_deg: float = not_in_paper(
-        0.0,
-        "compass bearing of the first seed of `count`",
-        reason="shadows and relief know north",
-        added=True,
+        0.0, "elevation of their second ring minus that of the first", reason="the paper's: 21", added=True
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
@@ -97,15 +82,9 @@ class SeedConfig(Section):
         counts = self.ring_azimuth_counts
         self._need(len(counts) == rings, "ring_azimuth_counts", "as long as ring_elevations_deg")
         self._need(sum(counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
-        for name in ("ring_radii_m", "ring_bearings_deg"):
-            self._need(
-                len(getattr(self, name)) in (0, rings), name, "empty or as long as ring_elevations_deg"
-            )
         self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
-        self._need(self.upper_share == 0 or self.rings == 1, "upper_share", "0 where rings is not 1")
-        several = self.rings > 1 or self.upper_share > 0
         rule = "such that no ring is beyond 90 degrees"
-        self._need(not several or -90 < self.upper_deg < 90, "span_deg", rule)
+        self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", rule)
         self._need(
             self.retarget_after == 0 or self.retarget_after >= 3,
             "retarget_after",
@@ -114,27 +93,16 @@ class SeedConfig(Section):
 
     @property
     def total(self) -> int:
-        """Seeds in all."""
-        if self.layout == "rings":
-            return sum(self.ring_counts)
-        return self.count or sum(self.ring_azimuth_counts)
-
-    @property
-    def layout_deg(self) -> tuple[float, ...]:
-        """Elevations that the seeds of ``count`` take in turn, ascending."""
-        step_deg = self.span_deg / max(1, self.rings - 1)
-        return tuple(self.lowest_deg + step_deg * ring for ring in range(self.rings))
+        return self.count if self.count and self.layout == "turn" else sum(self.ring_counts)
 
     @property
     def upper_count(self) -> int:
-        """Seeds of ``count`` on the second ring."""
         if self.layout == "rings":
             return 0
         return min(round(self.upper_share * self.count), self.count - 1) if self.count else 0
 
     @property
     def upper_deg(self) -> float:
-        """Elevation of the second ring."""
         return self.lowest_deg + self.span_deg
 
     @property
@@ -149,11 +117,10 @@ class SeedConfig(Section):
     @property
     def lowest_view_m(self) -> float:
         """Height of the lowest seed above the target's centre."""
+        elevations_deg = self.ring_elevations_deg
         if self.count and self.layout == "turn":
-            lowest_deg = min(self.layout_deg + ((self.upper_deg,) if self.upper_count else ()))
-            return self.radius_m * math.sin(math.radians(lowest_deg))
-        radii_m = self.ring_radii_m or [self.radius_m] * len(self.ring_elevations_deg)
-        return min(r * math.sin(math.radians(e)) for r, e in zip(radii_m, self.ring_elevations_deg))
+            elevations_deg = (self.lowest_deg, self.upper_deg if self.upper_count else self.lowest_deg)
+        return self.radius_m * math.sin(math.radians(min(elevations_deg)))
 
 
 @dataclass(frozen=True)
@@ -214,10 +181,10 @@ class StopConfig(Section):
         reason="so that seeds and captures are shared out of one number",
         added=True,
     )
-    criterion: Literal["both", "budget", "knn", "predicted"] = text(
+    criterion: Literal["both", "budget", "predicted"] = text(
         "both",
         "III",
-        "what ends Phase 2 besides the budget: both (the paper's) or knn: d95 of the sparse cloud; predicted: the predicted "
+        "what ends Phase 2 besides the budget: both (the paper's): d95 of the sparse cloud; predicted: the predicted "
         "completeness of the dense cloud (not in the paper)",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
@@ -228,9 +195,7 @@ class StopConfig(Section):
         "all", "III-B, the sparse cloud", "points that count for d95: all, or those in the box"
     )
     predicted_percent: Annotated[float, Meta(gt=0, le=100)] = not_in_paper(
-        98.0,
-        "predicted F-score at 48 mm at which criterion predicted ends Phase 2",
-        added=True,
+        98.0, "predicted F-score at 48 mm at which criterion predicted ends Phase 2", added=True
     )
 
     @property
@@ -349,16 +314,13 @@ class GateConfig(Section):
         "d95 above which Hyb-H uses the geometry scorer",
         label="KNN distance d95",
     )
-    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = not_in_paper(
+    oracle_coverage: Literal["reconstruction", "matchable", "paper-code"] = not_in_paper(
         "reconstruction", "when Hyb-O counts a sample as covered", reason="our reading of III-B"
     )
     oracle_samples: Annotated[int, Meta(ge=100)] = text(
         30_000, "III-B", "samples of the true surface that Hyb-O counts"
     )
     oracle_threshold_m: Positive = text(0.02, "III-B", "distance at which Hyb-O counts a sample as covered")
-    oracle_matchable_views: TwoOrMore = not_in_paper(
-        3, "views that must see a sample for it to be covered under `matchable`"
-    )
     oracle_quality_weight: NonNegative = code(
         0.0,
         "scoring.yaml of f3120ba: 0.5",

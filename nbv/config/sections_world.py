@@ -248,7 +248,6 @@ class WindConfig(Section):
 
     @property
     def strongest_m_s(self) -> float:
-        """Mean and three standard deviations of gusts."""
         return self.mean_speed_m_s + 3 * self.gust_m_s
 
 

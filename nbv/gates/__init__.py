@@ -4,15 +4,12 @@ Two of them see the ground truth and are upper references, not planners: they sa
 """
 
 from nbv.gates.base import Gate
-from nbv.gates.features import gate_features
-from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
+from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.gates.registry import gate_class, make_gate
 
 __all__ = [
     "Gate",
     "GroundTruthOracle",
     "gate_class",
-    "gate_features",
     "make_gate",
-    "oracle_rewards",
 ]

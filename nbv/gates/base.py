@@ -46,7 +46,6 @@ class Gate(ABC):
 
     @property
     def truth(self) -> GroundTruthOracle:
-        """The ground truth."""
         if self.oracle is None:
             raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")
         return self.oracle
@@ -68,11 +67,6 @@ class Gate(ABC):
         ``rankings["covis"]`` and ``rankings["b-aware"]`` are there, any other scorer's ranking is made when it is asked for
         (`nbv.scorers.registry.Rankings`).
         """
-
-
-def budget_fraction(state: PlanningState) -> float:
-    """f_b of Eq. 9: adaptive captures used over the adaptive budget; the seeds count in neither."""
-    return state.captures_used / max(1, state.adaptive_budget)
 
 
 def ranking_of(name: str, scores: Floats, rankings: dict[str, Ranking]) -> Ranking:

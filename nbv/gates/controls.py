@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nbv.gates.base import Gate, budget_fraction, ranking_of
+from nbv.gates.base import Gate, ranking_of
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
@@ -16,8 +16,8 @@ class HeuristicGate(Gate):
     """
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """Eq. 9."""
-        gate, f_b = self.config.gate, budget_fraction(state)
+        """Eq. 9; the seeds count neither as used nor in the budget."""
+        gate, f_b = self.config.gate, state.captures_used / max(1, state.adaptive_budget)
         early, coarse = f_b < gate.budget_fraction, state.d95_m > gate.d95_m
         details = {"f_b": f_b, "d95_m": state.d95_m, "early": early, "coarse": coarse}
         if early or coarse:
@@ -32,7 +32,6 @@ class RandomGate(Gate):
     """Any feasible candidate with equal probability, drawn per (rock, replicate, iteration)."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """A random permutation of the pool."""
         rng = keyed_rng("random-gate", self.rock_sha256, self.replicate, state.iteration)
         return GateDecision(ranking_of("random", rng.random(len(pool)), rankings), "random view")
 
@@ -41,6 +40,5 @@ class MovementGate(Gate):
     """The cheapest candidate to reach (Eq. 3 alone)."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """Rising movement cost."""
         move = rankings[COVIS.name].terms["move"]
         return GateDecision(ranking_of("movement-only", -move, rankings), "smallest movement")

@@ -51,14 +51,11 @@ class Answer(msgspec.Struct):
 
 
 class ExternalGate(Gate):
-    """Asks a program; `register_program` makes the subclass of one."""
-
     command: ClassVar[tuple[str, ...]]
     identity: ClassVar[str]  # of the command and of the files that it names
     _program: _Program | None = None
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """The program's answer."""
         gate = f"gate {self.config.gate.kind!r} of {' '.join(self.command)}"
         seed = int(self.rng(state).integers(2**31))
         try:

@@ -1,6 +1,6 @@
 """What the oracle gates know: the true surface, and what of it is already covered.
 
-GROUND TRUTH. Nothing in this file is deployable; only the oracle gates and off-policy logging use it.
+GROUND TRUTH. Nothing in this file is deployable; only the oracle gates use it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
+from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, in_frustum, lifted, seen_from
-from nbv.types import Bools, CandidatePool, Floats, PlanningState, Ranking
+from nbv.types import Bools, Floats, PlanningState
 
 SAMPLE_SEED = 42
 GROUND_Z_M = 0.0  # samples below are buried
+NEEDED_VIEWS = 3  # that match at a sample, for it to be covered under "matchable"
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Coverage:
 
     covered: Bools  # (S,)
     visited_m: Floats  # (V, 3); used by "matchable" only
-    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
+    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only
 
 
 class GroundTruthOracle:
@@ -46,11 +47,9 @@ class GroundTruthOracle:
     -----------------------------------
     reconstruction
         The paper's text: a reconstructed (sparse) point lies within ``oracle_threshold_m``.
-    seen
-        A visited viewpoint sees the sample.
     matchable
-        A visited viewpoint sees it together with ``oracle_matchable_views - 1`` others, each at a
-        matchable angle to it as seen from the sample: what dense stereo with so many agreeing views needs.
+        A visited viewpoint sees it together with `NEEDED_VIEWS` - 1 others, each at a matchable angle to it as seen from
+        the sample: what dense stereo with so many agreeing views needs.
     paper-code
         What the authors' public code computes, with the mesh where it should be: seen by a visited
         viewpoint, and "seen" means inside the frustum. The first seed covers everything.
@@ -68,7 +67,8 @@ class GroundTruthOracle:
         self._starts_m = lifted(self.samples_m, self.normals)
         self._caster = RayCaster(vertices_m, faces)
         self._seen: dict[tuple[float, ...], Bools] = {}
-        self._partners: tuple[Floats, NDArray[np.int16]] | None = None
+        # Of the views that were asked for last, whose list grows by one an iteration.
+        self._partners = np.empty((0, 3)), np.empty((0, len(self.samples_m)), np.int16)
 
     # -- what a view sees
 
@@ -108,9 +108,7 @@ class GroundTruthOracle:
             return Coverage(distance <= limit, visited)
         if mode == "matchable":
             partners = self._matchable_partners(visited)
-            need = self.config.gate.oracle_matchable_views
-            covered = matchable_views(partners.T) >= need
-            return Coverage(covered, visited, partners)
+            return Coverage(_matchable_views(partners) >= NEEDED_VIEWS, visited, partners)
         covered = np.zeros(len(self.samples_m), dtype=bool)
         for position in visited:
             covered |= self.visible(position)
@@ -137,13 +135,10 @@ class GroundTruthOracle:
 
     def _matchable_partners(self, visited_m: Floats) -> NDArray[np.int16]:
         """(V, S): -1 where a view does not see a sample, else how many others see it at a matchable angle."""
-        done = 0
+        known, counts = self._partners
+        done = len(known) if np.array_equal(known, visited_m[: len(known)]) else 0
         partners = np.full((len(visited_m), len(self.samples_m)), -1, dtype=np.int16)
-        if self._partners is not None:  # the visited list grows by one view an iteration
-            known, counts = self._partners
-            if len(known) <= len(visited_m) and np.array_equal(known, visited_m[: len(known)]):
-                done = len(known)
-                partners[:done] = counts
+        partners[:done] = counts[:done]
         for v in range(done, len(visited_m)):
             seen = np.flatnonzero(self.visible(visited_m[v]))
             pairs = self._pairs(visited_m[v], seen, visited_m[:v], partners[:v, seen])
@@ -167,19 +162,12 @@ class GroundTruthOracle:
         rows = np.flatnonzero(visible)
         before = coverage.partners[:, rows]
         pairs = self._pairs(position_m, rows, coverage.visited_m, before)
-        seen = np.ones((len(rows), 1), dtype=bool)
-        after = matchable_views_with(before.T, pairs.T[:, None], seen)[:, 0]
-        need = self.config.gate.oracle_matchable_views
-        growth = np.minimum(after, need) - np.minimum(matchable_views(before.T), need)
-        return float(growth.sum()) / need
+        after = np.maximum(_matchable_views(before + pairs), pairs.sum(axis=0) + 1)
+        growth = np.minimum(after, NEEDED_VIEWS) - np.minimum(_matchable_views(before), NEEDED_VIEWS)
+        return float(growth.sum()) / NEEDED_VIEWS
 
 
-def oracle_rewards(
-    oracle: GroundTruthOracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
-) -> dict[str, float]:
-    """The gain of each ranking's top candidate, by scorer name: for oracle gates.
-
-    Reads the ground truth; never feed the result to a deployable gate.
-    """
-    coverage = oracle.coverage(state)
-    return {name: oracle.gain(pool.positions_m[r.top], coverage) for name, r in rankings.items()}
+def _matchable_views(partners: NDArray[np.int16]) -> NDArray[np.int16]:
+    """(S,) views of each sample that can be matched: those of its best view, itself and its partners (V, S)."""
+    views: NDArray[np.int16] = partners.max(axis=0, initial=-1) + 1
+    return views

@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 
 from nbv.gates.base import Gate, ranking_of
-from nbv.gates.ground_truth import oracle_rewards
 from nbv.scorers import COVIS
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
@@ -27,10 +26,11 @@ class OracleGate(Gate):
         """The geometry scorer where its reward is larger; of a tie `gate.oracle_quality_weight` says more."""
         covis, geometry = COVIS.name, self.config.gate.geometry_scorer
         both = {name: rankings[name] for name in (covis, geometry)}
-        rewards = oracle_rewards(self.truth, state, pool, both)
+        coverage = self.truth.coverage(state)
+        rewards = {name: self.truth.gain(pool.positions_m[r.top], coverage) for name, r in both.items()}
         worth, tied = rewards, covis
         if weight := self.config.gate.oracle_quality_weight:
-            left = max(1, int(np.count_nonzero(~self.truth.coverage(state).covered)))
+            left = max(1, int(np.count_nonzero(~coverage.covered)))
             worth = {n: rewards[n] / left + weight * float(r.terms["main"][r.top]) for n, r in both.items()}
             tied = geometry if _margin(both[geometry]) > _margin(both[covis]) else covis
         tie = worth[geometry] == worth[covis]
@@ -38,13 +38,9 @@ class OracleGate(Gate):
         reason = (
             f"ground truth: {covis} would gain {rewards[covis]:g}, {geometry} {rewards[geometry]:g} samples"
         )
-        details = {
-            "ground_truth": True,
-            "coverage": self.config.gate.oracle_coverage,
-            "oracle_rewards": rewards,
-            "tie": tie,
-        }
-        return GateDecision(rankings[chosen], reason, details)
+        return GateDecision(
+            rankings[chosen], reason, {"ground_truth": True, "oracle_rewards": rewards, "tie": tie}
+        )
 
 
 class GreedyOracleGate(Gate):
@@ -59,14 +55,8 @@ class GreedyOracleGate(Gate):
         ranking = ranking_of("greedy-oracle", gains, rankings)
         rewards = {name: float(gains[r.top]) for name, r in rankings.items()}
         rewards["greedy-oracle"] = float(gains[ranking.top])
-        details = {
-            "ground_truth": True,
-            "coverage": self.config.gate.oracle_coverage,
-            "oracle_rewards": rewards,
-            "covered_fraction": float(coverage.covered.mean()),
-        }
         reason = f"ground truth: gains {gains[ranking.top]:g} of {len(coverage.covered)} samples"
-        return GateDecision(ranking, reason, details)
+        return GateDecision(ranking, reason, {"ground_truth": True, "oracle_rewards": rewards})
 
 
 def _margin(ranking: Ranking) -> float:

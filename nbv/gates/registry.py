@@ -26,13 +26,11 @@ class FixedGate(Gate):
     """One scorer alone, at every step. Its kind is the scorer's name."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """The ranking of the scorer that the kind names."""
         scorer = self.config.gate.kind
         return GateDecision(rankings[scorer], f"always {scorer}")
 
 
 def gate_class(kind: str) -> type[Gate]:
-    """The gates of one kind; ``UserError`` if there is no such kind."""
     gate: type[Gate] = FixedGate if kind in SCORERS else GATES.load(kind, BUILT_IN)
     return gate
 

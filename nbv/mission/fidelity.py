@@ -35,8 +35,6 @@ from nbv.viewpoints import RINGS, ViewpointSource
 
 @dataclass(frozen=True)
 class MissionContext:
-    """What a fidelity is made from."""
-
     config: MissionConfig  # with the true size of a generated rock: only metrics may use it, no planner
     rock: Rock  # as it lies in the ground
     replicate: int
@@ -49,8 +47,6 @@ class MissionContext:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a mission ended, and what was measured of it."""
-
     status: Status
     reason: str = ""
     message: str = ""
@@ -215,7 +211,6 @@ class Fidelity(ABC):
         return Outcome("degraded", kinds[0], message, metrics)
 
     def result(self, mission: AdaptiveMission, outcome: Outcome, config_digest: str) -> MissionResult:
-        """Return the document of the finished mission."""
         context, recorder, flight = self.context, mission.recorder, mission.flight
         timings_s = dict(context.stopwatch.total_s)
         return MissionResult(

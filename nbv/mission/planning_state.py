@@ -49,7 +49,6 @@ _LAYOUT = {
 
 
 def arrays_of(model: SparseModel) -> dict[str, np.ndarray]:
-    """A sparse model as arrays."""
     return {
         **{name: getattr(model, name) for name in _ARRAYS},
         "camera_names": np.array(model.camera_names),
@@ -68,7 +67,6 @@ def model_of(arrays: dict[str, np.ndarray]) -> SparseModel:
 
 
 def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
-    """Write one compressed ``.npz``."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,

@@ -7,7 +7,6 @@ import time
 
 from nbv.config import MissionConfig
 from nbv.convert import json_ready
-from nbv.gates import gate_features
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
@@ -125,7 +124,6 @@ class Recorder:
         assert decision is not None, "only a chosen view is photographed"
         return IterationRecord(
             iteration=state.iteration,
-            pool_size=len(pool),
             pool_counts=pool.counts,
             d95_m=state.d95_m,
             n_points=len(state.model.points_m),
@@ -134,18 +132,14 @@ class Recorder:
             scorer=decision.ranking.scorer,
             reason=decision.reason,
             gate_details=decision.details,
-            features=gate_features(state, self._config),
             top={name: _best(ranking, pool) for name, ranking in plan.rankings.items()},
             chosen=pool.ids[decision.ranking.top],
             registered=report.registered,
             message=report.message,
-            update_s=self.stopwatch.last_s["update"],
-            planning_s=self.stopwatch.last_s["planning"],
         )
 
 
 def _best(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:
-    """A ranking's first candidate with its score and terms."""
     best = ranking.top
     terms = {name: float(values[best]) for name, values in ranking.terms.items()}
     return {"candidate": pool.ids[best], "score": float(ranking.scores[best]), **terms}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from nbv.checksums import CHECKSUM, checksum_of
+from nbv.checksums import with_checksum
 from nbv.config import IDEAL
 from nbv.convert import json_ready
 from nbv.errors import UserError
@@ -27,10 +27,7 @@ else:
 
 @dataclass(frozen=True)
 class IterationRecord:
-    """What happened at one adaptive capture."""
-
     iteration: int  # 0 is the first adaptive capture
-    pool_size: int
     pool_counts: dict[str, int]  # survivors after each filter
     d95_m: Number  # before this capture
     n_points: int  # sparse points before this capture
@@ -39,13 +36,10 @@ class IterationRecord:
     scorer: str  # whose ranking was used
     reason: str  # the gate's
     gate_details: dict[str, Any]
-    features: dict[str, Number]  # of the sparse model, as a gate may read them
     top: dict[str, dict[str, Number | str]]  # per scorer: its best candidate with score and terms
     chosen: str  # candidate id
     registered: bool  # did the new image register
     message: str
-    update_s: Number  # wall time of the sparse update
-    planning_s: Number  # wall time of pool, scorers and gate
 
 
 @dataclass(frozen=True)
@@ -90,8 +84,7 @@ class MissionResult:
 
     def to_json(self) -> str:
         """JSON text with a checksum; non-finite numbers become null."""
-        tree = json_ready(self)
-        return json.dumps({**tree, CHECKSUM: checksum_of(tree)}, indent=1)
+        return json.dumps(with_checksum(json_ready(self)), indent=1)
 
     @staticmethod
     def load(run: Path) -> MissionResult:
@@ -103,7 +96,6 @@ class MissionResult:
             raise UserError(f"{run} holds no {RESULT}; name a mission directory")
         tree = read_result(run)
         try:
-            tree.pop(CHECKSUM, None)
             if tree["schema_version"] != SCHEMA_VERSION:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"

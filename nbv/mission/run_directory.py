@@ -75,7 +75,6 @@ class RunDirectory:
 
     @property
     def images(self) -> Path:
-        """Where the photographs lie."""
         return self.root / IMAGES
 
     def write_image(self, name: str, rgb: np.ndarray) -> None:
@@ -87,7 +86,6 @@ class RunDirectory:
         write_atomic(self.images / name, buffer.getbuffer())
 
     def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
-        """Save a configuration as YAML."""
         write_atomic(self.root / name, to_yaml(tree))
 
     def write_json(self, name: str, value: Any) -> None:
@@ -101,17 +99,14 @@ class RunDirectory:
 
     @property
     def sparse_model(self) -> Path:
-        """Where the final sparse model lies."""
         return self.root / SPARSE_MODEL
 
 
 def state_file(run: Path, iteration: int) -> Path:
-    """Where the planning state of an iteration lies."""
     return run / STATES / f"iter_{iteration:02d}.npz"
 
 
 def state_files(run: Path) -> list[Path]:
-    """The planning states of a mission, in their order."""
     return sorted((run / STATES).glob("iter_*.npz"))
 
 

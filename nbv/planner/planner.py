@@ -12,16 +12,14 @@ from nbv.errors import MissionFailure, UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.safe_files import read_yaml
-from nbv.scorers import rank_candidates
-from nbv.scorers.prediction import Prediction, predict
+from nbv.scorers import Rankings
+from nbv.scorers.prediction import predict
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
 
 @dataclass(frozen=True)
 class Plan:
-    """One decision, with what it was made from."""
-
     state: PlanningState
     converged: bool  # the cloud is dense enough, or the next view adds too little
     pool: CandidatePool
@@ -29,29 +27,9 @@ class Plan:
     decision: GateDecision | None = None  # None where the phase ends: converged, or the pool is empty
 
     @property
-    def views(self) -> list[Viewpoint]:
-        """Feasible viewpoints, best first; empty where the phase ends."""
-        order = [] if self.decision is None else self.decision.ranking.order.tolist()
-        return [self.pool.viewpoint(i) for i in order]
-
-    @property
     def next_view(self) -> Viewpoint | None:
         """Where to photograph next; None where the phase ends."""
         return None if self.decision is None else self.pool.viewpoint(self.decision.ranking.top)
-
-
-def suffices(d95_m: float, prediction: Prediction | None, config: MissionConfig) -> bool:
-    """Whether the photographs so far will do.
-
-    ``knn`` and ``both``: the sparse cloud is dense enough (the paper's). ``predicted``: the dense cloud is predicted to
-    reach ``stop.predicted_percent``.
-    """
-    stop = config.stop
-    if stop.criterion in ("both", "knn"):
-        return d95_m <= stop.knn_threshold_m
-    if stop.criterion == "predicted":
-        return prediction is not None and prediction.f_score_percent >= stop.predicted_percent
-    return False
 
 
 class Planner:
@@ -115,13 +93,15 @@ class Planner:
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
-        prediction = None
-        if stop.criterion == "predicted":
+        prediction, converged = None, False
+        if stop.criterion == "both":
+            converged = state.d95_m <= stop.knn_threshold_m
+        elif stop.criterion == "predicted":
             prediction = predict(model, self.config)
-        converged = suffices(state.d95_m, prediction, self.config)
+            converged = prediction.f_score_percent >= stop.predicted_percent
         if converged or len(pool) == 0:
             return Plan(state, converged, pool)
-        rankings = rank_candidates(state, pool, self.config, prediction)
+        rankings = Rankings(state, pool, self.config, prediction)
         decision = self.gate.decide(state, pool, rankings)
         if self.config.plugins_used:
             self._require_own(pool.viewpoint(decision.ranking.top), state)

@@ -124,7 +124,6 @@ def error_text(error: BaseException) -> str:
 
 
 def shortened(text: str) -> str:
-    """At most `MESSAGE_LETTERS` of it."""
     return text if len(text) <= MESSAGE_LETTERS else f"{text[: MESSAGE_LETTERS - 1]}…"
 
 

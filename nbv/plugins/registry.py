@@ -66,7 +66,6 @@ class Plugin:
 
     @property
     def module(self) -> str:
-        """The module that it is in."""
         return self.reference.partition(":")[0]
 
     @property
@@ -99,7 +98,6 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """For the provenance."""
         return {"distribution": self.distribution, "version": self.version, "source": self.source}
 
     @functools.cached_property
@@ -165,7 +163,6 @@ class Registry(Collection[str]):
         return len(self.built_in) + len(self.plugins())
 
     def require(self, name: str) -> None:
-        """`UserError` where there is no part of that name."""
         if name not in self:
             raise UserError(
                 f"unknown {GROUPS[self.group][0]} {name!r}; there are {', '.join(self)}, or those of a plug-in "

@@ -1,20 +1,11 @@
-"""The scorers: arrays in, rankings out. `rank_candidates` is what the mission calls.
+"""The scorers: arrays in, rankings out. `Rankings` is what the mission asks for.
 
 A scorer is a main term with weights (`Scorer`); Eq. 1 and the terms that all share are written once. Those that a
 configuration may name stand in ``registry``.
 """
 
-from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.registry import PAPER_SCORERS, rank_candidates
-from nbv.scorers.scorer import Scorer, SharedTerms, box_points
+from nbv.scorers.registry import Rankings
+from nbv.scorers.scorer import Scorer, SharedTerms
 
-__all__ = [
-    "B_AWARE",
-    "COVIS",
-    "PAPER_SCORERS",
-    "Scorer",
-    "SharedTerms",
-    "box_points",
-    "rank_candidates",
-]
+__all__ = ["COVIS", "Rankings", "Scorer", "SharedTerms"]

@@ -76,7 +76,6 @@ class Prediction:
 
     @property
     def mean_chance(self) -> float:
-        """The mean chance of the observable surface."""
         return float(self.chance[self.observable].mean()) if self.observable.any() else 0.0
 
     @property

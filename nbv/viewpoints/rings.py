@@ -34,10 +34,9 @@ def _viewpoint(target_m: Point, at: RingPosition, band: str, name: str) -> Viewp
 
 
 def seed_viewpoints(config: MissionConfig, *, interleaved: bool = False) -> list[Viewpoint]:
-    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn, two rings, or as many on the rings.
+    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one ring, two rings, or as many on the rings.
 
-    One turn: even azimuths, clockwise from ``seed.start_bearing_deg``, elevations in turn: neighbours differ in both.
-    Two rings (``seed.upper_share``): each with even azimuths from that bearing, the lower one first.
+    Each ring has even azimuths, clockwise from north; of two (``seed.upper_share``) that at ``seed.lowest_deg`` is first.
 
     ``interleaved``: as many again between these, named after them: the same rings, each turned by half the step of its
     seeds.
@@ -55,23 +54,12 @@ def _seed_positions(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
     """Rings turned by ``turn_deg`` over the number of their seeds."""
     count, upper = layout.count, layout.upper_count
     if count and not upper and layout.layout == "turn":
-        start_deg, step_deg = layout.start_bearing_deg + turn_deg / count, 360.0 / count
-        elevations_deg = layout.layout_deg
-        return [
-            (layout.radius_m, elevations_deg[k % layout.rings], start_deg + k * step_deg)
-            for k in range(count)
-        ]
-    rings = list(zip(layout.ring_elevations_deg, layout.ring_counts))
-    radii_m = layout.ring_radii_m or (layout.radius_m,) * len(rings)
-    bearings_deg = layout.ring_bearings_deg or (0.0,) * len(rings)
+        step_deg = 360.0 / count
+        return [(layout.radius_m, layout.lowest_deg, turn_deg / count + k * step_deg) for k in range(count)]
+    rings = zip(layout.ring_elevations_deg, layout.ring_counts)
     if upper:
-        rings = [(layout.lowest_deg, count - upper), (layout.upper_deg, upper)]
-        radii_m, bearings_deg = (layout.radius_m,) * 2, (layout.start_bearing_deg,) * 2
-    return [
-        at
-        for (elevation_deg, n), radius_m, bearing_deg in zip(rings, radii_m, bearings_deg)
-        for at in _ring(radius_m, elevation_deg, n, bearing_deg + turn_deg / n)
-    ]
+        rings = zip((layout.lowest_deg, layout.upper_deg), (count - upper, upper))
+    return [at for elevation_deg, n in rings for at in _ring(layout.radius_m, elevation_deg, n, turn_deg / n)]
 
 
 def lateral_ring_counts(total: int, rings: int) -> list[int]:

@@ -7,7 +7,6 @@ from typing import Any
 
 from tuner.export.photogrammetry_nbv import (
     BASELINE_AWARE,
-    CRITERION_OF_OURS,
     HYBRID,
     MISSION,
     MODE_OF_GATE,
@@ -51,14 +50,13 @@ def read_mission(theirs: Mapping[str, Any]) -> dict[str, Any]:
     """
     given = {key.path: key.default for key in MISSION} | dict(theirs)
     north_m, east_m, down_m = (given[f"rock_center_{axis}"] for axis in "xyz")
-    criterion = {there: ours for ours, there in CRITERION_OF_OURS.items()}
     return {
         **_direct(theirs, MISSION),
         "target_m": (0.0, 0.0, -down_m),
         "flight.home_m": (0.0 - east_m, 0.0 - north_m, 0.0),
         "pool.max_altitude_m": -given["min_altitude_ned"],
         "pool.min_altitude_m": -given["max_altitude_ned"],
-        "stop.criterion": criterion[given["stopping_criterion"]],
+        "stop.criterion": "budget" if given["stopping_criterion"] == "image_budget" else "both",
     }
 
 

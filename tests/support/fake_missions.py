@@ -109,27 +109,7 @@ def fake_mission(
     }
     result = well_flown(config, rock, replicate, metrics)
     if rock.startswith("blind"):  # two planned photographs, of which none registers
-        record = IterationRecord(
-            *(
-                0,
-                1,
-                {},
-                0.1,
-                100,
-                5,
-                0.0,
-                "covis",
-                "",
-                {},
-                {},
-                {},
-                "cand_000",
-                False,
-                "",
-                0.0,
-                0.0,
-            )
-        )
+        record = IterationRecord(0, {}, 0.1, 100, 5, 0.0, "covis", "", {}, {}, "cand_000", False, "")
         result = dataclasses.replace(result, trace=[record, record])
     return result
 

@@ -164,7 +164,6 @@ SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "
 # What chooses views there, by scorer name or by gate mode of the hybrid, and here.
 SCORER_OF_GATE = {"covis": "covisibility", "b-aware": BASELINE_AWARE}
 MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle"}
-CRITERION_OF_OURS = {"budget": "image_budget", "knn": "knn_distance", "both": "both"}
 
 
 # -- files, as flat dictionaries by dotted path ---------------------------------------------------------------
@@ -314,11 +313,13 @@ def write_mission(
     """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``."""
     values, seed, stop = _direct(config, MISSION, theirs), config.seed, config.stop
     values["ring_image_count"] = seed.total
-    remarks = _seeds_of_one_turn(config, values) if seed.count else []
-    by_distance = stop.criterion in ("both", "knn")
-    own_rings = not seed.count and bool(seed.ring_radii_m or seed.ring_bearings_deg)
-    remarks += _remarks(
-        ("seed.ring_radii_m", own_rings, "theirs has one radius, and every ring begins in the north"),
+    values["seed_azimuth_counts"] = list(seed.ring_counts)
+    if seed.count and seed.layout == "turn":
+        upper = seed.upper_count
+        values["seed_elevation_rings_deg"] = [seed.lowest_deg, seed.upper_deg] if upper else [seed.lowest_deg]
+        values["seed_azimuth_counts"] = [seed.count - upper, upper] if upper else [seed.count]
+    by_distance = stop.criterion == "both"
+    remarks = _remarks(
         ("seed.retarget_after", bool(seed.retarget_after), "theirs does not look for the target"),
         (
             "sparse.ground_features",
@@ -329,8 +330,8 @@ def write_mission(
         ("stop.knn_threshold_m", by_distance, _not_written(values, "knn_distance_threshold")),
         (
             "stop.criterion",
-            by_distance and values["stopping_criterion"] != CRITERION_OF_OURS[stop.criterion],
-            f"{stop.criterion} asks for that distance, so stopping_criterion stays {values['stopping_criterion']}",
+            by_distance and values["stopping_criterion"] != "both",
+            f"both asks for that distance, so stopping_criterion stays {values['stopping_criterion']}",
         ),
     )
     values["image_budget"] = config.adaptive_budget
@@ -342,26 +343,10 @@ def write_mission(
     values["min_altitude_ned"] = -config.pool.max_altitude_m
     values["max_altitude_ned"] = -config.pool.min_altitude_m
     if not by_distance:
-        values["stopping_criterion"] = CRITERION_OF_OURS["budget"]
+        values["stopping_criterion"] = "image_budget"
     values["position_tolerance_z"] = values["position_tolerance_xy"]
     values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
     return {key.path: values[key.path] for key in MISSION}, remarks
-
-
-def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
-    """Seeds of ``seed.count`` as rings with as many views; an elevation that none takes is left out."""
-    layout_deg = config.seed.layout_deg[: config.seed.count]
-    counts = [
-        len(range(ring, config.seed.count, len(config.seed.layout_deg))) for ring in range(len(layout_deg))
-    ]
-    if upper := config.seed.upper_count:
-        layout_deg = (config.seed.lowest_deg, config.seed.upper_deg)
-        counts = [config.seed.count - upper, upper]
-    values["seed_elevation_rings_deg"], values["seed_azimuth_counts"] = list(layout_deg), counts
-    if (upper or len(counts) == 1) and not config.seed.start_bearing_deg:
-        return []
-    text = f"{config.seed.count} seeds about the target are written as rings of {counts}: other azimuths"
-    return [Remark("seed.count", text, partly=True)]
 
 
 def _not_written(values: Values, key: str) -> str:

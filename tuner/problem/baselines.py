@@ -46,9 +46,7 @@ class Baseline:
         values = {
             "seed.count": number,
             "seed.layout": "turn",
-            "seed.rings": 1,
             "seed.radius_m": base.pool.radius_m,
-            "seed.start_bearing_deg": 0.0,
             "seed.retarget_after": number // 2 if self.retargeted else 0,
             **_registering(base.sparse, number),
             "stop.adaptive_budget": 0,

@@ -211,7 +211,7 @@ def plan_words(config: Configuration) -> str:
         return ""
     seed, stop, pool = config.seed, config.stop, config.pool
     rings, highest_deg = f"{seed.total} photographs on rings", max(seed.ring_elevations_deg)
-    if seed.count and seed.layout == "turn" and seed.rings == 1:
+    if seed.count and seed.layout == "turn":
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
         rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
         highest_deg = seed.upper_deg if seed.upper_count else seed.lowest_deg

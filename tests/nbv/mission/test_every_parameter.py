@@ -37,7 +37,6 @@ from nbv.viewpoints import seed_viewpoints
 NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"
 FEW = {"stop.adaptive_budget": 3}
-RING = {**FEW, "seed.count": 18, "seed.layout": "rings", "seed.rings": 2, "sparse.ground_features": 2000}
 TURN = {**FEW, "seed.count": 15, "sparse.ground_features": 2000}
 FALLS_APART = {**FEW, "sparse.ground_features": 2000, "scene.match_angle_deg": 45.0, "seed.count": 7}
 FALLS_APART |= {"sparse.min_registered_seeds": 3, "seed.lowest_deg": 25.0}
@@ -68,16 +67,12 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "flight.max_yaw_rate_rad_s": ({}, 0.1),
     "flight.max_yaw_acceleration_rad_s2": ({}, 0.05),
     "flight.max_yaw_jerk_rad_s3": ({}, 0.05),
-    "seed.ring_radii_m": ({}, [4.0, 4.1, 4.2, 4.3]),
-    "seed.ring_bearings_deg": ({}, [5.0, 10.0, 15.0, 20.0]),
     "seed.ring_azimuth_counts": ({}, [7, 6, 6, 5]),
     "seed.ring_elevations_deg": ({}, [16.0, 22.0, 29.0, 40.0]),
     "seed.count": ({"sparse.ground_features": 2000}, 16),
     "seed.layout": (TURN, "rings"),
-    "seed.rings": (RING, 3),
     "seed.lowest_deg": (TURN, 20.0),
-    "seed.span_deg": (TURN, 12.0),
-    "seed.start_bearing_deg": (TURN, 20.0),
+    "seed.span_deg": ({**TURN, "seed.upper_share": 0.3}, 12.0),
     "seed.upper_share": (TURN, 0.3),
     "seed.second_turn": (FALLS_APART, True),
     "pool.min_altitude_m": ({}, 1.5),
@@ -89,7 +84,7 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "pool.azimuth_sectors": ({"pool.max_candidates": 12}, 3),
     "pool.max_candidates": ({}, 5),
     "stop.max_photographs": ({}, 25),
-    "stop.criterion": ({"stop.knn_threshold_m": 0.5}, "knn"),
+    "stop.criterion": ({"stop.knn_threshold_m": 0.5}, "both"),
     "stop.knn_threshold_m": ({"stop.criterion": "both"}, 0.5),
     "stop.knn_neighbours": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.14}, 1),
     "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.4}, "all"),
@@ -98,10 +93,9 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "gate.geometry_scorer": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0, "gate.d95_m": 9.0}, "covis"),
     "gate.budget_fraction": ({CALLED: "hyb-h", "gate.d95_m": 0.0}, 0.0),
     "gate.d95_m": ({CALLED: "hyb-h", "gate.budget_fraction": 0.0}, 5.0),
-    "gate.oracle_coverage": ({CALLED: "hyb-o"}, "seen"),
+    "gate.oracle_coverage": ({CALLED: "hyb-o"}, "matchable"),
     "gate.oracle_samples": ({CALLED: "hyb-o"}, 150),
     "gate.oracle_threshold_m": ({CALLED: "hyb-o"}, 0.3),
-    "gate.oracle_matchable_views": ({CALLED: "hyb-o", "gate.oracle_coverage": "matchable"}, 8),
     "gate.oracle_quality_weight": ({CALLED: "hyb-o"}, 5.0),
     "target.size_error_percent": ({"rock": "boulder-7"}, 50.0),
     **{f"telemetry.{name}": (NOISY, value) for name, value in {

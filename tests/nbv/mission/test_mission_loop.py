@@ -237,4 +237,3 @@ def test_no_second_counts_for_two_stages(monkeypatch):
     with watch.timed("photograph"), watch.timed("scene"):
         pass
     assert watch.total_s == {"photograph": 7.0, "scene": 3.0}
-    assert watch.last_s == {"photograph": 10.0, "scene": 3.0}

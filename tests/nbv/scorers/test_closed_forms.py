@@ -13,9 +13,9 @@ from nbv import gates, scene, scorers
 from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig
 from nbv.dense import reconstruct
 from nbv.errors import MissionFailure, UserError
-from nbv.scorers import PAPER_SCORERS, box_points, rank_candidates
+from nbv.scorers import Rankings
 from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance
-from nbv.scorers.scorer import angular_penalty, novelty
+from nbv.scorers.scorer import angular_penalty, box_points, novelty
 from nbv.types import PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
@@ -74,7 +74,7 @@ def test_a_whole_state() -> None:  # Eq. 1
     cameras = ring([0.0, 40.0])
     state = state_of(TARGET[None], [[0, 1]], cameras)
     pool = pool_at(ring([20.0, 180.0]))
-    rankings = rank_candidates(state, pool, MissionConfig())
+    rankings = Rankings(state, pool, MissionConfig())
 
     chord = 2 * 3.5 * np.sin(np.deg2rad(10.0))
     nov = np.array([chord / 2.0, 1.0])
@@ -94,9 +94,9 @@ def test_ties_keep_pool_order() -> None:
     state = state_of(TARGET[None], [[0, 1]], ring([0.0, 180.0]))
     config = MissionConfig().with_values({"covis.weights.move": 0.0})
     pool = pool_at(ring([270.0, 90.0]))  # mirror images
-    assert rank_candidates(state, pool, config)["covis"].order.tolist() == [0, 1]
+    assert Rankings(state, pool, config)["covis"].order.tolist() == [0, 1]
     pool = pool_at(ring([90.0, 270.0]))
-    assert rank_candidates(state, pool, config)["covis"].order.tolist() == [0, 1]
+    assert Rankings(state, pool, config)["covis"].order.tolist() == [0, 1]
 
 
 def test_box_and_track_length_choose_the_points() -> None:
@@ -110,7 +110,7 @@ def test_box_and_track_length_choose_the_points() -> None:
 def test_an_empty_box_is_a_mission_failure() -> None:
     state = state_of(TARGET[None] + 50.0, [[0, 1]], ring([0.0, 40.0]))
     with pytest.raises(MissionFailure) as failure:
-        rank_candidates(state, pool_at(ring([0.0])), MissionConfig())
+        Rankings(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
 
 
@@ -126,8 +126,8 @@ def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
 
 def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
     state, pool = synthetic_state(400, MissionConfig())
-    rankings = rank_candidates(state, pool, MissionConfig())
-    assert tuple(rankings) == PAPER_SCORERS == ("covis", "b-aware")
+    rankings = Rankings(state, pool, MissionConfig())
+    assert tuple(rankings) == ("covis", "b-aware")
     assert rankings["predicted"] is rankings["predicted"]
     assert tuple(rankings) == ("covis", "b-aware", "predicted")
     with pytest.raises(UserError, match="unknown scorer 'predictet'; there are covis, b-aware, predicted"):

@@ -10,7 +10,7 @@ import pytest
 from scoring_state import pool_at, sparse_model
 
 from nbv.config import MissionConfig, Weights
-from nbv.scorers import rank_candidates
+from nbv.scorers import Rankings
 from nbv.types import CandidatePool, PlanningState
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
@@ -74,7 +74,7 @@ def test_terms_scores_and_ranks_equal_the_reference(name: str, case: str) -> Non
     z = load(name)
     scorer, alphas = CASES[case]
     state, pool = state_and_pool(z)
-    ours = rank_candidates(state, pool, config_for(z["weights"], alphas))[scorer]
+    ours = Rankings(state, pool, config_for(z["weights"], alphas))[scorer]
 
     expected = z[case]
     for column, term in enumerate(("main", "nov", "move", "ang")):

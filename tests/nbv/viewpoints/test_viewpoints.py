@@ -61,9 +61,8 @@ def turn(count: int, **seed: float) -> MissionConfig:
             "meets the ground: it lies at 0.24 m, and the camera flies no lower than 0.3",
         ),
         ({"seed.upper_share": 0.4, "seed.span_deg": -30.0}, "meets the ground"),
-        ({"seed.upper_share": 0.4, "seed.rings": 2}, "upper_share is 0.4; it must be 0 where rings is not 1"),
         ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),
-        ({"seed.ring_radii_m": [3.0]}, "empty or as long as ring_elevations_deg"),
+        ({"seed.ring_azimuth_counts": [3]}, "as long as ring_elevations_deg"),
         ({"seed.retarget_after": 2}, "at least 3: fewer photographs make no model"),
     ],
 )
@@ -73,32 +72,15 @@ def test_seeds_that_cannot_become_a_mission_are_refused(values: dict, says: str)
 
 
 def test_two_rings_have_even_steps_each() -> None:
-    """16 at 10 degrees and 9 at 35, from one bearing on, as far from the target as asked."""
-    config = turn(25, upper_share=0.36, lowest_deg=10.0, span_deg=25.0, start_bearing_deg=30.0, radius_m=3.5)
+    """16 at 10 degrees and 9 at 35, from north on, as far from the target as asked."""
+    config = turn(25, upper_share=0.36, lowest_deg=10.0, span_deg=25.0, radius_m=3.5)
     seeds = seed_viewpoints(config)
     assert [s.elevation_deg for s in seeds] == [10.0] * 16 + [35.0] * 9
-    expected = [60.0 - 22.5 * k for k in range(16)] + [60.0 - 40.0 * k for k in range(9)]
+    expected = [90.0 - 22.5 * k for k in range(16)] + [90.0 - 40.0 * k for k in range(9)]
     np.testing.assert_allclose([s.azimuth_deg for s in seeds], np.mod(expected, 360.0))
     distances_m = np.linalg.norm(np.array([s.position_m for s in seeds]) - config.target_m, axis=1)
     np.testing.assert_allclose(distances_m, 3.5)
     assert [s.id for s in seeds] == [f"seed_{k:02d}" for k in range(25)]
-
-
-def test_every_ring_may_have_its_radius_and_phase() -> None:
-    values = {
-        "seed.ring_elevations_deg": [10.0, 40.0],
-        "seed.ring_azimuth_counts": [4, 2],
-        "seed.ring_radii_m": [3.0, 5.0],
-        "seed.ring_bearings_deg": [45.0, 90.0],
-    }
-    seeds = np.array([s.position_m for s in seed_viewpoints(MissionConfig().with_values(values))])
-    low, high = np.deg2rad([10.0, 40.0])
-    bearings = np.deg2rad([45.0, 135.0, 225.0, 315.0])
-    around = 3.0 * np.cos(low) * np.stack([np.sin(bearings), np.cos(bearings)], axis=1)
-    np.testing.assert_allclose(seeds[:4, :2], around, atol=1e-9)
-    np.testing.assert_allclose(seeds[:4, 2], 0.8 + 3.0 * np.sin(low))
-    above = [[5.0 * np.cos(high), 0.0, 0.8 + 5.0 * np.sin(high)]]
-    np.testing.assert_allclose(seeds[4:], above * np.array([[1, 1, 1], [-1, 1, 1]]), atol=1e-9)
 
 
 def test_the_observable_surface_is_the_same_for_every_layout() -> None:

@@ -155,7 +155,7 @@ def test_what_cannot_be_said_there_is_reported(change, key):
         ),
         (
             write_mission,
-            {"stop.criterion": "knn", "stop.knn_threshold_m": 0.2},
+            {"stop.criterion": "both", "stop.knn_threshold_m": 0.2},
             "knn_distance_threshold",
             ["stop.knn_threshold_m", "stop.criterion"],
         ),
@@ -192,17 +192,21 @@ def test_gates_that_only_fly_here_cannot_be_written():
         write_scoring(preset("paper").with_values({"gate.kind": "greedy-oracle"}))
 
 
-def test_seeds_of_one_turn_are_written_as_rings() -> None:
-    """13 seeds on four elevations, not the 24 of the paper's rings; what is lost is said."""
-    few = {"seed.count": 13, "seed.rings": 4, "seed.lowest_deg": 15.0, "seed.span_deg": 21.0}
-    config = preset("campaign").with_values(
-        {**few, "sparse.ground_features": 2000, "stop.max_photographs": 18}
-    )
-    written, remarks = write_mission(config)
-    assert written["seed_elevation_rings_deg"] == [15.0, 22.0, 29.0, 36.0]
-    assert written["seed_azimuth_counts"] == [4, 3, 3, 3] and written["ring_image_count"] == 13
+@pytest.mark.parametrize(
+    ("seeds", "elevations_deg", "counts"),
+    [
+        ({"seed.upper_share": 0.3, "seed.span_deg": 21.0}, [20.0, 41.0], [9, 4]),
+        ({}, [20.0], [13]),
+        ({"seed.layout": "rings"}, [15.0, 22.0, 29.0, 36.0], [4, 4, 3, 2]),
+    ],
+)
+def test_fewer_seeds_are_written_as_the_rings_that_they_are(seeds, elevations_deg, counts) -> None:
+    few = {"seed.count": 13, "sparse.ground_features": 2000, "stop.max_photographs": 18, **seeds}
+    written, remarks = write_mission(preset("campaign").with_values(few))
+    assert written["seed_elevation_rings_deg"] == elevations_deg
+    assert written["seed_azimuth_counts"] == counts and written["ring_image_count"] == 13
     assert written["image_budget"] == 5  # and 13 seeds make 18
-    assert {remark.key for remark in remarks} >= {"seed.count", "sparse.ground_features"}
+    assert "sparse.ground_features" in {remark.key for remark in remarks}
 
 
 HOME = Home(33.42, -111.93, 360.0)

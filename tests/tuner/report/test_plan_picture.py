@@ -12,7 +12,6 @@ from tuner.report.figures import plan_figure
 
 ORBIT = {
     "seed.count": 25,
-    "seed.rings": 1,
     "seed.lowest_deg": 10.0,
     "seed.span_deg": 25.0,
     "seed.upper_share": 0.36,
