@@ -10,7 +10,7 @@ from nbv.cache import Store, cached
 from nbv.config import MissionConfig
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, lifted, seen_from
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, SURFACE_OFFSET_M, seen_from
 from nbv.rocks import Rock
 from nbv.types import Bools, Floats, Ints
 from nbv.viewpoints import camera_shell
@@ -57,7 +57,7 @@ def observable_mask(caster: RayCaster, points_m: Floats, normals: Floats, camera
     and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and
     the rock fits the frame. With sample and camera above the ground, the ground plane cannot occlude.
     """
-    starts = lifted(points_m, normals)
+    starts = points_m + SURFACE_OFFSET_M * normals
     views = np.zeros(len(points_m), dtype=np.int64)
     open_samples: Ints = np.flatnonzero(points_m[:, 2] > 0)
     # Shuffled, since neighbours on a ring see the same samples: the first few then settle most of these. The result does

@@ -15,7 +15,7 @@ from nbv.flight.route import Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
-from nbv.terrain import Cylinder, neighbour_cylinders
+from nbv.terrain.neighbours import Cylinder, neighbour_cylinders
 from nbv.types import Floats, Point, Viewpoint
 
 SIGMAS_IN_TOLERANCE = 3.0

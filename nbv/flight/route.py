@@ -13,7 +13,7 @@ from nbv.config import FlightConfig
 from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.flight.wind import CALM
 from nbv.geometry.frames import heading_to
-from nbv.terrain import Cylinder
+from nbv.terrain.neighbours import Cylinder
 from nbv.types import Floats, Point
 
 MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for

@@ -15,7 +15,7 @@ from nbv.config import MissionConfig
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, in_frustum, lifted, seen_from
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, SURFACE_OFFSET_M, in_frustum, seen_from
 from nbv.types import Bools, Floats, PlanningState
 
 SAMPLE_SEED = 42
@@ -64,7 +64,7 @@ class GroundTruthOracle:
         self.samples_m, self.normals = sample_surface(
             vertices_m, np.asarray(faces, dtype=np.int64), config.gate.oracle_samples, SAMPLE_SEED
         )
-        self._starts_m = lifted(self.samples_m, self.normals)
+        self._starts_m = self.samples_m + SURFACE_OFFSET_M * self.normals
         self._caster = RayCaster(vertices_m, faces)
         self._seen: dict[tuple[float, ...], Bools] = {}
         # Of the views that were asked for last, whose list grows by one an iteration.

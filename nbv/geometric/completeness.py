@@ -19,10 +19,7 @@ from nbv.evaluation.metric import (
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld, resolution, resolved
 from nbv.geometry.frames import angles_deg
-from nbv.geometry.stereo_chance import (
-    depth_probability,
-    reconstruction_probability,
-)
+from nbv.geometry.stereo_chance import depth_probability, reconstruction_probability
 from nbv.types import Bools, Floats, Floats32, Ints
 
 CHANCES_IN_REACH = 2.0
@@ -34,11 +31,8 @@ def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
 
     ``neighbours`` is (K, S): the samples themselves, their nearest neighbours, their second nearest, ...
     """
-    best = np.zeros((len(neighbours) + 1, neighbours.shape[1]))
-    np.take(probability, neighbours, out=best[1:], mode="clip")
-    for rank in range(len(neighbours)):
-        np.maximum(best[rank], best[rank + 1], out=best[rank + 1])
-    return best
+    none = np.zeros((1, neighbours.shape[1]))
+    return np.maximum.accumulate(np.concatenate([none, probability[neighbours]]), axis=0)
 
 
 def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
@@ -47,10 +41,7 @@ def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
     A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best
     neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/low_fidelity.md).
     """
-    reached: Floats = best.ravel().take(count * best.shape[1] + np.arange(best.shape[1]))
-    np.subtract(1.0, reached, out=reached)
-    np.power(reached, CHANCES_IN_REACH, out=reached)
-    return np.subtract(1.0, reached, out=reached)
+    return 1.0 - np.power(1.0 - best[count, np.arange(best.shape[1])], CHANCES_IN_REACH)
 
 
 def sample_probability(
@@ -91,9 +82,7 @@ def _angles(
     cosine = centers @ normals.T - np.einsum("ij,ij->i", points, normals)
     squared = (centers**2).sum(axis=1)[:, None] + (points**2).sum(axis=1) - 2.0 * centers @ points.T
     cosine /= np.sqrt(squared)
-    np.clip(cosine, -1.0, 1.0, out=cosine)
-    incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
-    return directions, incidence
+    return directions, np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def predicted_metrics(world: GeometricWorld, probability: Floats, config: MissionConfig) -> dict[str, Any]:

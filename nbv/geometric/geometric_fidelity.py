@@ -38,13 +38,8 @@ class GeometricFidelity(Fidelity):
         *("sparse.max_pairs", "sparse.min_ransac_trials", "sparse.global_ba", "sparse.local_ba"),
         *("sparse.update_pairs", "sparse.max_alignment_rms_m"),
         *("dense.backend", "dense.min_baseline_angle_deg", "dense.crop_half_width_m", "dense.search"),
-        *(
-            "dense.max_size_px",
-            "dense.patchmatch_",
-            "dense.consistency_relative_depth",
-            "dense.consistency_px",
-        ),
-        *("dense.fusion_voxel_m", "evaluation.crop", "evaluation.ground", "evaluation.sor"),
+        *("dense.max_size_px", "dense.patchmatch_", "dense.consistency_px", "dense.fusion_voxel_m"),
+        *("dense.consistency_relative_depth", "evaluation.crop", "evaluation.ground", "evaluation.sor"),
         *("evaluation.floater_radius_m", "evaluation.gt_"),
     )
     load = staticmethod(load_coarse_rock)

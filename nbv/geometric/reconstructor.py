@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,16 +39,6 @@ NOISE_PX = 0.5
 DEPTH_NOISE_M = 0.01  # of depth at a quarter of the pixels
 
 
-@dataclass(frozen=True)
-class _SeedState:
-    """What bootstrapping leaves: the same for every configuration on one (rock, replicate)."""
-
-    tracks: Tracks
-    registered: list[Capture]
-    waiting: list[Capture]
-    report: UpdateReport
-
-
 class GeometricReconstructor(Reconstructor):
     """Simulated, on a `GeometricWorld`; photographs are aimed at ``aim_m`` (3,).
 
@@ -58,8 +48,7 @@ class GeometricReconstructor(Reconstructor):
 
     A photograph registers if it matches ``sparse.min_inliers`` landmarks of the model. Where ``scene.match_angle_deg`` limits
     matching, only landmarks of two registered photographs count, as COLMAP's points do. Photographs that did not register are
-    tried again after every update. Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and
-    whether there are ``ground_features`` matter.
+    tried again after every update.
     """
 
     def __init__(
@@ -96,21 +85,22 @@ class GeometricReconstructor(Reconstructor):
     def _draws_depth(self) -> bool:
         return self._config.plans_on_depth
 
-    # -- the sparse model ----------------------------------------------------------------------------
-
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model; `MissionFailure` if too few seeds register."""
         key = (*self._identity, *((c.name, c.camera_from_world.tobytes()) for c in captures))
-        seed: _SeedState = self._world.seed_models.get(key, lambda: self._build_seed(captures))
-        self._tracks = seed.tracks.copy(len(captures) + self._config.adaptive_budget)
-        self._captures, self._waiting = list(seed.registered), list(seed.waiting)
-        return seed.report
+        tracks, joined, waiting, report = self._world.seed_models.get(key, lambda: self._build_seed(captures))
+        self._tracks = tracks.copy(len(captures) + self._config.adaptive_budget)
+        self._captures, self._waiting = list(joined), list(waiting)
+        return report
 
     def _detect(self, capture: Capture) -> tuple[Ints, Floats32]:
         center_m = camera_centers_m(capture.camera_from_world)
         return self._landmarks.detected_from(capture.viewpoint, self._aim_m, center_m)
 
-    def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
+    def _build_seed(
+        self, captures: Sequence[Capture]
+    ) -> tuple[Tracks, list[Capture], list[Capture], UpdateReport]:
+        """Tracks, the seeds that register, those that do not, and the model: the same for every configuration with these seeds."""
         sparse = self._config.sparse
         every = self._every_track(captures)
         held = len(captures)
@@ -138,7 +128,7 @@ class GeometricReconstructor(Reconstructor):
         self._waiting = [capture for capture in captures if capture.name not in names]
         self._tracks = self._every_track(self._captures) if self._waiting else every
         report = UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
-        return _SeedState(self._tracks, self._captures, self._waiting, report)
+        return self._tracks, self._captures, self._waiting, report
 
     def _grown_seed(self, captures: Sequence[Capture], every: Tracks) -> list[Capture]:
         """The seeds that register one after another, from the first or from the pair that shares most."""
@@ -231,8 +221,6 @@ class GeometricReconstructor(Reconstructor):
         )
         depth_m = depth_m + DEPTH_NOISE_M * rng.standard_normal(depth_m.shape)
         return replace(model, depth_m=depth_m, depth_cameras=cameras)
-
-    # -- the dense outcome ---------------------------------------------------------------------------
 
     def predicted(self) -> Floats:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""

@@ -19,7 +19,7 @@ class Tracks:
     ``cosine_limit`` (L,) is the smallest cosine between two lines of sight that still match, per landmark.
     """
 
-    def __init__(self, cosine_limit: Floats, capacity: int) -> None:
+    def __init__(self, cosine_limit: Floats | Floats32, capacity: int) -> None:
         self._cosine_limit = cosine_limit.astype(np.float32)
         self.n_views = 0
         self._directions = np.zeros((capacity, len(cosine_limit), 3), dtype=np.float32)
@@ -29,12 +29,9 @@ class Tracks:
 
     def copy(self, capacity: int) -> Tracks:
         """The same tracks with room for ``capacity`` views."""
-        other = Tracks.__new__(Tracks)
-        other._cosine_limit, other.n_views = self._cosine_limit, self.n_views
-        n = self.n_views
-        other._directions = np.empty((capacity, *self._directions.shape[1:]), dtype=np.float32)
+        other = Tracks(self._cosine_limit, capacity)
+        other.n_views = n = self.n_views
         other._directions[:n] = self._directions[:n]
-        other._labels = np.full((len(self._labels), capacity), -1, dtype=np.int16)
         other._labels[:, :n] = self._labels[:, :n]
         return other
 

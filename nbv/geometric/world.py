@@ -1,9 +1,8 @@
 """What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
 
 Points, and who of the default viewpoints sees them, are computed once per rock and kept in the store; what other viewpoints
-see, when they are first visited. Visibility is
-resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
-a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
+see, when they are first visited. Visibility is that from nominal positions: an arrival error of some 12 cm at 3.5 m moves an
+outline by a centimetre or two. Angles and incidences use the actual positions.
 A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
 """
 
@@ -28,14 +27,13 @@ from nbv.geometry.visibility import (
     LANDMARK_MAX_INCIDENCE_DEG,
     OBSERVABLE_MAX_INCIDENCE_DEG,
     in_frustum,
-    lifted,
     seen_from,
 )
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.scene.bake import direction_to_sun
-from nbv.terrain import Surroundings, joined_mesh, make_surroundings
+from nbv.terrain.neighbours import Surroundings, joined_mesh, make_surroundings
 from nbv.types import Bools, Floats, Point
 from nbv.viewpoints import camera_shell
 
@@ -113,7 +111,7 @@ class GeometricWorld:
     def _visibility(
         self, points_m: Floats, normals: Floats, max_incidence_deg: float, of_shell: Bools
     ) -> Callable[[Point, Point], Bools]:
-        starts = lifted(points_m, normals, LIFT_M)
+        starts = points_m + LIFT_M * normals
         rows = {tuple(position): row for row, position in enumerate(self.shell_m.tolist())}
 
         def visible(position_m: Point, aim_m: Point) -> Bools:
@@ -282,7 +280,7 @@ class _Shading:
 
     def in_sun(self, points_m: Floats, normals: Floats) -> Bools:
         """(N,) points that the rock does not shade."""
-        return ~self._caster.blocked(rays_of(lifted(points_m, normals, LIFT_M), self._to_sun))
+        return ~self._caster.blocked(rays_of(points_m + LIFT_M * normals, self._to_sun))
 
     def light(self, points_m: Floats, normals: Floats) -> Floats:
         """(N,) ambient light and sun."""

@@ -1,8 +1,7 @@
 """Distances to nearest neighbours: any two clouds, and one small cloud within itself, worked out once.
 
-Both visit the queries in an order in which neighbours follow each other, so that the branches of the tree that one
-query needs are still in the processor's cache for the next; the result is the same. One thread, as everything in a
-mission.
+Queries are visited in an order in which neighbours follow each other, so that the branches of the tree that one query needs
+are still in the processor's cache for the next. One thread, as everything in a mission.
 """
 
 from __future__ import annotations

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from nbv.types import Bools, Floats, Floats32
 
-NO_FACE = 0xFFFFFFFF  # the face of a ray that hits nothing, as Open3D says it
-
 
 @dataclass(frozen=True)
 class RayHits:
     """The first thing that each ray meets; the leading shape is that of the rays."""
 
     t: Floats32  # in lengths of the direction; inf where there is nothing
-    face: NDArray[np.uint32]  # `NO_FACE` where there is nothing
+    face: NDArray[np.uint32]  # 0xFFFFFFFF where there is nothing
     uv: Floats32  # (..., 2) barycentric coordinates in the face
 
 

@@ -5,9 +5,6 @@ angle, a sample gets a depth when one of these pairs matches there, and the dept
 ``dense.consistency_views`` nearest views confirm it with depths of their own. A pair matches the less the
 more either view, or only one of them, looks at the surface at a grazing angle, and the fainter the
 texture is. As in the real stage, one more view can take the place of a better one.
-
-The low-fidelity simulator asks it of the true surface (`nbv.geometric.completeness`), the planner of the surface that it
-estimates (`nbv.scorers.prediction`).
 """
 
 from __future__ import annotations

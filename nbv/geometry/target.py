@@ -61,10 +61,7 @@ def find_target(
     ground = _ground(points)
     if ground is None:
         return None
-    risen = points[ground.signed_distance_m(points) > LOWEST_PART_M]
-    if len(risen) < MIN_POINTS:
-        return None
-    risen = without_isolated(risen, _COMPANION_M)
+    risen = without_isolated(points[ground.signed_distance_m(points) > LOWEST_PART_M], _COMPANION_M)
     if len(risen) < MIN_POINTS:
         return None
     members = _densest(risen[:, :2], ground.signed_distance_m(risen), aim[:2])

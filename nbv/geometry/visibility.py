@@ -56,17 +56,12 @@ def camera_axes(positions_m: Floats, target_m: Floats) -> tuple[Floats, Floats, 
     return right, np.cross(forward, right), forward
 
 
-def lifted(points_m: Floats, normals: Floats, offset_m: float = SURFACE_OFFSET_M) -> Floats:
-    """(P, 3) where the rays of places (P, 3) with unit outward normals (P, 3) start."""
-    return points_m + offset_m * normals
-
-
 def seen_from(
     center_m: Floats, starts_m: Floats, normals: Floats, caster: RayCaster, max_incidence_deg: float
 ) -> Bools:
     """(P,) does the camera at ``center_m`` (3,) see each place?
 
-    ``starts_m`` (P, 3) are the places lifted off the surface (`lifted`), ``normals`` (P, 3) unit and outward, ``caster`` the mesh that
+    ``starts_m`` (P, 3) are the places lifted off the surface (`SURFACE_OFFSET_M`), ``normals`` (P, 3) unit and outward, ``caster`` the mesh that
     may hide them. The angle between normal and direction to the camera is at most ``max_incidence_deg``.
     """
     to_camera = center_m - starts_m

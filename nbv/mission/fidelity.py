@@ -28,7 +28,7 @@ from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.safe_files import write_atomic
 from nbv.stopwatch import Stopwatch
-from nbv.terrain import buried_rock
+from nbv.terrain.burial import buried_rock
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import RINGS, ViewpointSource
 

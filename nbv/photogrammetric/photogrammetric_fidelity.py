@@ -11,7 +11,7 @@ from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.scene import Renderer, build_scene, make_renderer
-from nbv.terrain import make_surroundings
+from nbv.terrain.neighbours import make_surroundings
 from nbv.types import Cloud
 from nbv.viewpoints import camera_shell
 

@@ -2,15 +2,11 @@
 
 from nbv.rocks.catalogue import list_rocks, load_coarse_rock, load_rock, save_imported
 from nbv.rocks.importer import frame_of_file, import_mesh
-from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, RockFacts, RockInfo, Split, describe
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, describe
 
 __all__ = [
     "DEFAULT_HEIGHT_M",
-    "SPLITS",
     "Rock",
-    "RockFacts",
-    "RockInfo",
-    "Split",
     "describe",
     "frame_of_file",
     "import_mesh",

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.errors import UserError
 from nbv.geometry.mesh import weighted_normals
 from nbv.types import Bools, Floats, Ints
 
@@ -18,14 +17,6 @@ NEAR = 0.5  # of the object's size: bodies with a wider gap to it are others
 WIDER, LOW = 1.05, 0.2  # a support against what it carries: its width, at least; the other's depth, at least
 LOOKED_AT = 32  # bodies, the largest, that may be supports or hidden
 _SAMPLES = 2000  # of a body's surface
-
-
-def check_keep(keep: str) -> None:
-    """Raise `UserError` unless ``keep`` is auto, all, largest or a number of bodies."""
-    if keep not in ("auto", "all", "largest") and not (keep.isdecimal() and 1 <= int(keep) <= 10**6):
-        raise UserError(
-            f"keep is {keep!r}; allowed: auto, all, largest, or a number of bodies, the largest first"
-        )
 
 
 def kept_bodies(vertices: Floats, faces: Ints, labels: Ints, keep: str, notes: list[str]) -> Bools:

@@ -20,10 +20,10 @@ import numpy as np
 from nbv.cache import Recent, Store, home
 from nbv.errors import UserError
 from nbv.rocks.families import ANY, FAMILIES, generated_name
+from nbv.rocks.importer import stored_import
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
-from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock
-from nbv.rocks.stored import stored_import
+from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock, rock_arrays
 from nbv.safe_files import expanded, is_file, read_npz, write_atomic
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ def list_rocks() -> list[RockInfo]:
 
     A file that cannot be read is left out, with a warning.
     """
-    rocks = [RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()]
+    rocks = [RockInfo(name, r.split, "procedural", r.difficulty) for name, r in RECIPES.items()]
     imported = sorted(imported_path("NAME").parent.glob("*.npz"))
     sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
     files: list[tuple[str, Path, RockSource]] = [(path.stem, path, "imported") for path in imported]
@@ -151,18 +151,7 @@ def check_name(name: str, what: str = "a rock") -> str:
 def write_rock(rock: Rock, path: Path) -> None:
     """Write ``rock`` so that a reader sees the whole file or none of it."""
     buffer = io.BytesIO()
-    np.savez(
-        buffer,
-        format=np.array(_FORMAT),
-        name=np.array(rock.name),
-        vertices_m=rock.vertices_m,
-        faces=rock.faces.astype(np.int32),
-        albedo=rock.albedo,
-        split=np.array(rock.split),
-        difficulty=np.array(rock.difficulty),
-        notes=np.array(rock.notes, dtype=np.str_),
-        sha256=np.array(rock.sha256),
-    )
+    np.savez(buffer, format=np.array(_FORMAT), **rock_arrays(rock))  # type: ignore[arg-type]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(path, buffer.getbuffer())
 

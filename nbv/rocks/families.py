@@ -240,7 +240,7 @@ def generated_recipe(family: str, seed: int) -> Recipe:
         drawn = np.random.default_rng([seed, 1, *family.encode()])
         return grounded(p, draw(warp(standing, noise, 0.04, 0.7), drawn, noise) + rough(p, noise, relief))
 
-    return Recipe(f"{family}-{seed}", _split_of(seed), noise, difficulty, shape, paint, height_m)
+    return Recipe(_split_of(seed), noise, difficulty, shape, paint, height_m)
 
 
 def generated_name(name: str) -> tuple[str, int] | None:

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import lazy_loader
 import numpy as np
 
+from nbv.cache import Store, cache_key, digest
 from nbv.errors import UserError
 from nbv.geometry import mesh as meshes
 from nbv.geometry.frames import Similarity
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.bodies import check_keep, kept_bodies
+from nbv.rocks.bodies import kept_bodies
 from nbv.rocks.errors import UnusableMesh
-from nbv.rocks.mesh_file import GLTF, FileMesh, read_mesh_file
-from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
+from nbv.rocks.mesh_file import GLTF, MAX_FILE_BYTES, FileMesh, read_mesh_file, read_side_file
+from nbv.rocks.rock import (
+    DEFAULT_HEIGHT_M,
+    SPLITS,
+    Rock,
+    Split,
+    make_rock,
+    overhanging_share,
+    rock_arrays,
+    rock_of,
+)
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
-from nbv.safe_files import expanded
+from nbv.safe_files import expanded, read_bytes
 from nbv.types import Floats
-
-Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
@@ -34,10 +43,10 @@ ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say not
 
 _UP = {
     "x": np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], dtype=float),
-    "-x": np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float),
     "y": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], dtype=float),
-    "-y": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float),
     "z": np.eye(3),
+    "-x": np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float),
+    "-y": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float),
     "-z": np.diag([1.0, -1.0, -1.0]),
 }
 
@@ -48,30 +57,31 @@ def import_mesh(
     name: str | None = None,
     height_m: float = DEFAULT_HEIGHT_M,
     split: Split = "train",
-    up: Up = "auto",
+    up: str = "auto",
     side_files: list[str] | None = None,
     keep: str = "auto",
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, glTF, PLY, STL or OFF).
 
-    Duplicate vertices are merged, the mesh is turned upright, scaled to ``height_m``, set on the ground and subdivided until no
-    edge is longer than 9 mm, so that vertices can carry the texture. Subdivision does not move the surface. The albedo is the
-    mesh's own texture or colours (taken as sRGB), else procedural. The rock's notes say all that was done. ``up`` is the file's
-    upward axis: ``auto`` takes y for glTF, as its standard says, and z for everything else. Of several bodies ``keep`` takes
-    ``all``, the ``largest``, a number of them, or with ``auto`` those that are the object: not specks, what lies far away or
-    inside it, nor the ground, a plinth or a wall. ``name`` is the file's by default. ``side_files`` gets the names of the files that
-    the mesh file names.
+    It is subdivided until no edge is longer than 9 mm, so that vertices can carry the texture. The albedo is the mesh's own
+    texture or colours, else procedural. The rock's notes say all that was done. ``up`` is the file's upward axis: ``auto`` takes y
+    for glTF, as its standard says, and z for everything else. Of several bodies ``keep`` takes ``all``, the ``largest``, a number
+    of them, or with ``auto`` those that are the object: not specks, what lies far away or inside it, nor the ground, a plinth or a
+    wall. ``side_files`` gets the names of the files that the mesh file names.
 
     `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
     path = expanded(path)
-    if up != "auto" and up not in _UP:
-        raise UserError(f"up is {up!r}; allowed: {', '.join(get_args(Up))}")
+    if up not in ("auto", *_UP):
+        raise UserError(f"up is {up!r}; allowed: {', '.join(('auto', *_UP))}")
     if split not in SPLITS:
         raise UserError(f"split is {split!r}; allowed: {', '.join(SPLITS)}")
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
-    check_keep(keep)
+    if keep not in ("auto", "all", "largest") and not (keep.isdecimal() and 1 <= int(keep) <= 10**6):
+        raise UserError(
+            f"keep is {keep!r}; allowed: auto, all, largest, or a number of bodies, the largest first"
+        )
     notes: list[str] = []
     mesh, _ = _placed(path, height_m, up, keep, notes, [] if side_files is None else side_files)
     area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
@@ -115,18 +125,44 @@ def import_mesh(
     )
 
 
+def stored_import(path: Path, store: Store | None) -> Rock:
+    """`import_mesh` with its defaults, from ``store`` where the mesh file and those that it names are as they were then."""
+    if store is None or path.stat().st_size > MAX_FILE_BYTES:
+        return import_mesh(path)
+    key = cache_key(__name__, path.name, digest(read_bytes(path, MAX_FILE_BYTES)))
+    entry = store.get("rocks", key)
+    if entry is None or _digests(path.parent, entry["beside"].tolist()) != entry["digests"].tolist():
+        side_files: list[str] = []
+        entry = rock_arrays(import_mesh(path, side_files=side_files))
+        beside = list(dict.fromkeys(side_files))
+        parts = {"beside": beside, "digests": _digests(path.parent, beside)}
+        entry |= {name: np.array(part, dtype=np.str_) for name, part in parts.items()}
+        store.put("rocks", key, entry)
+    return rock_of(entry)
+
+
+def _digests(folder: Path, names: list[str]) -> list[str]:
+    """What the files beside a mesh hold; "" where one cannot be read."""
+    digests = []
+    for name in names:
+        digests.append("")
+        with contextlib.suppress(UserError):
+            digests[-1] = digest(read_side_file(folder.resolve(), name))
+    return digests
+
+
 def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
     return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", "auto", [], [])[1]
 
 
 def _placed(
-    path: Path, height_m: float, up: Up, keep: str, notes: list[str], side_files: list[str]
+    path: Path, height_m: float, up: str, keep: str, notes: list[str], side_files: list[str]
 ) -> tuple[FileMesh, Similarity]:
     """The file's object upright on the ground, and how it got there."""
     if not path.is_file():
         raise UserError(f"there is no mesh file {str(path)!r}; check the path")
-    axis: str = up
+    axis = up
     if up == "auto":
         axis = "y" if path.suffix.lower() in GLTF else "z"
     try:

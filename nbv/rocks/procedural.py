@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from skimage.measure import marching_cubes
 
-from nbv.cache import Store
+from nbv.cache import Arrays, Store, cached
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import FAMILY_REGISTRY, generated_name, generated_recipe
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
-from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
-from nbv.rocks.stored import stored_rock
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock, rock_arrays, rock_of
 from nbv.types import Floats, Floats32, Ints
 
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
@@ -32,18 +29,19 @@ def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID
     drawn = generated_name(name)
     recipe = RECIPES[name] if drawn is None else generated_recipe(*drawn)
     inputs = [name, grid_m, *FAMILY_REGISTRY.sources(*(drawn or ())[:1])]
-    about: Any = {"split": recipe.split, "difficulty": recipe.difficulty}
-    return stored_rock(
-        store, lambda: make_rock(name, **_made(recipe, grid_m), **about), code=__name__, inputs=inputs
-    )
+
+    def make() -> Arrays:
+        return rock_arrays(_made(name, recipe, grid_m))
+
+    return rock_of(cached(store, "rocks", make, code=__name__, inputs=inputs))
 
 
-def _made(recipe: Recipe, grid_m: float) -> dict[str, Any]:
+def _made(name: str, recipe: Recipe, grid_m: float) -> Rock:
     # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
     vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
     vertices, _ = rest_on_ground(vertices, recipe.height_m)
     albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
-    return {"vertices_m": vertices, "faces": faces, "albedo": albedo}
+    return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
 
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:

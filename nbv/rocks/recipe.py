@@ -20,7 +20,6 @@ Shape = Callable[[Floats], Floats]  # (N, 3) points in metres -> (N,) signed dis
 class Recipe:
     """One procedural rock."""
 
-    name: str
     split: Split
     seed: int  # of relief, facets and albedo
     difficulty: str  # what makes it easy or hard, in a phrase

@@ -40,8 +40,7 @@ def recipe(
             d = body(warp(p, seed, *bend) if bend else p, seed)
             return grounded(p, d + rough(p, seed, relief) if relief else d)
 
-        name = body.__name__
-        RECIPES[name] = Recipe(name, split, seed, body.__doc__ or "", shape, paint)
+        RECIPES[body.__name__] = Recipe(split, seed, body.__doc__ or "", shape, paint)
         return body
 
     return enter

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import lazy_loader
 import numpy as np
 
+from nbv.cache import Arrays
 from nbv.types import Floats, Floats32, Ints
 
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands describe no rock
@@ -19,6 +20,8 @@ RockSource = Literal["procedural", "imported", "photographs"]
 DEFAULT_HEIGHT_M = 1.6
 CONTACT_BAND_M = 0.02  # faces this close to the ground count as touching it, not as overhanging
 OVERHANG_ANGLE_DEG = 10.0  # how far past the vertical a face must lean to count as an overhang
+_MESH = ("vertices_m", "faces", "albedo")
+_TEXTS = ("name", "split", "difficulty", "sha256")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,23 +50,6 @@ class RockInfo:
     split: Split
     source: RockSource
     difficulty: str
-
-
-@dataclass(frozen=True)
-class RockFacts:
-    """What is measured of a rock; `gatetune rocks show` prints it."""
-
-    extents_m: tuple[float, float, float]
-    vertices: int
-    faces: int
-    mean_edge_m: float
-    area_m2: float
-    volume_m3: float | None  # None unless watertight
-    boundary_edges: int  # edges with one face
-    non_manifold_edges: int  # edges with three or more faces
-    overhang_fraction: float  # of the area: leaning over by more than 10 degrees, clear of the ground
-    mean_albedo: tuple[float, float, float]
-    albedo_contrast: float  # standard deviation / mean of the grey albedo
 
 
 def content_hash(vertices_m: Floats, faces: Ints, albedo: Floats32) -> str:
@@ -102,6 +88,22 @@ def make_rock(
     return Rock(name, vertices_m, faces, albedo, split, difficulty, sha256, notes)
 
 
+def rock_arrays(rock: Rock) -> Arrays:
+    """A rock as the arrays of a file."""
+    arrays = {name: np.asarray(getattr(rock, name)) for name in (*_MESH, *_TEXTS)}
+    return arrays | {"faces": rock.faces.astype(np.int32), "notes": np.array(rock.notes, dtype=np.str_)}
+
+
+def rock_of(arrays: Arrays) -> Rock:
+    """The rock of `rock_arrays`."""
+    mesh: dict[str, Any] = {name: arrays[name] for name in _MESH}
+    mesh["faces"] = mesh["faces"].astype(np.int64)
+    for array in mesh.values():
+        array.setflags(write=False)
+    texts: dict[str, Any] = {name: str(arrays[name]) for name in _TEXTS}
+    return Rock(**mesh, **texts, notes=tuple(arrays["notes"].tolist()))
+
+
 def overhanging_share(mesh: Any) -> float:
     """Share of the area of a trimesh mesh on the ground that leans over by more than 10 degrees, clear of the ground."""
     leaning = mesh.face_normals[:, 2] < -np.sin(np.deg2rad(OVERHANG_ANGLE_DEG))
@@ -109,22 +111,22 @@ def overhanging_share(mesh: Any) -> float:
     return float(mesh.area_faces[leaning & clear].sum() / mesh.area)
 
 
-def describe(rock: Rock) -> RockFacts:
-    """Facts about the rock's shape and albedo."""
+def describe(rock: Rock) -> dict[str, Any]:
+    """Facts about the rock's shape and albedo, which `gatetune rocks show` prints."""
     mesh = trimesh.Trimesh(rock.vertices_m, rock.faces, process=False)
     faces_at_edge = np.bincount(mesh.edges_unique_inverse)
     boundary = int((faces_at_edge == 1).sum())
     grey = rock.albedo.mean(1)
-    return RockFacts(
-        extents_m=tuple(mesh.extents.tolist()),
-        vertices=len(rock.vertices_m),
-        faces=len(rock.faces),
-        mean_edge_m=float(mesh.edges_unique_length.mean()),
-        area_m2=float(mesh.area),
-        volume_m3=float(mesh.volume) if boundary == 0 else None,
-        boundary_edges=boundary,
-        non_manifold_edges=int((faces_at_edge > 2).sum()),
-        overhang_fraction=overhanging_share(mesh),
-        mean_albedo=tuple(rock.albedo.mean(0).tolist()),
-        albedo_contrast=float(grey.std() / max(float(grey.mean()), 1e-9)),
-    )
+    return {
+        "extents_m": tuple(mesh.extents.tolist()),
+        "vertices": len(rock.vertices_m),
+        "faces": len(rock.faces),
+        "mean_edge_m": float(mesh.edges_unique_length.mean()),
+        "area_m2": float(mesh.area),
+        "volume_m3": float(mesh.volume) if boundary == 0 else None,
+        "boundary_edges": boundary,  # with one face
+        "non_manifold_edges": int((faces_at_edge > 2).sum()),  # with three faces or more
+        "overhang_fraction": overhanging_share(mesh),
+        "mean_albedo": tuple(rock.albedo.mean(0).tolist()),
+        "albedo_contrast": float(grey.std() / max(float(grey.mean()), 1e-9)),
+    }

@@ -1,7 +1,6 @@
 """Light computed once: the sun does not move and the surfaces are Lambertian, so radiance does not depend on the view.
 
 Rock: a linear radiance per vertex. Ground: a clipmap of linear radiance with the rock's cast shadow.
-A photograph is then nothing but look-ups of the same numbers.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.rock import Rock
 from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.ground import GroundSpec, synthesise_ground
-from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief, Surroundings, joined_mesh
+from nbv.terrain.neighbours import Surroundings, joined_mesh
+from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
@@ -75,8 +75,6 @@ def build_scene(
     geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
     around = {} if surroundings is None else {"surroundings": surroundings.key}
     relief = None if surroundings is None else surroundings.relief
-    if relief is not None and spec.half_extent_m(0) < RELIEF_HALF_EXTENT_M:
-        raise ValueError("relief does not fit the sharpest level of the ground")
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:

@@ -1,7 +1,6 @@
 """The rasterising backend: pyrender, unlit, with the baked radiance as vertex colours and textures.
 
-Images differ in bits between graphics drivers, so results record
-which backend made them.
+Images differ in bits between graphics drivers, so results record which backend made them.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from nbv.rocks.texture import srgb_from_linear
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
 from nbv.scene.view import camera_position, grey_levels
-from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief
+from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 
 NEAR_M, FAR_M = 0.05, 4000.0
@@ -31,8 +30,6 @@ class GLRenderer:
 
     Close it when another one is to be made in the same process.
     """
-
-    name = "gl"
 
     def __init__(self, scene: Scene) -> None:
         camera = scene.camera

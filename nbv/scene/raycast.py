@@ -14,11 +14,10 @@ from nbv.geometry.frames import intrinsic_matrix
 from nbv.geometry.raycasting import RayCaster, RayHits
 from nbv.scene.bake import GROUND_TINT, Scene, with_relief
 from nbv.scene.view import camera_position, grey_levels
-from nbv.terrain import RELIEF_HALF_EXTENT_M
+from nbv.terrain.relief import RELIEF_HALF_EXTENT_M
 from nbv.types import Floats, Floats32
 
 _Box = tuple[int, int, int, int]  # rows from, to, columns from, to
-_Height = Floats32 | np.float32
 
 GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is several times longer than wide
 ROCK_SUBSAMPLES = 2  # per axis
@@ -28,8 +27,6 @@ SMALLEST_MIP_PX = 32
 
 class RaycastRenderer:
     """Ray casting with baked light; equal input gives equal bits."""
-
-    name = "raycast"
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -55,13 +52,11 @@ class RaycastRenderer:
     def close(self) -> None:
         """There is nothing to free."""
 
-    # ---------------------------------------------------------------- ground and sky
-
-    def _ground_height(self, rays: _PixelRays, position: Floats) -> _Height:
-        """(H, W) height of the ground that each pixel's centre sees, to a few millimetres; or the height of all of it."""
-        if self._relief is None:
-            return np.float32(0)
+    def _ground_height(self, rays: _PixelRays, position: Floats) -> Floats32:
+        """(H, W) height of the ground that each pixel's centre sees, to a few millimetres."""
         camera = self._scene.camera
+        if self._relief is None:
+            return np.broadcast_to(np.float32(0), (camera.height_px, camera.width_px))
         # One ray for 2 x 2 pixels: nodes of the height field are farther apart.
         half = -(-camera.width_px // 2), -(-camera.height_px // 2)
         columns, rows = (2.0 * np.arange(n) + 1.0 for n in half)
@@ -75,7 +70,7 @@ class RaycastRenderer:
         full = cv2.resize(height, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
         return full[: camera.height_px, : camera.width_px]
 
-    def _background(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
+    def _background(self, rays: _PixelRays, position: Floats, ground_m: Floats32) -> Floats32:
         """(H, W, 3) radiance of ground and sky."""
         camera = self._scene.camera
         columns = np.arange(camera.width_px) + 0.5
@@ -84,24 +79,12 @@ class RaycastRenderer:
         for k in range(GROUND_ROWS):
             rows = np.arange(camera.height_px) + (k + 0.5) / GROUND_ROWS
             dz = rays.component(2, columns, rows)
-            below = dz < -1e-6
-            with_ground = np.flatnonzero(below.any(axis=1))
-            if not len(with_ground):
-                sky += 1
-                continue
-            # Only the band of rows that sees ground is looked up.
-            band = slice(int(with_ground[0]), int(with_ground[-1]) + 1)
-            sky[: band.start] += 1
-            sky[band.stop :] += 1
-            seen = below[band]
-            height = ground_m[band] if isinstance(ground_m, np.ndarray) else ground_m
-            down = np.minimum(dz[band], -1e-6)
-            looked_up = self._look_up(rays, position, columns, rows[band], down, height)
-            if seen.all():
-                grey[band] += looked_up
-            else:
-                grey[band] += looked_up * seen
-                sky[band] += ~seen
+            seen = dz < -1e-6
+            sky += ~seen
+            part = slice(int(seen.any(axis=1).argmax()), None)  # from the first row that sees ground
+            down = np.minimum(dz[part], -1e-6)
+            looked_up = self._look_up(rays, position, columns, rows[part], down, ground_m[part])
+            grey[part] += looked_up * seen[part]
         grey *= np.float32(1 / (65535.0 * GROUND_ROWS))
         sky *= np.float32(self._scene.sky_radiance / GROUND_ROWS)
         rgb = np.empty((*grey.shape, 3), dtype=np.float32)
@@ -117,7 +100,7 @@ class RaycastRenderer:
         columns: NDArray[np.floating],
         rows: NDArray[np.floating],
         dz: Floats32,
-        height: _Height,
+        height: Floats32,
     ) -> Floats32:
         """Trilinear ground radiance (0..65535) at one sample per pixel, where the ray meets ``height``."""
         spec = self._scene.ground_spec
@@ -155,8 +138,6 @@ class RaycastRenderer:
             total[part] += weight[part] * value
         fade = np.clip((farthest / reach - FADE_START) / (1 - FADE_START), 0, 1)
         return total + fade * (self._ground_mean - total)
-
-    # ---------------------------------------------------------------- rock
 
     def _rock_box(self, camera_from_world: Floats, corners_m: Floats) -> _Box | None:
         """(r0, r1, c0, c1) around the rock's image; all of the image if the rock reaches behind the camera."""

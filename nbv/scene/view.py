@@ -15,8 +15,6 @@ from nbv.types import Floats, Floats32
 class Renderer(Protocol):
     """All backends have this face and show the same scene."""
 
-    name: str
-
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """Photograph (H, W, 3) of the scene by a camera at ``camera_from_world`` (4, 4), OpenCV axes, before sensor noise.
 

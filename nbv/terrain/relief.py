@@ -56,11 +56,8 @@ class Relief:
         nodes = np.linspace(-RELIEF_HALF_EXTENT_M, RELIEF_HALF_EXTENT_M, len(self.heights_m))
         inside = np.abs(coordinates_m) <= RELIEF_HALF_EXTENT_M
         heights = np.zeros((len(coordinates_m), len(coordinates_m)))
-        if inside.any():
-            within = coordinates_m[inside]
-            heights[np.ix_(inside, inside)] = RectBivariateSpline(nodes, nodes, self.heights_m)(
-                within, within
-            )
+        within = coordinates_m[inside]
+        heights[np.ix_(inside, inside)] = RectBivariateSpline(nodes, nodes, self.heights_m)(within, within)
         return heights
 
 

@@ -44,11 +44,9 @@ RINGS = ViewpointSource()
 def candidate_pool(
     config: MissionConfig, vehicle_position_m: Floats, adaptive_visited_m: Floats
 ) -> CandidatePool:
-    """The feasible candidates of one iteration, in the order in which ties are broken; possibly none.
+    """`ViewpointSource.candidates` from the rings; ``adaptive_visited_m`` (K, 3) are those of the photographs that are no seeds.
 
-    ``vehicle_position_m`` (3,) is where the vehicle estimates to be, ``adaptive_visited_m`` (K, 3) the commanded positions of the adaptive
-    captures so far. ``counts`` of the pool are the survivors after each step: raw, altitude_travel, spacing, revisit,
-    azimuth_balance.
+    ``counts`` of the pool are the survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance.
     """
     pool, target = config.pool, np.array(config.target_m)
     raw = raw_candidates(config)

@@ -18,7 +18,8 @@ from nbv.errors import UserError
 from nbv.flight.flight import neighbour_keep_outs
 from nbv.mission.result import MissionResult
 from nbv.safe_files import printable, write_atomic
-from nbv.terrain import Cylinder, buried_rock
+from nbv.terrain.burial import buried_rock
+from nbv.terrain.neighbours import Cylinder
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_problem import RockProblem, plain_plans

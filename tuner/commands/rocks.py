@@ -45,7 +45,7 @@ def show(
     """
     subject = load_rock(rock, Store())
     facts = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
-    facts |= {**dataclasses.asdict(describe(subject)), "sha256": subject.sha256}
+    facts |= {**describe(subject), "sha256": subject.sha256}
     rows = [(fact, f"{value:.3f}" if isinstance(value, float) else value) for fact, value in facts.items()]
     show_table(("fact", "value"), [*rows, *(("note", note) for note in subject.notes)], subject.name)
     if image is not None:
@@ -82,9 +82,9 @@ def import_(
     Example: gatetune rocks import scan.glb --name mine --up z
     """
     output.print(f"importing {mesh}")
-    checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
+    checked: dict[str, Any] = {"split": split}  # import_mesh refuses other words
     with working(f"preparing {mesh.name}"):
-        subject = import_mesh(mesh, name=name, height_m=height_m, keep=keep, **checked)
+        subject = import_mesh(mesh, name=name, height_m=height_m, up=up, keep=keep, **checked)
         save_imported(subject, force=force)
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:

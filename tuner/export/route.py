@@ -20,7 +20,7 @@ from nbv.flight import Airspace, Pose
 from nbv.flight.leg import Leg
 from nbv.flight.route import pose_at
 from nbv.geometry.frames import heading_to
-from nbv.terrain import Cylinder
+from nbv.terrain.neighbours import Cylinder
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 

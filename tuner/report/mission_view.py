@@ -28,7 +28,7 @@ from nbv.geometry.raycasting import RayCaster
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL, read_ply
 from nbv.rocks import Rock
-from nbv.terrain import buried_rock
+from nbv.terrain.burial import buried_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.export.mission_files import (

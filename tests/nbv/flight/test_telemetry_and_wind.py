@@ -20,7 +20,7 @@ from nbv.flight.leg import fly_straight
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.flight.wind import ground_speed_m_s, mean_wind_m_s, sway_m
 from nbv.geometry.frames import invert_rigid, look_at
-from nbv.terrain import neighbour_cylinders
+from nbv.terrain.neighbours import neighbour_cylinders
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 REPORTED = look_at(np.array([0.0, -4.0, 2.0]), np.array([0.0, 0.0, 0.8]))

@@ -30,7 +30,7 @@ from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import _FIXED, PhotographFidelity, require_expressible
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.stopwatch import Stopwatch
-from nbv.terrain import make_surroundings
+from nbv.terrain.neighbours import make_surroundings
 from nbv.types import PointCloud
 from nbv.viewpoints import seed_viewpoints
 

@@ -16,9 +16,9 @@ COARSE_M = 0.03
 def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
     rock = generate_rock(f"{family}-5", grid_m=COARSE_M)
     facts = describe(rock)
-    assert facts.boundary_edges == 0 and facts.volume_m3 is not None and facts.volume_m3 > 0.02
+    assert facts["boundary_edges"] == 0 and facts["volume_m3"] is not None and facts["volume_m3"] > 0.02
     assert rock.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-9)
-    assert facts.extents_m[2] == pytest.approx(generated_recipe(family, 5).height_m)
+    assert facts["extents_m"][2] == pytest.approx(generated_recipe(family, 5).height_m)
     assert rock.split == "train"
 
 

@@ -71,10 +71,10 @@ def test_texture_lands_on_the_right_faces(tmp_path):
     rock = import_mesh(write_box_obj(tmp_path))
     assert rock.name == "box"
     facts = describe(rock)
-    assert facts.extents_m == pytest.approx((1.6, 1.6, 1.6))
-    assert facts.boundary_edges == 0  # the 24 vertices became 8
-    assert facts.mean_edge_m < 0.006 * 1.2
-    assert facts.volume_m3 == pytest.approx(1.6**3)
+    assert facts["extents_m"] == pytest.approx((1.6, 1.6, 1.6))
+    assert facts["boundary_edges"] == 0  # the 24 vertices became 8
+    assert facts["mean_edge_m"] < 0.006 * 1.2
+    assert facts["volume_m3"] == pytest.approx(1.6**3)
     for point, color in (
         ((0.8, 0, 0.8), (1, 0, 0)),
         ((0, 0.8, 0.8), (0, 1, 0)),
@@ -113,10 +113,10 @@ def test_glb_is_turned_upright_and_its_scene_graph_is_applied(tmp_path):
     scene.export(tmp_path / "Tall Rock.glb")
     rock = small(tmp_path / "Tall Rock.glb")
     assert rock.name == "tall-rock"
-    assert describe(rock).extents_m == pytest.approx((0.2, 0.2, 0.4), abs=1e-6)
+    assert describe(rock)["extents_m"] == pytest.approx((0.2, 0.2, 0.4), abs=1e-6)
     assert rock.vertices_m.min(0)[2] == 0 and any("y axis is up" in note for note in rock.notes)
     flat = small(tmp_path / "Tall Rock.glb", up="z")
-    assert describe(flat).extents_m == pytest.approx((0.4, 0.8, 0.4), abs=1e-5)
+    assert describe(flat)["extents_m"] == pytest.approx((0.4, 0.8, 0.4), abs=1e-5)
 
 
 @pytest.mark.parametrize("up", ["x", "-y", "-z"])
@@ -134,21 +134,21 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     top = rock.vertices_m[np.argmax(rock.vertices_m[:, 2])]
     assert top[2] == pytest.approx(SMALL_M)
     assert np.isclose(rock.vertices_m[:, 2], 0).sum() > 50  # the ring is the base
-    assert describe(rock).volume_m3 == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
+    assert describe(rock)["volume_m3"] == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
 def test_inside_out_and_mixed_winding_are_mended(tmp_path):
     box = trimesh.creation.icosphere(subdivisions=1)
     box.invert()
     box.export(tmp_path / "inverted.ply")
-    assert describe(small(tmp_path / "inverted.ply")).volume_m3 > 0
+    assert describe(small(tmp_path / "inverted.ply"))["volume_m3"] > 0
     mixed = trimesh.creation.icosphere(subdivisions=1)
     faces = np.array(mixed.faces)
     faces[::3] = faces[::3, ::-1]
     trimesh.Trimesh(mixed.vertices, faces, process=False).export(tmp_path / "mixed.ply")
-    good = describe(small(tmp_path / "inverted.ply")).volume_m3
+    good = describe(small(tmp_path / "inverted.ply"))["volume_m3"]
     rock = small(tmp_path / "mixed.ply")
-    assert describe(rock).volume_m3 == pytest.approx(good)
+    assert describe(rock)["volume_m3"] == pytest.approx(good)
     assert any("wound against" in note for note in rock.notes)
 
 

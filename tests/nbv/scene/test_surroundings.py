@@ -10,7 +10,7 @@ from nbv.config import GroundConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.scene import build_scene, preview
-from nbv.terrain import make_surroundings, neighbour_cylinders
+from nbv.terrain.neighbours import make_surroundings, neighbour_cylinders
 
 GROUND = GroundConfig(relief_m=0.1, neighbours=3, neighbour_height_m=(0.8, 1.0), neighbour_gap_m=(0.1, 0.3))
 CENTRE = np.array([0.0, 0.0, 0.8])

@@ -12,9 +12,9 @@ from nbv.evaluation.ground_truth import build_ground_truth
 from nbv.geometry.mesh import face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
-from nbv.terrain import buried_rock, neighbour_cylinders, relief_of
-from nbv.terrain.neighbours import CROP_M
-from nbv.terrain.relief import FILLED_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
+from nbv.terrain.burial import buried_rock
+from nbv.terrain.neighbours import CROP_M, neighbour_cylinders
+from nbv.terrain.relief import FILLED_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M, relief_of
 
 FEW = GroundConfig(neighbours=6)
 
