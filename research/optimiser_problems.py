@@ -288,7 +288,7 @@ class GeometricProblem:
 
         self.space = load_search_space(self.space_name)
         overrides = QUICK["overrides"] if self.space_name == QUICK["space"] else {}
-        self._base = self.space.base_config(preset("campaign")).with_values(overrides)
+        self._base = preset("campaign").with_values(self.space.base).with_values(overrides)
         self.default = self.space.default(self._base)
         self.name = f"geometric:{self.space_name}" + (f":{self.price:g}" if self.price else "")
 

@@ -91,16 +91,9 @@ def run_to_end(
     recommend_every: int = 0,
     accept_changes: bool = False,
 ) -> CampaignSummary:
-    """Run or resume the search, then the comparison that the campaign asks for: what `tune` and the command do.
+    """`run_campaign`, then the comparison that the campaign asks for: what `tune` and the command do.
 
-    Parameters
-    ----------
-    searched
-        Called when the search has ended, before the comparison.
-    compare
-        Runs the comparison; by default without showing anything.
-    on_event, recommend_every, accept_changes
-        As of `tuner.campaign.session.run_campaign`.
+    ``searched`` is called between the two; ``compare`` runs the comparison, by default without showing anything.
     """
     summary = run_campaign(
         campaign, executor, on_event, recommend_every=recommend_every, accept_changes=accept_changes

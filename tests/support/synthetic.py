@@ -29,7 +29,7 @@ SPACE = space_from_dict(
 )
 ROCKS = ("r0", "r1", "r2", "r3")
 INSTANCES = tuple(map(Instance, ROCKS))
-BASE = SPACE.base_config(MissionConfig())
+BASE = MissionConfig().with_values(SPACE.base)
 DEFAULT = SPACE.default(MissionConfig())
 PROBLEM = Problem(SPACE, INSTANCES, DEFAULT)
 

@@ -1,8 +1,7 @@
 """The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget.
 
-A configuration that is good on some rocks tends to be good on others. The missions of earlier campaigns, moved into the
-present search space, lead the initial design and inform the surrogate (``tuner.samplers.earlier_missions``); what they are worth
-is decided by the missions of the campaign itself.
+The missions of earlier campaigns, moved into the present search space, lead the initial design and inform the surrogate
+(``tuner.samplers.earlier_missions``).
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
             write_atomic(directory / LEARNED_FILE, learned.to_json())
         write_settings(directory, tree)
         # Ended between the two, it is a campaign without missions, which a resume goes on with.
-        ledger = Ledger(directory, settings.name, settings.problem, settings.goal, identity)
+        ledger = Ledger(directory, settings, identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)

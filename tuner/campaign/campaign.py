@@ -74,8 +74,6 @@ class Campaign:
     def _sampler(self) -> Sampler:
         return make_sampler(self.settings.sampler, self._sampler_settings)
 
-    # -- the run directory -----------------------------------------------------------------------------------
-
     @staticmethod
     def open(
         directory: Path,
@@ -86,20 +84,11 @@ class Campaign:
     ) -> Campaign:
         """Return the campaign in ``directory``.
 
-        Parameters
-        ----------
-        expected
-            Settings that the campaign must have; a difference is refused.
-        read_only
-            For status and reports of a campaign that may be running.
-        mission
-            The mission file whose program the caller allows it to run.
+        ``expected``: settings that it must have. ``read_only``: it may be running. ``mission``: the mission file whose program it
+        may run.
 
-        Raises
-        ------
-        UserError
-            No campaign there, other settings, a ledger that is missing or belongs elsewhere, an unknown fidelity, a mission
-            file whose program is not allowed.
+        Raises `UserError`: no campaign there, other settings, a ledger that is missing or belongs elsewhere, an unknown
+        fidelity, a mission file whose program is not allowed.
         """
         if directory.name in ("", ".."):  # ``.``: names beside it are made from its own
             directory = directory.resolve()
@@ -126,12 +115,8 @@ class Campaign:
         with contextlib.ExitStack() as stack:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
-            ledger = Ledger(
-                directory, settings.name, settings.problem, settings.goal, identity, read_only=read_only
-            )
+            ledger = Ledger(directory, settings, identity, read_only=read_only)
         return Campaign(directory, settings, ledger)
-
-    # -- looking ---------------------------------------------------------------------------------------------
 
     def trials(self) -> list[Trial]:
         """Return all missions, in trial order."""

@@ -23,8 +23,6 @@ Ending = Literal["budget", "interrupted", "failing", "exhausted"]
 
 @dataclass(frozen=True)
 class CampaignEvent:
-    """Something a live display may show."""
-
     kind: EventKind
     elapsed_s: float  # since this session began
     finished: int  # missions finished so far, failed ones included, repeats left out
@@ -36,8 +34,6 @@ class CampaignEvent:
 
 @dataclass(frozen=True)
 class CampaignStatus:
-    """Counts of a campaign."""
-
     name: str
     budget: int
     complete: int
@@ -56,7 +52,6 @@ class CampaignStatus:
 
     @property
     def remaining(self) -> int:
-        """Missions still to finish."""
         return max(0, self.budget - self.finished)
 
 

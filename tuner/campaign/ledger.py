@@ -23,12 +23,11 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
+from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.storage import JOURNAL_FILE, open_journal
 from tuner.missions.job import Record, Trial, repeated
-from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, Proposal
-from tuner.problem.problem import Problem
 from tuner.samplers.optuna import distributions
 
 _CAMPAIGN_ID = "campaign_id"
@@ -39,33 +38,27 @@ _ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switc
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
-    ``name``: the campaign's. ``campaign_id``: the identity that tells the study from another campaign's of the same name. ``read_only``: only
-    look: leave the files of a campaign that may be running alone.
+    ``campaign_id`` tells the study from another campaign's of the same name. ``read_only``: leave the files of a campaign that
+    may be running alone.
 
     Raises `UserError`: the journal cannot be read, or holds another campaign's study or none.
     """
 
     def __init__(
-        self,
-        directory: Path,
-        name: str,
-        problem: Problem,
-        goal: Goal,
-        campaign_id: str,
-        *,
-        read_only: bool = False,
+        self, directory: Path, settings: CampaignSettings, campaign_id: str, *, read_only: bool = False
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._directory, self._goal, self._campaign_id = directory, goal, campaign_id
-        self._distributions = distributions(problem.space)
-        self._instances = frozenset(problem.instances)
+        self._directory, self._goal, self._campaign_id = directory, settings.goal, campaign_id
+        self._distributions = distributions(settings.problem.space)
+        self._instances = frozenset(settings.problem.instances)
+        name = settings.name
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self._alone = False  # no other process may write now, so `_known` is complete
         self._shown = shown = str(directory / JOURNAL_FILE)
         # Before its first mission a campaign may not have a ledger yet or, if it was killed, half of one.
         begun = read_only or (directory / "missions").exists()
         storage = open_journal(directory, must_exist=begun, heal=not read_only)
-        direction = "maximize" if goal.objective.direction == "maximise" else "minimize"
+        direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
         try:
             if begun:
                 self._study = optuna.load_study(study_name=name, storage=storage)
@@ -96,8 +89,6 @@ class Ledger:
                 f"the ledger {self._shown} has {count} trials and knows nothing of missions/{unknown[0]}: its end was lost; "
                 "restore it from a copy, or move the missions it does not know away"
             )
-
-    # -- writing ---------------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
@@ -180,10 +171,7 @@ class Ledger:
         facts = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
         return checksum_of([self._campaign_id, number, params, facts, *ending])
 
-    # -- reading ---------------------------------------------------------------------------------------------
-
     def trials(self) -> list[Trial]:
-        """Return all missions in trial order."""
         if self._alone:
             return [trial for _, trial in self._known.values()]
         return [self._trial(row) for row in self._study.get_trials(deepcopy=False)]
@@ -215,7 +203,7 @@ class Ledger:
                 raise KeyError
             second, limited = end.pop("second", None), self._goal.second
             reason = end.pop("reason", "")
-            directory = self._directory / mission_directory(row.number, instance, replicate)
+            folder = f"{row.number:04d}_{instance.file_name}_r{replicate}"
             return Trial(
                 number=row.number,
                 values=row.params,
@@ -230,7 +218,7 @@ class Ledger:
                     metadata=entry["why"],
                     code=entry.get("code", ""),
                     config_digest=entry.get("config_digest", ""),
-                    directory=directory,
+                    directory=self._directory / "missions" / folder,
                     started=row.datetime_start,
                     finished=row.datetime_complete,
                     **end,
@@ -257,8 +245,3 @@ class Ledger:
             for i, t in enumerate(trials)
             if not t.record.status or i >= known
         ]
-
-
-def mission_directory(number: int, instance: Instance, replicate: int) -> str:
-    """Return a mission's directory, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
-    return f"missions/{number:04d}_{instance.file_name}_r{replicate}"

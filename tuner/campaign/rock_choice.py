@@ -11,9 +11,6 @@ from nbv.rocks import list_rocks, load_coarse_rock
 from nbv.safe_files import is_file
 from tuner.problem.instances import family_of
 
-QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
-QUICK_HELD_OUT = ["arch", "fin"]
-
 
 def rock_arguments(rocks: Sequence[str], *, tuned: bool = False) -> list[str]:
     """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
@@ -34,7 +31,6 @@ def rock_arguments(rocks: Sequence[str], *, tuned: bool = False) -> list[str]:
 
 
 def absolute_rocks(rocks: Sequence[str]) -> list[str]:
-    """Return the rocks as given, mesh files by their absolute path."""
     return [str(Path(rock).resolve()) if is_file(Path(rock)) else rock for rock in rocks]
 
 

@@ -48,8 +48,6 @@ MOST_ENDS = 256
 
 @dataclass(frozen=True, kw_only=True)
 class RockProblem(MissionProblem):
-    """Missions over rocks, or over families of rocks."""
-
     base: MissionConfig
     conditions: tuple[Condition, ...]
     fidelity_name: str  # the campaign's
@@ -139,16 +137,12 @@ class RockProblem(MissionProblem):
                 found.append(config.seed.total if config.stop.may_end_early else photographs(config))
         return min(found, default=0)
 
-    def fidelity(self, asked: str) -> str:
-        return asked
-
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
         used = [plugin.facts for plugin in self.config(self.default).plugins_used]
         return digest(code_of(self.fidelity_name), used) if used else code_of(self.fidelity_name)
 
     def held_out(self) -> tuple[str, ...]:
-        """Return the procedural held-out rocks."""
         return tuple(procedural_rocks("held-out"))
 
     def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
@@ -185,11 +179,9 @@ class RockProblem(MissionProblem):
         return config if number is None or not config.stop.may_end_early else ending_at(config, number)
 
     def provenance(self) -> tuple[str, str]:
-        """Return the preset."""
         return "mission preset", self.base.preset
 
     def can_run(self, values: Mapping[str, Any]) -> bool:
-        """Return whether there is a configuration at ``values``."""
         try:
             self.config(values)
         except UserError:
@@ -216,7 +208,6 @@ def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:
 
 
 def _all_taken(rocks: Sequence[str]) -> bool:
-    """Return whether there are rocks, and photographs of every one were taken before."""
     return bool(rocks) and all(kind_on(rock, DEFAULT_FIDELITY).photographs == "taken" for rock in rocks)
 
 

@@ -44,9 +44,7 @@ NOTHING_REGISTERS = (
 )
 # After so many trials in a row without a new photograph the search space has no other plan to try.
 MAX_CONSECUTIVE_REPEATS = 12
-SIMPLIFICATIONS = (
-    5  # rounds at the end in which values without effect are reset in the recommendation, at most
-)
+SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
 FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
@@ -69,24 +67,11 @@ def run_campaign(
     A stop waits at most for a batch of proposals that is being computed ahead; a second Ctrl-C interrupts at once. The trial of an infrastructure
     failure (`Trial.infrastructure_failure`) stays open too.
 
-    Parameters
-    ----------
-    campaign
-        The campaign to go on with.
-    executor
-        Runs the missions, at most its ``capacity`` at a time.
-    on_event
-        Is called with everything that happens, in this thread.
-    recommend_every
-        Emit a "recommendation" event and save it after every so many finished missions; 0: only at the end.
-    accept_changes
-        Go on where rocks or the missions' code changed since the last session.
+    ``on_event`` is called in this thread; after every ``recommend_every`` missions, 0 for none, also with a recommendation, which
+    is saved. ``accept_changes``: go on where rocks or the missions' code changed since the last session.
 
-    Raises
-    ------
-    UserError
-        The campaign is running elsewhere; rocks or the missions' code changed (`ReproducibilityCheck`); a
-        mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
+    Raises `UserError`: the campaign is running elsewhere; rocks or the missions' code changed (`ReproducibilityCheck`); a
+    mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
     try:
@@ -97,8 +82,6 @@ def run_campaign(
 
 
 class _Prepared(NamedTuple):
-    """A trial that is in the ledger, and the job that runs it."""
-
     trial: Trial
     job: MissionJob
 
@@ -137,9 +120,7 @@ class _Session:
         self._stop = stop
         self._recover()
         run_jobs(self, self.executor, stop)
-        repeats_in_row = (
-            self._repeats_in_row
-        )  # before the simplification, which repeats photographs on purpose
+        repeats_in_row = self._repeats_in_row  # the simplification repeats photographs on purpose
         for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
             if stop.is_set() or self.cancelled:
                 break
@@ -208,19 +189,16 @@ class _Session:
                 continue
             job = self.campaign.job(trial, config)
             ended = load_trial(job)
-            if ended is None or ended.reason == "user_error" or self._does_not_count(trial, ended):
+            if (
+                ended is None
+                or ended.reason == "user_error"
+                or ended.infrastructure_failure
+                or self._reproducibility.is_another(trial, ended.record.rock_sha256)  # it was replaced since
+            ):
                 self._to_retry.append(_Prepared(trial, job))
             else:
                 self._count(self._enter(trial, ended))
         self._reproducibility.begin()
-
-    def _does_not_count(self, trial: Trial, ended: Trial) -> bool:
-        """Return whether the end does not count: the machine failed, or the mesh has been replaced since."""
-        return ended.infrastructure_failure or self._reproducibility.is_another(
-            trial, ended.record.rock_sha256
-        )
-
-    # -- what `run_jobs` asks ---------------------------------------------------------------------------------------
 
     @property
     def has_pending(self) -> bool:
@@ -247,17 +225,20 @@ class _Session:
 
     def ended(self, trials: Sequence[Trial]) -> None:
         """Enter the missions that have ended and count them: only what is on disk counts."""
-        for trial in trials:
-            if (entered := self._finish(trial)) is not None:
-                self._count(entered)
-
-    @property
-    def _prefetches(self) -> bool:
-        return self._settings.in_step is None and self.executor.capacity >= FROM_WORKERS
+        for ended in trials:
+            trial = self._in_flight.pop(ended.record.job_id)
+            if ended.infrastructure_failure:  # the trial stays open: neither counted nor learned from
+                self._infrastructure_failures += 1
+                self._note_failure(ended)
+                self._last_infrastructure_failure = self._last_failure
+                self._emit("lost", trial, message=f"{ended.reason}: {ended.record.message}")
+            else:
+                self._require_measured(ended)
+                self._count(self._enter(trial, ended))
 
     def _next_trial(self) -> _Prepared | Trial | None:
         """Enter the next proposal and return its trial with its job; the trial alone where the configuration is refused."""
-        trials = self._ledger.trials()
+        trials, in_step = self._ledger.trials(), self._settings.in_step
         left = self._settings.budget + self._repeats - len(trials)
         started = time.monotonic()
         if self._simplified:
@@ -269,10 +250,9 @@ class _Session:
             or self._has_run_all(trials)
         ):
             return None
-        elif self._prefetches:
+        elif in_step is None and self.executor.capacity >= FROM_WORKERS:
             proposal = self.prefetch.next(trials, self.executor.capacity, left)
         else:
-            in_step = self._settings.in_step
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
             if in_step is not None and not all(t.record.status for t in trials[:known]):
                 return None  # its turn comes when they have ended
@@ -322,17 +302,6 @@ class _Session:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
         record = dataclasses.replace(trial.record, status="failed", message=str(why))
         return self._ledger.finish(trial.number, dataclasses.replace(trial, reason=REFUSED, record=record))
-
-    def _finish(self, ended: Trial) -> Trial | None:
-        trial = self._in_flight.pop(ended.record.job_id)
-        if ended.infrastructure_failure:  # the trial stays open: neither counted nor learned from
-            self._infrastructure_failures += 1
-            self._note_failure(ended)
-            self._last_infrastructure_failure = self._last_failure
-            self._emit("lost", trial, message=f"{ended.reason}: {ended.record.message}")
-            return None
-        self._require_measured(ended)
-        return self._enter(trial, ended)
 
     def _note_failure(self, trial: Trial) -> None:
         self._failures_in_row += 1
@@ -397,7 +366,9 @@ class ProposalPrefetch:
 
         None means that the budget is used or, while `has_pending`, that no proposal is ready yet.
         """
-        self._collect()
+        if self._computing is not None and self._computing.done():
+            computed, self._computing = self._computing, None
+            self._ready.extend(computed.result())
         batch = max(2, min(workers // SHARE, MAX_BATCH))
         left -= len(self._ready)
         if self._computing is None and left > 0 and len(self._ready) < batch:
@@ -408,17 +379,11 @@ class ProposalPrefetch:
 
     @property
     def has_pending(self) -> bool:
-        """Whether a batch of proposals is being computed."""
         return self._computing is not None
 
     def close(self) -> None:
         """Drop the prefetched proposals; a batch that is being computed ends first, in seconds."""
         self._thread.shutdown(wait=True, cancel_futures=True)
-
-    def _collect(self) -> None:
-        if self._computing is not None and self._computing.done():
-            computed, self._computing = self._computing, None
-            self._ready.extend(computed.result())
 
 
 class ReproducibilityCheck:
@@ -458,7 +423,6 @@ class ReproducibilityCheck:
             self._rocks.clear()
 
     def is_another(self, trial: Trial, rock_sha256: str) -> bool:
-        """Return whether `require` would refuse."""
         return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
 
     def _remember(self, trial: Trial, sha256: str) -> None:

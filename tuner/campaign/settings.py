@@ -372,9 +372,7 @@ class CampaignSettings(Section):
         problem, reference = self.problem, self.problem.reference
         names = tuple(dict.fromkeys([reference, *problem.arms]))
         share = self.budget // 2 if len(names) == 1 else 2 * self.budget // 3
-        if (
-            self.initial is not None
-        ):  # a resume is told the length of the design, which lies beyond that of the arms
+        if self.initial is not None:  # of an extended campaign; its design lies beyond that of the arms
             share = min(self.initial, share)
         count = max(1, min(len(problem.instances) * self.replicates, share // len(names)))
         if problem.draws_rocks and len(names) == 1:

@@ -194,7 +194,7 @@ def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
     from tuner.comparison.result import result_blocks
     from tuner.report.comparison import block_table, campaign_document, legend_of
 
-    blocks = result_blocks(campaign, best) if best else []
+    blocks = result_blocks(campaign, best)
     if best is None or not blocks:
         return False
     document = campaign_document(blocks, best)

@@ -167,7 +167,7 @@ def run_and_report(
     """
     from tuner.report import comparison
 
-    plan, spec, paper = planned.plan, planned.spec, planned.source is None
+    plan, paper = planned.plan, planned.source is None
     executor = planned.executor(workers, timeout_s)
     taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
     notes = (*planned.notes, *filter(None, [mission_kind(plan.fidelity).note]), *map(_ceiling, taken))
@@ -175,7 +175,7 @@ def run_and_report(
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), spec.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), planned.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     require_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
@@ -188,7 +188,7 @@ def run_and_report(
     tables = {f"Under {name}": table for name, table in facts.conditions.items()}
     if not answer.pop("tables", False):
         tables = {"Results by strategy": facts.summary, **tables}
-    shown = [comparison.strategy_table(t, name, spec.shown.metric) for name, t in tables.items()]
+    shown = [comparison.strategy_table(t, name, planned.goal.shown.metric) for name, t in tables.items()]
     if paper and "whole" in facts.tables:  # no mission that has ended well, no table
         table_i = facts.tables["whole"]
         shown.append(comparison.table_i(table_i, "Table I, whole surface", paper=True, differences=False))
@@ -215,9 +215,11 @@ def run_comparison(
     from tuner.comparison.result import ComparisonFacts
     from tuner.report.comparison import write_comparison_report
 
-    with ComparisonProgress(planned.spec.shown.metric) as show:
+    with ComparisonProgress(planned.goal.shown.metric) as show:
         run, directory = planned.run(executor, show, out)
-    facts = ComparisonFacts(run, planned.reference, planned.spec, notes or planned.notes)
+    facts = ComparisonFacts(
+        run, planned.reference, planned.goal, planned.instance_word, notes or planned.notes
+    )
     paper = planned.source is None
     with working("writing the report"):
         return facts, write_comparison_report(

@@ -109,8 +109,6 @@ def planning(
     rows = [
         (f"best plain plan of {photographs}", f"{found.best_plain}, {found.plain_percent:.1f} %"),
         ("greedy oracle", f"{found.oracle_percent:.1f} %"),
-        ("height", f"{found.height_m:.2f} m"),
-        ("surface in pockets", f"{found.pocket_percent:.0f} %"),
         ("two rings reach 98 % with", f"{needs} photographs"),
     ]
     show_table(("fact", "value"), rows, rock)

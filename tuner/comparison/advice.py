@@ -7,12 +7,10 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 
 from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
-from tuner.comparison.of_campaign import HELD_OUT, TRAINING, asked_of, evaluations
-from tuner.comparison.statistics import strategy_difference
+from tuner.comparison.of_campaign import HELD_OUT, TRAINING, evaluations
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
@@ -101,8 +99,6 @@ def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration
 
 
 class Next(StrEnum):
-    """The one thing to do now."""
-
     RUN = "run the rest of the campaign"
     MORE = "run more missions"
     CONFIRM = "confirm on a training instance"
@@ -135,24 +131,18 @@ class Advice:
 
     @property
     def instances(self) -> int:
-        """How many instances the results are of."""
         return len(self.results.rocks)
 
-    @cached_property
-    def planners_may_gain(self) -> bool | None:
-        """Whether the ceiling leaves room for a planner; None where it was not run."""
-        return leaves_room(self.ceiling)
 
-
-def leaves_room(ceiling: Interval | None) -> bool | None:
-    """Whether the oracle gains so much on average that a planner may gain some of it; None where it was not run."""
-    return None if ceiling is None else ceiling.mean > LITTLE
+def leaves_room(ceiling: Interval | None) -> bool:
+    """Whether the oracle was run and gains so much on average that a planner may gain some of it."""
+    return ceiling is not None and ceiling.mean > LITTLE
 
 
 def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     """Return the advice from everything in the campaign's directory; ``best``: its recommendation."""
     s = campaign.settings
-    tuned, quality = s.problem.config(best.values), asked_of(s).shown
+    tuned, quality = s.problem.config(best.values), s.goal.shown
     reference = s.problem.reference
     found = held_out_results(campaign, tuned)
     if found is None or not _plain(found.strategies, reference):
@@ -169,11 +159,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
         fly = named
     flown = found.strategies[fly]
     orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
-    ceiling = None
-    if named and CEILING in {base_name(name) for name in found.strategies}:
-        oracle = next(name for name in found.strategies if base_name(name) == CEILING)
-        ceiling = strategy_difference(found.records, oracle, named, quality.metric)
-        ceiling = ceiling if ceiling is None or quality.direction == "maximise" else ceiling.reversed
+    oracle = next((name for name in found.strategies if base_name(name) == CEILING), "")
     elsewhere = reference in found.strategies and mission_key(found.strategies[reference]) != mission_key(
         flown
     )
@@ -189,7 +175,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
         by_orbit=judge(found.records, orbit, fly, quality)
         if orbit and mission_key(plain[orbit]) != mission_key(flown)
         else None,
-        ceiling=ceiling,
+        ceiling=judge(found.records, oracle, named, quality).gain if oracle and named else None,
     )
 
 
@@ -208,12 +194,11 @@ def _gains(records: Sequence[Trial], among: Iterable[str], quality: Objective) -
 
     Paired, since evaluations may have run different plans on different rocks.
     """
-    differences = {name: strategy_difference(records, name, TUNED, quality.metric) for name in among}
-    return {name: quality.sign * own.mean for name, own in differences.items() if own is not None}
+    gains = {name: judge(records, name, TUNED, quality).gain for name in among}
+    return {name: gain.mean for name, gain in gains.items() if gain is not None}
 
 
 def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:
-    """Return the one thing to do now, by what the results say."""
     s, status = campaign.settings, campaign.status()
     if best is None or advice is None or status.remaining:
         return Next.RUN
@@ -225,7 +210,7 @@ def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | 
             return Next.MORE_INSTANCES
         if advice.fly != TUNED:
             return Next.FLY_PLAIN
-        return Next.TRY_PLANNERS if advice.is_plain and advice.planners_may_gain else Next.FLY
+        return Next.TRY_PLANNERS if advice.is_plain and leaves_room(advice.ceiling) else Next.FLY
     rival = best.runner_up
     if best.keep_default and len(s.problem.arms) == 1:
         hopeless = rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd)

@@ -24,7 +24,7 @@ from nbv.plugins import INTERFACE
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
-from tuner.comparison.advice import CEILING, leaves_room
+from tuner.comparison.advice import CEILING
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.verdict import Kind, kind_of
 from tuner.missions.job import Trial
@@ -94,17 +94,7 @@ class Suite:
 
     @property
     def base(self) -> MissionConfig:
-        """What all strategies have in common."""
         return preset("campaign").with_values(dict(self.values))
-
-    def base_of(self, target: Instance) -> MissionConfig:
-        """The same under the target's condition."""
-        return under(self.base, next(c for c in self.conditions if c.name == target.condition))
-
-    @property
-    def measures_every_photograph(self) -> bool:
-        """Whether one mission of a planned strategy tells of every number."""
-        return all(kind_on(t.rock, self.fidelity).every_number for t in self.targets)
 
     @property
     def name(self) -> str:
@@ -113,7 +103,6 @@ class Suite:
         return next(named, f"custom-{digest(self.to_dict())[:8]}")
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
         return {**dataclasses.asdict(self), "interface": INTERFACE}
 
 
@@ -170,7 +159,9 @@ def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[s
         planned = own.config(ending_at(base, suite.numbers[-1]))
     else:
         planned = with_sections_of(given, PLAN, base)
-    measured_throughout = bool(planned.adaptive_budget) and suite.measures_every_photograph
+    measured_throughout = bool(planned.adaptive_budget) and all(
+        kind_on(target.rock, suite.fidelity).every_number for target in suite.targets
+    )
     if name.endswith(STOPPED) and not measured_throughout:
         raise UserError(f"{name}: only a planned strategy in geometric missions can stop by its prediction")
     least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
@@ -190,9 +181,6 @@ def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[s
 def _strategy_run(name: str) -> str:
     """The strategy whose missions are read for the one called ``name``."""
     return TWO_RINGS if name == BY_HEIGHT else name.removesuffix(STOPPED)
-
-
-# -- what the missions have ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -260,7 +248,7 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
     )
     if name == BY_HEIGHT:
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
-            [_believed_height_m(target.rock, suite.base_of(target), suite.fidelity) for target in targets]
+            [_believed_height_m(suite, target) for target in targets]
         )
         at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     elif name.endswith(STOPPED):
@@ -283,11 +271,12 @@ def _read(trial: Trial, number: int) -> tuple[float, float, float]:
     return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
-def _believed_height_m(rock: str, config: MissionConfig, fidelity: str) -> float:
+def _believed_height_m(suite: Suite, target: Instance) -> float:
     """The height of the target that a mission is given, with its error."""
-    if kind_on(rock, fidelity).photographs == "taken":
-        return PhotographSet.read(rock).height_m
-    return 2.0 * with_size_error(config, load_coarse_rock(rock, Store()), 0).target_m[2]
+    if kind_on(target.rock, suite.fidelity).photographs == "taken":
+        return PhotographSet.read(target.rock).height_m
+    config = under(suite.base, next(c for c in suite.conditions if c.name == target.condition))
+    return 2.0 * with_size_error(config, load_coarse_rock(target.rock, Store()), 0).target_m[2]
 
 
 @dataclass(frozen=True)
@@ -321,9 +310,6 @@ def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list
     return list(dict.fromkeys(found))
 
 
-# -- what follows --------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Finding:
     """What one strategy needs for the share, against the reference."""
@@ -346,7 +332,6 @@ class Standing:
     f_score: Interval
     gain: Interval | None  # None where the reference never takes so few, or so many
     share: float  # of the targets that have the score
-    failed: int
     score_0: int
 
 
@@ -403,14 +388,12 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
         gain = None if theirs is None else bootstrap_means(scores - theirs)[0]
         kind = Kind.NOT_PAIRED if gain is None else kind_of(gain)
         own = bootstrap_means(scores)[0], gain, float(reached.mean())
-        found.append(Standing(one.name, number, kind, *own, len(one.failed), int((scores == 0.0).sum())))
+        found.append(Standing(one.name, number, kind, *own, int((scores == 0.0).sum())))
     return found
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a comparison found."""
-
     reference: str
     share: float  # at which numbers of photographs are compared; 0: hardly any is reached
     number: int  # the largest that the reference takes
@@ -425,11 +408,6 @@ class Outcome:
     def by_share(self) -> bool:
         """Whether numbers of photographs are compared; not where all ratios would be of the first. Else scores at ``number``."""
         return any(f.needed is not None and not f.fewest for f in self.findings)
-
-    @property
-    def planners_may_gain(self) -> bool | None:
-        """Whether the ceiling leaves room for a planner; None where it was not run."""
-        return leaves_room(self.ceiling)
 
 
 def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:

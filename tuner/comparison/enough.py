@@ -133,25 +133,24 @@ def enough_plans(
     }
 
 
-def read_enough(
-    everything: EvaluationRun, curves: EvaluationRun, keep_percent: float, metric: str = DEFAULT_METRIC
-) -> Enough:
+def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: float) -> Enough:
     """The curves of the two evaluations of `enough_plans`, and the plan of fewest photographs that keeps enough quality.
 
-    ``keep_percent`` is of the quality, ``metric``, with all photographs. A failed mission counts as a quality of 0. `UserError`
-    where the mission with all photographs failed.
+    ``keep_percent`` is of the quality with all photographs. A failed mission counts as a quality of 0. `UserError` where the
+    mission with all photographs failed.
     """
     whole = next(iter(everything.records), None)
-    reached = None if whole is None else whole.value(metric)
+    reached = None if whole is None else whole.value(DEFAULT_METRIC)
     if whole is None or reached is None:
         why = "" if whole is None else f" ({whole.reason}: {whole.record.message})"
-        raise UserError(f"the mission with all photographs gave no {metric}{why}")
+        raise UserError(f"the mission with all photographs gave no {DEFAULT_METRIC}{why}")
     asked = keep_percent / 100.0 * reached
     found: dict[str, list[Point]] = {way: [] for way in WAYS}
     smallest, smallest_rank = None, (math.inf, 0.0)
     for strategy in curves.plan.strategies:
         way, trials = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
-        interval = mean_interval({"set": [t.value(metric) or 0.0 for t in trials]})
+        qualities = [t.value(DEFAULT_METRIC) or 0.0 for t in trials]
+        interval = mean_interval({"set": qualities})
         if interval is None or interval.low is None or interval.high is None:
             continue  # not run to the end
         low, high = max(0.0, interval.low), min(100.0, interval.high)
@@ -163,17 +162,16 @@ def read_enough(
         point = Point(images, registered, interval)
         found[way].append(point)
         if low >= asked and (images, -low) < smallest_rank:
-            typical = sorted(trials, key=lambda t: t.value(metric) or 0.0)[len(trials) // 2]
+            median = sorted(range(len(trials)), key=qualities.__getitem__)[len(trials) // 2]
+            typical = trials[median]
             taken = tuple(typical.metrics.get("taken", ()))
-            smallest = Smallest(way, point, typical.replicate, typical.value(metric) or 0.0, taken)
+            smallest = Smallest(way, point, typical.replicate, qualities[median], taken)
             smallest_rank = images, -low
-    key = metric.rpartition(".")[2]
-    ceiling = whole.metrics["reference"]["ceiling"].get(key, float("nan"))
     return Enough(
         whole.costs["images"],
         reached,
         asked,
-        ceiling,
+        whole.metrics["reference"]["ceiling"].get("f_score_48mm", math.nan),
         {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in found.items() if points},
         smallest,
     )

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
@@ -37,32 +37,25 @@ from tuner.recommendation.recommendation import Recommendation
 AT_THE_END = 2  # replicates of the comparison that a campaign ends in
 MARGIN = 1.0  # loss of quality that counts as none where there is a constraint: percent points of F-score
 HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
-
-
-@dataclass(frozen=True)
-class ComparisonSpec:
-    """The goal by which strategies are compared."""
-
-    goal: Goal = field(default_factory=Goal)
-    instance_word: str = "rock"  # what missions run on, as `MissionProblem.instance_word`
-
-    @property
-    def shown(self) -> Objective:
-        """The quality, or the objective where the configuration decides all."""
-        return self.goal.quality or self.goal.objective
+TABLE_I = Goal(Objective("whole.completeness_48mm"))
 
 
 @dataclass(frozen=True)
 class PlannedComparison:
-    """Strategies that are ready to be run against each other."""
-
     plan: EvaluationPlan
     reference: str  # the strategy that differences are from
-    spec: ComparisonSpec
     title: str
     usual: Path  # its directory, unless the user names another
     notes: tuple[str, ...] = ()  # what a reader must know before the outcome
     source: Campaign | None = None  # None: the paper's Table I
+
+    @property
+    def goal(self) -> Goal:
+        return TABLE_I if self.source is None else self.source.settings.goal
+
+    @property
+    def instance_word(self) -> str:
+        return "rock" if self.source is None else self.source.settings.problem.instance_word
 
     def executor(self, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
         """Return processes of this machine for its missions."""
@@ -104,7 +97,7 @@ def held_out(
     against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
     notes = (*_notes(found), *notes, *_conditions(source, under))
     title = f"{s.name}: tuned against baselines on held-out {s.problem.instance_word}s"
-    return PlannedComparison(plan, against, asked_of(s), title, source.directory / HELD_OUT, notes, source)
+    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, source)
 
 
 def _against_baselines(
@@ -157,7 +150,7 @@ def confirmation(
     word = s.problem.instance_word
     title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
     notes = (*_notes(found), *notes)
-    return PlannedComparison(plan, "default", asked_of(s), title, source.directory / TRAINING, notes, source)
+    return PlannedComparison(plan, "default", title, source.directory / TRAINING, notes, source)
 
 
 def reproduction(
@@ -188,7 +181,6 @@ def reproduction(
     return PlannedComparison(
         plan,
         reference_of(configs, "hyb-h"),
-        ComparisonSpec(Goal(Objective("whole.completeness_48mm"))),
         f"Table I reproduced with preset {base.preset}: {how}",
         Path("runs/reproduce"),
     )
@@ -240,11 +232,6 @@ def _evaluated(
     source: Campaign, found: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
 ) -> Evaluated:
     return Evaluated(found.values, source.mean_photographs(found.values), conditions, rocks)
-
-
-def asked_of(settings: CampaignSettings) -> ComparisonSpec:
-    """What the campaign was asked for."""
-    return ComparisonSpec(settings.goal, settings.problem.instance_word)
 
 
 def _notes(found: Recommendation) -> tuple[str, ...]:

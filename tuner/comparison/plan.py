@@ -33,7 +33,7 @@ from tuner.problem.observations import MAX_REPLICATES, mission_key
 from tuner.problem.search_space import Configuration, builtin
 
 PLAN_FILE = "evaluation.yaml"
-FORMAT_VERSION = 3  # 2 might call its fidelity a runner
+FORMAT_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class EvaluationPlan:
     @property
     def missions(self) -> int:
         """Missions in all, strategies that are the same configuration counted once."""
-        return len(set(self._owners.values())) * len(self.instances) * self.replicates
+        return len(set(self.owners.values())) * len(self.instances) * self.replicates
 
     @property
     def instances(self) -> tuple[Instance, ...]:
@@ -84,7 +84,6 @@ class EvaluationPlan:
         return range(self.first_replicate, self.first_replicate + self.replicates)
 
     def to_dict(self) -> dict[str, Any]:
-        """YAML form."""
         return {
             "format": FORMAT_VERSION,
             "rocks": list(self.rocks),
@@ -143,25 +142,21 @@ class EvaluationPlan:
 
     def jobs(self, directory: Path) -> list[MissionJob]:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""
-        owners = dict.fromkeys(self._owners.values())
+        owners = dict.fromkeys(self.owners.values())
         return [
             self._job(directory, name, instance, k)
             for k, instance, name in itertools.product(self._replicates, self.instances, owners)
         ]
 
     @functools.cached_property
-    def _owners(self) -> dict[str, str]:
-        """Strategies that run one and the same mission share the first one's."""
+    def owners(self) -> dict[str, str]:
+        """By strategy the one whose missions count for it: the first that runs the same."""
         first: dict[str, str] = {}
         return {name: first.setdefault(mission_key(c), name) for name, c in self.strategies.items()}
 
-    def owner(self, strategy: str) -> str:
-        """The strategy whose missions count for this one: the first that runs the same."""
-        return self._owners[strategy]
-
     def _job(self, directory: Path, strategy: str, instance: Instance, replicate: int) -> MissionJob:
         condition = next(c for c in self.conditions if c.name == instance.condition)
-        owner = self._owners[strategy]
+        owner = self.owners[strategy]
         config = self.strategies[owner]  # of the same mission, whatever else differs
         folder = f"{self.rocks.index(instance.rock):02d}_{instance.file_name}_r{replicate}"
         return MissionJob(

@@ -12,7 +12,7 @@ from functools import cached_property
 
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.advice import Results, held_out_results, training_results
-from tuner.comparison.of_campaign import MARGIN, ComparisonSpec, asked_of
+from tuner.comparison.of_campaign import MARGIN
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import (
     TABLE_I_ROWS,
@@ -40,6 +40,7 @@ from tuner.problem.baselines import (
     grouped,
     in_table_order,
 )
+from tuner.problem.goal import Goal
 from tuner.problem.intervals import Interval
 from tuner.problem.objective import Objective
 from tuner.recommendation.recommendation import Recommendation
@@ -64,30 +65,28 @@ def row_of(o: Objective) -> MetricRow:
 
 
 def by_strategy(
-    records: Sequence[Trial], strategies: Sequence[str], reference: str, spec: ComparisonSpec
+    records: Sequence[Trial], strategies: Sequence[str], reference: str, goal: Goal
 ) -> ComparisonTable:
     """Costs, the objectives, the usual measures of a cloud, and the share of rocks that met the constraint.
 
     What no mission has is left out. Missions of a mission file have their own costs.
     """
-    objectives = [row_of(o) for o in (spec.shown, *spec.goal.objectives)]
+    objectives = [row_of(o) for o in (goal.shown, *goal.objectives)]
     if not any("images" in r.costs for r in records):
         costs = sorted({f"costs.{name}" for r in records for name in r.costs})
         objectives += [row_of(Objective(name, "minimise")) for name in costs]
     rows = {row.key: row for row in (*_COSTS, *objectives)} | {row.key: row for row in (*_COSTS, *_QUALITY)}
     table = comparison_table(records, strategies, reference, list(rows.values()))
     found = [row for row in table.rows if any(row.cells.values())]
-    if spec.goal.limit is not None:
-        shares = {name: kept_by(records, name, spec) for name in strategies}
+    if goal.limit is not None:
+        shares = {name: kept_by(records, name, goal) for name in strategies}
         most = max((share.mean for share in shares.values() if share is not None), default=0.0)
         best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
         found.append(ComparisonRow(MetricRow("", "", LIMIT, "%", True, 0), shares, best, None, {}))
     return dataclasses.replace(table, rows=found)
 
 
-def kept_by(records: Sequence[Trial], strategy: str, spec: ComparisonSpec) -> Interval | None:
-    """The share of rocks on which a strategy met the constraint."""
-    goal = spec.goal
+def kept_by(records: Sequence[Trial], strategy: str, goal: Goal) -> Interval | None:
     assert goal.second is not None and goal.limit is not None
     return share_kept(records, strategy, goal.second, goal.limit, exact=goal.second in goal.decided)
 
@@ -95,25 +94,16 @@ def kept_by(records: Sequence[Trial], strategy: str, spec: ComparisonSpec) -> In
 class ComparisonFacts:
     """What an evaluation found: tables, from the shortest to the longest, and verdicts.
 
-    ``reference``: strategy from which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
-    configuration), else the first strategy. ``asked``: the objectives, and the limit where there is one; by default the
-    F-score alone. ``notes``: what to know before the verdicts.
+    ``reference``: strategy from which differences are taken. ``word``: what missions run on. ``notes``: what to know before
+    the verdicts.
     """
 
     def __init__(
-        self,
-        run: EvaluationRun,
-        reference: str | None = None,
-        asked: ComparisonSpec | None = None,
-        notes: Sequence[str] = (),
+        self, run: EvaluationRun, reference: str, goal: Goal, word: str = "rock", notes: Sequence[str] = ()
     ) -> None:
         self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
-        self.asked = asked or ComparisonSpec()
+        self.reference, self.goal, self.word = reference, goal, word
         self.strategies = tuple(in_table_order(self.plan.strategies))
-        self.reference = reference or ("hyb-h" if "hyb-h" in self.strategies else self.strategies[0])
-        self.word = self.asked.instance_word
-
-    # -- tables --------------------------------------------------------------------------------------------------
 
     @cached_property
     def tables(self) -> dict[str, ComparisonTable]:
@@ -128,7 +118,7 @@ class ComparisonFacts:
     @cached_property
     def summary(self) -> ComparisonTable:
         """All strategies over all conditions."""
-        return by_strategy(self.records, self.strategies, self.reference, self.asked)
+        return by_strategy(self.records, self.strategies, self.reference, self.goal)
 
     @cached_property
     def conditions(self) -> dict[str, ComparisonTable]:
@@ -136,18 +126,16 @@ class ComparisonFacts:
         names = [c.name for c in self.plan.conditions]
         return {
             name: by_strategy(
-                [r for r in self.records if r.condition == name], self.strategies, self.reference, self.asked
+                [r for r in self.records if r.condition == name], self.strategies, self.reference, self.goal
             )
             for name in names
             if len(names) > 1
         }
 
-    # -- verdicts ------------------------------------------------------------------------------------------------
-
     @cached_property
     def verdicts(self) -> list[Verdict]:
         """On the tuned strategy, without one on the first that is not the reference, metric by metric."""
-        goal, reference = self.asked.goal, self.reference
+        goal, reference = self.goal, self.reference
         others = [name for name in self.plan.strategies if name != reference]
         if not others:
             return []
@@ -156,17 +144,17 @@ class ComparisonFacts:
             subjects = [name for name in others if name in PAPER_STRATEGIES] or subjects
         out = list[Verdict]()
         for name in subjects:
-            if self.plan.owner(name) == self.plan.owner(reference):
+            if self.plan.owners[name] == self.plan.owners[reference]:
                 continue
             if same_photographs(self.records, (reference, name)):
-                out.append(Verdict(Kind.SAME, name, reference, self.asked.shown.metric, None))
+                out.append(Verdict(Kind.SAME, name, reference, goal.shown.metric, None))
                 continue
             out += [self._count(name, o) for o in goal.decided]
             if goal.quality is not None:
                 margin = 0.0 if goal.limit is None else MARGIN
                 out.append(judge(self.records, name, reference, goal.quality, margin))
         if subjects == [TUNED] and goal.limit is not None and goal.second is not None:
-            share = kept_by(self.records, TUNED, self.asked)
+            share = kept_by(self.records, TUNED, goal)
             if share is not None:
                 kind = {100.0: Kind.KEPT, 0.0: Kind.NOT_KEPT}.get(share.mean, Kind.PARTLY_KEPT)
                 out.append(Verdict(kind, TUNED, "", goal.second.metric, share))
@@ -197,44 +185,32 @@ class ComparisonFacts:
         return [dataclasses.replace(verdict, best_control=True)]
 
 
-# -- all results of a campaign -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class ResultBlock:
     """All strategies on one set of rocks, from everything in a campaign's directory."""
 
     results: Results = field(repr=False, compare=False)
     table: ComparisonTable
-    spec: ComparisonSpec
-
-    @property
-    def quality(self) -> Objective:
-        """What gains are of."""
-        return self.spec.shown
-
-    @property
-    def rocks(self) -> tuple[str, ...]:
-        """The rocks on which the recommendation has run."""
-        return self.results.rocks
+    quality: Objective  # what gains are of
+    word: str  # what missions run on
 
     def gain(self, strategy: str) -> Interval | None:
         """The paired gain over the reference, positive where it is better."""
         return judge(self.results.records, strategy, self.table.reference, self.quality).gain
 
 
-def result_blocks(campaign: Campaign, best: Recommendation | None = None) -> list[ResultBlock]:
-    """The strategies beside the present recommendation, on held-out rocks first; empty without an evaluation."""
-    s, best = campaign.settings, best or campaign.recommendation(save=False)
+def result_blocks(campaign: Campaign, best: Recommendation | None) -> list[ResultBlock]:
+    """The strategies beside the recommendation, on held-out rocks first; empty without an evaluation."""
+    s, reference = campaign.settings, campaign.settings.problem.reference
     held_out = None if best is None else held_out_results(campaign, s.problem.config(best.values))
-    reference, spec = s.problem.reference, asked_of(s)
     if best is None or held_out is None or reference not in held_out.strategies:
         return []
     return [
         ResultBlock(
             results,
-            by_strategy(results.records, in_table_order(results.strategies), reference, spec),
-            spec,
+            by_strategy(results.records, in_table_order(results.strategies), reference, s.goal),
+            s.goal.shown,
+            s.problem.instance_word,
         )
         for results in (held_out, training_results(campaign, best))
         if results.records and reference in results.strategies
@@ -254,7 +230,7 @@ def measured_steps(
     records: Sequence[Trial],
     strategies: Sequence[str],
     changed: Sequence[str],
-    quality: Objective | None = None,
+    quality: Objective,
 ) -> list[Step]:
     """Return the gain over Hyb-H step by step: pool (with seeds and stop), weights, thresholds, as far as each was run."""
     groups = grouped(changed)
@@ -266,7 +242,7 @@ def measured_steps(
     for strategy, names in stages:
         waiting += names
         if strategy in strategies and waiting:
-            gain = judge(records, strategy, before, quality or Objective()).gain
+            gain = judge(records, strategy, before, quality).gain
             steps.append(Step(waiting, strategy, gain))
             before, waiting = strategy, []
     return steps

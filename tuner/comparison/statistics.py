@@ -128,8 +128,6 @@ def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One metric across the strategies."""
-
     metric: MetricRow
     cells: dict[str, Interval | None]  # by strategy
     best: tuple[str, ...]  # strategies with the best mean (several when equal)

@@ -23,11 +23,8 @@ class Kind(StrEnum):
     NO_INTERVAL = "no interval"  # too few missions
     NOT_PAIRED = "not paired"  # no mission in common
     SAME = "same photographs"  # in every mission
-    KEPT, PARTLY_KEPT, NOT_KEPT = (
-        "kept",
-        "partly kept",
-        "not kept",
-    )  # the constraint, on all, some or none of the rocks
+    # The constraint, on all, some or none of the rocks:
+    KEPT, PARTLY_KEPT, NOT_KEPT = "kept", "partly kept", "not kept"
 
 
 GOOD = (Kind.BETTER, Kind.NOT_WORSE, Kind.KEPT)
@@ -36,19 +33,14 @@ BAD = (Kind.WORSE, Kind.NOT_KEPT)
 
 @dataclass(frozen=True)
 class Verdict:
-    """One strategy against another."""
-
     kind: Kind
     strategy: str
     reference: str
     metric: str
-    gain: (
-        Interval | None
-    )  # oriented so that positive is better than the reference; None: not paired; of a constraint the share
+    gain: Interval | None  # positive where it is better; None: not paired; of a constraint the share
     margin: float = 0.0  # what may be lost and still counts as kept, in the metric's unit
-    counts: tuple[float, float] | None = (
-        None  # of a metric that the configuration decides: its own and the reference's
-    )
+    # Of a metric that the configuration decides: its own and the reference's.
+    counts: tuple[float, float] | None = None
     best_control: bool = False  # whether the reference is the best control with as many photographs
 
 

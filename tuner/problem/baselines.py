@@ -23,8 +23,7 @@ class Baseline:
 
     name: str
     label: str
-    description: str
-    in_paper: bool = False
+    description: str = ""  # what the label does not say
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
     retargeted: bool = False  # of an orbit: its first half locates the target, its second half is moved there
@@ -70,7 +69,6 @@ CHOICE = (THRESHOLDS, COVIS, B_AWARE)  # how a view is chosen; the others: where
 
 
 def group_of(path: str) -> str:
-    """Return the group of a parameter's path."""
     return next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)
 
 
@@ -99,10 +97,10 @@ def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
 BASELINES: dict[str, Baseline] = {
     b.name: b
     for b in (
-        Baseline("covis", "Covis", "co-visibility scorer alone (Eq. 5)", in_paper=True),
-        Baseline("b-aware", "B-aware", "baseline-aware repair scorer alone (Eq. 6 to 8)", in_paper=True),
-        Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
-        Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface", in_paper=True),
+        Baseline("covis", "Covis", "co-visibility scorer alone (Eq. 5)"),
+        Baseline("b-aware", "B-aware", "baseline-aware repair scorer alone (Eq. 6 to 8)"),
+        Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)"),
+        Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
         # The ceiling needs the reward that the dense stage pays back: docs/results/table_1.md.
@@ -118,21 +116,9 @@ BASELINES: dict[str, Baseline] = {
             "scorer predicted alone: how much the predicted completeness would rise",
             values={f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
         ),
-        Baseline(
-            "orbit-middle",
-            "Plain orbit at 15°",
-            "a plain orbit at 15°",
-            values=MIDDLE_RING,
-            plans=False,
-        ),
-        Baseline("orbit", "Plain orbit at 10°", "a plain orbit at 10°", values=ONE_RING, plans=False),
-        Baseline(
-            "orbit-high",
-            "Plain orbit at 20°",
-            "a plain orbit at 20°",
-            values=HIGH_RING,
-            plans=False,
-        ),
+        Baseline("orbit-middle", "Plain orbit at 15°", values=MIDDLE_RING, plans=False),
+        Baseline("orbit", "Plain orbit at 10°", values=ONE_RING, plans=False),
+        Baseline("orbit-high", "Plain orbit at 20°", values=HIGH_RING, plans=False),
         Baseline(
             "orbit-two",
             "Plain orbit, two rings",
@@ -158,7 +144,7 @@ BASELINES: dict[str, Baseline] = {
         ),
     )
 }
-PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
+PAPER_STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o")
 # What `gatetune evaluate` compares with unless told otherwise: the paper's four, *predicted*, random views, a planner that sees
 # the true surface, and plain orbits.
 ORBITS = ("orbit-middle", "orbit", "orbit-high", "orbit-two")
@@ -217,7 +203,6 @@ def reference_of(configs: Collection[str], usual: str) -> str:
 
 
 def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) -> dict[str, MissionConfig]:
-    """Configurations by strategy name, all from the same base."""
     return {name: baseline(name).config(base) for name in names}
 
 
@@ -354,7 +339,7 @@ def _with_default(tuned: MissionConfig, base: MissionConfig, groups: Collection[
 def kind_of(strategy: str) -> str:
     """Where a strategy stands in a table: among the paper's, the tuned ones, the controls or the oracles."""
     name = _split(strategy)[0]
-    if name in BASELINES and BASELINES[name].in_paper:
+    if name in PAPER_STRATEGIES:
         return PAPER
     if name in (TUNED, TUNED_WEIGHTS):
         return TUNED_KIND
@@ -373,14 +358,12 @@ def in_table_order(strategies: Iterable[str]) -> list[str]:
 
 
 def label(strategy: str) -> str:
-    """What tables print for a strategy."""
     name, number = _split(strategy)
     shown, _ = _SHOWN.get(name, (name, ""))
     return f"{shown}, {number}" if number else shown
 
 
 def description(strategy: str) -> str:
-    """One line on what a strategy does."""
     return _SHOWN.get(_split(strategy)[0], ("", ""))[1]
 
 

@@ -26,8 +26,6 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class DeterministicMetric:
-    """A metric as a function of the tuned values."""
-
     objective: Objective
     paths: tuple[str, ...]  # the tuned parameters that decide it
     _of: Callable[[Mapping[str, Any]], float]

@@ -46,13 +46,10 @@ class Goal:
     second: Objective | None = None
     # Of the second objective, in its unit: at most where less is better, at least where more is.
     limit: float | None = None
-    exact: DeterministicMetrics = field(
-        default_factory=DeterministicMetrics
-    )  # what the configuration decides
+    exact: DeterministicMetrics = field(default_factory=DeterministicMetrics)  # the configuration decides it
 
     @property
     def objectives(self) -> list[Objective]:
-        """The objective and, where there is one, the second."""
         return [self.objective] if self.second is None else [self.objective, self.second]
 
     def after(self, history: Sequence[Observation]) -> Goal:
@@ -85,6 +82,11 @@ class Goal:
     def quality(self) -> Objective | None:
         """The objective that missions decide; None where the configuration decides all."""
         return next((o for o in self.objectives if o not in self.decided), None)
+
+    @property
+    def shown(self) -> Objective:
+        """By what strategies are compared: the quality, or the objective where the configuration decides all."""
+        return self.quality or self.objective
 
     def __str__(self) -> str:
         """The text that asks for it: the inverse of `asked_goal`."""

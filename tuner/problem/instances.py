@@ -17,8 +17,6 @@ from nbv.rocks.families import ANY, ANY_SHAPES, EVERY, FAMILIES, HELD_OUT_FROM, 
 
 
 class Instance(NamedTuple):
-    """A rock under a condition."""
-
     rock: str  # name or mesh file
     condition: str = IDEAL
 
@@ -44,12 +42,10 @@ def instances_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[Ins
 
 
 def conditions_of(instances: Iterable[Instance]) -> tuple[str, ...]:
-    """Return each condition once, in order."""
     return tuple(dict.fromkeys(instance.condition for instance in instances))
 
 
 def rocks_of(instances: Iterable[Instance]) -> tuple[str, ...]:
-    """Return each rock once, in order."""
     return tuple(dict.fromkeys(instance.rock for instance in instances))
 
 

@@ -37,15 +37,14 @@ class Interval:
 
     @property
     def reversed(self) -> Interval:
-        """The interval of the negative."""
         low, high = (None if bound is None else -bound for bound in (self.high, self.low))
         return replace(self, mean=-self.mean, low=low, high=high)
 
 
-def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN_ROCKS) -> Interval | None:
+def mean_interval(by_rock: Mapping[str, Sequence[float]]) -> Interval | None:
     """Mean over rocks of the mean over replicates; None without any value.
 
-    From ``least_rocks`` rocks on the interval is over rocks, with fewer over replicates.
+    From `MIN_ROCKS` rocks on the interval is over rocks, with fewer over replicates.
     """
     groups = [np.asarray(values, dtype=float) for values in by_rock.values() if len(values)]
     if not groups:
@@ -53,7 +52,7 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]], least_rocks: int = MIN
     rocks, missions = len(groups), int(sum(len(g) for g in groups))
     means = np.array([g.mean() for g in groups])
     mean = float(means.mean())
-    if rocks >= least_rocks:
+    if rocks >= MIN_ROCKS:
         method, degrees = "rocks", rocks - 1
         error = float(means.std(ddof=1)) / math.sqrt(rocks)
     elif missions > rocks:
@@ -76,7 +75,6 @@ def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> 
 
 
 def bootstrapped(mean: float, low: float | None, high: float | None, rocks: int) -> Interval:
-    """Return an interval over rocks with the bounds of a bootstrap."""
     return Interval(mean, low, high, rocks, rocks, "none" if low is None else "bootstrap")
 
 

@@ -43,7 +43,6 @@ class Observation:
 
     @functools.cached_property
     def instance(self) -> Instance:
-        """The instance in which it runs."""
         return Instance(self.rock, self.condition)
 
 
@@ -109,25 +108,23 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
 def mission_key(config: Configuration) -> str:
     """Return the same for configurations that run the same mission: what is without effect in it does not count."""
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
-        without = (*PLANNERS, "stop.")
-        idle = {path: about.default for path, about in parameters().items() if path.startswith(without)}
-        idle["stop.adaptive_budget"] = 0
-        config = config.with_values(idle).changed(plugins=())
+        config = _unplanned(config).changed(stop={"adaptive_budget": 0})
     return config.digest()
+
+
+def _unplanned(config: MissionConfig) -> MissionConfig:
+    """``config`` with the default of all that only decides which views are planned, or when planning ends."""
+    idle = (*PLANNERS, "stop.")
+    defaults = {path: about.default for path, about in parameters().items() if path.startswith(idle)}
+    return config.with_values(defaults).changed(plugins=())
 
 
 def photographs_key(config: Configuration, chosen: Sequence[str]) -> str:
     """Return the same for missions on one block that take the same photographs and use them alike; empty for a mission file's.
 
-    ``config``: of the mission; what only decides which views are planned, or when planning ends, does not count.
-    ``chosen``: the planned views, in order, by their names in the candidate pool.
+    ``config``: of the mission. ``chosen``: the planned views, in order, by their names in the candidate pool.
     """
-    if not isinstance(config, MissionConfig):
-        return ""
-    defaults = {
-        path: about.default for path, about in parameters().items() if path.startswith((*PLANNERS, "stop."))
-    }
-    return digest(config.with_values(defaults).changed(plugins=()).digest(), list(chosen))
+    return digest(_unplanned(config).digest(), list(chosen)) if isinstance(config, MissionConfig) else ""
 
 
 def short(value: Any) -> str:

@@ -1,8 +1,7 @@
 """What a trial is: all that a search knows of it (`Problem`), and how it runs (`MissionProblem`).
 
-Missions over rocks are `tuner.campaign.rock_problem.RockProblem`, a mission of the user's own is
-`tuner.missions.external.problem.MissionFileProblem`. What differs between the two is a method here, so that no other code asks
-which one it is.
+What differs between `tuner.campaign.rock_problem.RockProblem` and `tuner.missions.external.problem.MissionFileProblem` is a
+method here, so that no other code asks which one it is.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ class Problem:
 
     @property
     def rocks(self) -> tuple[str, ...]:
-        """The training rocks, or families of them."""
         return rocks_of(self.instances)
 
     @property
@@ -76,8 +74,6 @@ class MissionProblem(Problem, abc.ABC):
     code_word = "code"  # what may change between two sessions: "code" or "program"
     reference = ""  # the baseline that differences are from
 
-    # -- configurations --------------------------------------------------------------------------------------
-
     @abc.abstractmethod
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
         """Return the configuration at tuned ``values`` under a condition; ``UserError`` where there is none."""
@@ -93,11 +89,9 @@ class MissionProblem(Problem, abc.ABC):
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` where nothing can meet the constraint, or where it cannot be shown that it is kept."""
 
-    # -- how a trial runs ------------------------------------------------------------------------------------
-
-    @abc.abstractmethod
     def fidelity(self, asked: str) -> str:
         """Return the fidelity of an evaluation; ``UserError`` where the one ``asked`` for does not go with the problem."""
+        return asked
 
     @abc.abstractmethod
     def code(self) -> str:
@@ -108,8 +102,6 @@ class MissionProblem(Problem, abc.ABC):
 
     def require_measured(self, objectives: Sequence[Objective], measured: Mapping[str, Any]) -> None:
         """Raise `UserError` where a first mission has ended without a metric that it is tuned for."""
-
-    # -- what it is compared with ----------------------------------------------------------------------------
 
     @abc.abstractmethod
     def held_out(self) -> tuple[str, ...]:
@@ -126,8 +118,6 @@ class MissionProblem(Problem, abc.ABC):
     def controls(self, tuned: Evaluated) -> Strategies:
         """Return what tells a gain from chance where the recommendation is confirmed."""
         return Strategies({})
-
-    # -- how it is shown -------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def provenance(self) -> tuple[str, str]:

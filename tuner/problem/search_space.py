@@ -25,24 +25,19 @@ class Configuration(Protocol):
     @property
     def preset(self) -> str:
         """The preset on which it is based."""
-        ...
 
     @property
     def condition(self) -> str:
         """The condition under which it runs."""
-        ...
 
     def digest(self) -> str:
         """Return a hash that equal configurations share, and only they."""
-        ...
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
-        ...
 
     def with_values(self, values: dict[str, Any]) -> Self:
         """Return a copy with the named parameters replaced; ``UserError`` for a name or value that is none."""
-        ...
 
 
 C = TypeVar("C", bound=Configuration)
@@ -88,7 +83,6 @@ class Parameter:
     also: tuple[str, ...] = ()  # further paths that take the same value
 
     def contains(self, value: Any) -> bool:
-        """Return whether ``value`` is admissible."""
         if self.kind == "categorical":
             return value in self.choices
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -102,7 +96,6 @@ class Parameter:
         return float(value) if self.kind == "float" else int(value)
 
     def to_unit(self, value: Any) -> float:
-        """Return the position of ``value`` in [0, 1]."""
         if self.kind == "categorical":
             return (self.choices.index(value) + 0.5) / len(self.choices)
         low, high, number = self.low, self.high, float(value)
@@ -112,7 +105,6 @@ class Parameter:
 
     @property
     def ends(self) -> tuple[Any, ...]:
-        """Both bounds, or all choices."""
         return self.choices if self.kind == "categorical" else (self.from_unit(0.0), self.from_unit(1.0))
 
     def from_unit(self, position: float) -> Any:
@@ -131,7 +123,6 @@ class Parameter:
         return round(number) if self.kind == "int" else number
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the YAML form."""
         tree: dict[str, Any] = {"kind": self.kind}
         if self.kind == "categorical":
             tree["choices"] = list(self.choices)
@@ -158,7 +149,6 @@ class SearchSpace:
 
     @property
     def dimension(self) -> int:
-        """Number of parameters."""
         return len(self.parameters)
 
     @property
@@ -170,7 +160,6 @@ class SearchSpace:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Parameter paths in order."""
         return tuple(parameter.path for parameter in self.parameters)
 
     def fitted(self, preset: Configuration) -> SearchSpace:
@@ -204,12 +193,7 @@ class SearchSpace:
         ]
         return dataclasses.replace(self, parameters=tuple(own))
 
-    def base_config(self, preset: C) -> C:
-        """Return ``preset`` with the space's fixed values."""
-        return preset.with_values(self.base)
-
     def config(self, preset: C, values: Mapping[str, Any]) -> C:
-        """Return the mission configuration at ``values``."""
         return preset.with_values({**self.base, **self.complete(values)})
 
     def complete(self, values: Mapping[str, Any]) -> Values:
@@ -224,7 +208,7 @@ class SearchSpace:
 
         Raises `UserError`: a default outside its bounds, or bounds that ``MissionConfig`` refuses.
         """
-        base = self.base_config(preset)
+        base = preset.with_values(self.base)
         values: Values = {}
         for parameter in self.parameters:
             value = parameter.default if parameter.default is not None else value_at(base, parameter.path)
@@ -293,12 +277,10 @@ class SearchSpace:
 
     @property
     def discrete_dimensions(self) -> tuple[int, ...]:
-        """Indices of integer and categorical parameters."""
         return tuple(i for i, p in enumerate(self.parameters) if p.kind != "float")
 
     @property
     def categorical_dimensions(self) -> tuple[int, ...]:
-        """Indices of categorical parameters."""
         return tuple(i for i, p in enumerate(self.parameters) if p.kind == "categorical")
 
     def to_dict(self) -> dict[str, Any]:

@@ -14,13 +14,10 @@ from scipy import special
 
 SURE = 0.8  # probability from which on a configuration is taken to meet a constraint
 _PRIOR = 0.5  # Jeffreys': half a success, half a failure
-NEXT = 100
 
 
 @dataclass(frozen=True)
 class ShareEstimate:
-    """Of a share, 0 to 1."""
-
     share: float  # of the rocks, 0 to 1
     rocks: float  # that would tell as much; need not be whole
 
@@ -30,7 +27,6 @@ class ShareEstimate:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the estimate."""
         a, b = self._ab
         return math.sqrt(a * b / ((a + b) ** 2 * (a + b + 1.0)))
 
@@ -46,11 +42,11 @@ class ShareEstimate:
         """Return the probability that the share is at least ``least``."""
         return float(special.betaincc(*self._ab, least))
 
-    def predictive_interval(self, count: int = NEXT) -> tuple[int, int]:
-        """95 % interval of how many of the next ``count`` rocks succeed: beta-binomial."""
+    def predictive_interval(self) -> tuple[int, int]:
+        """95 % interval of how many of the next hundred rocks succeed: beta-binomial."""
         from scipy.stats import betabinom  # noqa: PLC0415  a second to load
 
-        low, high = betabinom(count, *self._ab).ppf([0.025, 0.975])
+        low, high = betabinom(100, *self._ab).ppf([0.025, 0.975])
         return int(low), int(high)
 
 

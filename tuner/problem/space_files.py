@@ -1,19 +1,4 @@
-"""Search spaces from YAML files, named or by path.
-
-A search space file reads::
-
-    name: gate
-    base:                       # optional: fixed values laid over the preset
-      gate.kind: hyb-h
-    equal_photographs: true     # optional: as many photographs as the preset, of which seed.count are seeds
-    begin:                      # optional: run right after the default
-      - {gate.d95_m: 0.1}
-    parameters:
-      gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
-      b_aware.target_track_length: {kind: int, low: 3, high: 12}
-      stop.knn_region: {kind: categorical, choices: [all, box]}
-      b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [predicted.weights.nov]}  # one value for both
-"""
+"""Search spaces from YAML files, named or by path (docs/how-to/own-space.md)."""
 
 from __future__ import annotations
 
@@ -102,7 +87,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
             if path in tuned or path in base:
                 raise UserError(f"{source}: equal_photographs decides {path}; leave one of them out")
     try:
-        space.base_config(MissionConfig())
+        MissionConfig().with_values(space.base)
     except UserError as error:
         raise UserError(f"{source}: base: {error}") from error
     space.fitted(MissionConfig()).default(MissionConfig())  # checks defaults and both ends of every range

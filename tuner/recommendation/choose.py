@@ -51,7 +51,6 @@ from tuner.recommendation.recommendation import (
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import DeterministicOutcome, interval_95, probability_positive
-from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
@@ -69,34 +68,29 @@ def recommend(
     history: Sequence[Observation],
     *,
     only_verified: bool = True,
-    settings: SurrogateSettings | None = None,
 ) -> Recommendation | None:
     """Return the recommendation after the finished missions of ``history``; None before the first feasible one.
 
-    With ``only_verified`` a configuration has to have run often enough. ``settings``: of the surrogate; None: by the space.
+    With ``only_verified`` a configuration has to have run often enough.
     """
     if not any(o.feasible for o in history):
         return None
     observations = goal.as_modelled(history)
-    every = InstanceMeanGP(problem.space, observations, problem.instances, settings)
+    every = InstanceMeanGP(problem.space, observations, problem.instances)
     model, outliers = without_outliers(every, problem.repeatable)
-    constraint = constraint_of(problem, goal, history, model, settings)
+    constraint = constraint_of(problem, goal, history, model)
     choice = Choice(problem, goal, observations, model, constraint, outliers, only_verified=only_verified)
     return choice.recommendation(choice.chosen_index())
 
 
 def constraint_of(
-    problem: Problem,
-    goal: Goal,
-    history: Sequence[Observation],
-    model: InstanceMeanGP,
-    settings: SurrogateSettings | None = None,
+    problem: Problem, goal: Goal, history: Sequence[Observation], model: InstanceMeanGP
 ) -> Constraint | None:
     """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes."""
     both = [o for o in history if o.outcome is not None and o.second is not None]
     if goal.second is None or goal.at_least is None or not both:
         return None
-    limited = model if goal.exact.first is not None else second_model(problem, goal, both, settings)
+    limited = model if goal.exact.first is not None else second_model(problem, goal, both)
     return Constraint(limited, goal.at_least, goal.second.is_share)
 
 
@@ -108,9 +102,7 @@ class Candidates:
     missions: list[list[Observation]]  # that ran each, failed ones included
     keeps: list[bool]  # whether each can be taken to meet the constraint
     eligible: list[int]  # indices of those that may be recommended; not empty
-    limit_kept: (
-        bool  # whether these can be taken to meet the constraint; else it is that, or those, nearest to it
-    )
+    limit_kept: bool  # whether these can be taken to meet the constraint; else they are nearest to it
 
     def __len__(self) -> int:
         return len(self.values)
@@ -225,7 +217,6 @@ class Choice:
         return float(np.clip(outcome, min(seen), max(seen)))
 
     def changes(self, index: int) -> int:
-        """Return in how many parameters a candidate differs from the default."""
         return len(changes(self.candidates.values[index], self.problem.default))
 
     def chosen_index(self) -> int:
@@ -322,7 +313,6 @@ class Choice:
         return plain.get(index, ""), BestPlain(plain[best], values, float(mean), gain, interval_95(gain, sd))
 
     def recommendation(self, index: int) -> Recommendation:
-        """Return the recommendation of a candidate, with all that is said of it."""
         problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
         values, own = self.candidates.values[index], self.candidates.missions[index]
         sign = goal.objective.sign
@@ -366,7 +356,6 @@ class Choice:
         )
 
     def _rock_row(self, instance: Instance, index: int) -> RockRow:
-        """Return what a candidate had in an instance, and what is predicted of it there."""
         sign, own = self.goal.modelled.sign, self.candidates.missions[index]
         outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
         observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None

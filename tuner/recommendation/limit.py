@@ -43,17 +43,12 @@ def limit_of(
     several = len(problem.rocks) > 1 or problem.draws_rocks
     posterior, sign = constraint.model.posterior([values, problem.default]), second.sign
     probability, of_default = constraint.probability([values, problem.default])
-    mean, default_mean, sd = (
-        sign * float(posterior.mean[0]),
-        sign * float(posterior.mean[1]),
-        float(posterior.sd[0]),
-    )
+    mean, default_mean = (sign * float(m) for m in posterior.mean)
+    sd = float(posterior.sd[0])
     interval, next_rocks, evaluated = interval_95(mean, sd), None, None
     if constraint.is_share:
-        next_rocks, default_mean = (
-            constraint.shares([values])[0],
-            constraint.shares([problem.default])[0].share * 100.0,
-        )
+        next_rocks = constraint.shares([values])[0]
+        default_mean = constraint.shares([problem.default])[0].share * 100.0
         low, high = next_rocks.interval_95
         mean, sd, interval = 100.0 * next_rocks.share, 100.0 * next_rocks.sd, (100.0 * low, 100.0 * high)
         outcomes = [o.second if goal.exact.first is None else o.outcome for o in missions]

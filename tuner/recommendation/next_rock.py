@@ -47,9 +47,8 @@ def next_rock(model: InstanceMeanGP, values: Mapping[str, Any], default: Mapping
         return scale * float(mean[0] - mean[1]), scale * math.sqrt(max(0.0, float(variance)))
 
     elsewhere = model.inputs(unit)
-    elsewhere[:, model.space.dimension] = len(model.instances) + len(
-        model.observations
-    )  # a rock like no other
+    no_other = len(model.instances) + len(model.observations)  # index of a rock like no other
+    elsewhere[:, model.space.dimension] = no_other
     mean, with_departure = gain(elsewhere, model.mean_scale)
     sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))
     on = {

@@ -27,7 +27,6 @@ class RockRow:
 
     @property
     def instance(self) -> Instance:
-        """The instance of this row."""
         return Instance(self.rock, self.condition)
 
 
@@ -153,9 +152,7 @@ class Recommendation:
     exact: bool  # whether the objective is a deterministic metric
     modelled_metric: str  # the objective's, or the second one's where the objective is deterministic
     runner_up: RunnerUp | None = None
-    next_rock: NextRock | None = (
-        None  # None: not computed, since it is the default or one rock was run: how rocks differ is unknown
-    )
+    next_rock: NextRock | None = None  # None: it is the default, or how rocks differ is unknown
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()
     plain: str = ""  # the plain plan that it is, as a strategy; empty where it is none
@@ -182,7 +179,6 @@ class Recommendation:
         return changes(self.values, self.default_values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
         return dataclasses.asdict(self)
 
     @staticmethod

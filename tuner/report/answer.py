@@ -14,7 +14,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.viewpoints import raw_candidates
-from tuner.comparison.advice import Next
+from tuner.comparison.advice import Next, leaves_room
 from tuner.comparison.verdict import Kind
 from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import ARMS, TUNED, is_orbit
@@ -119,7 +119,7 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
         orbit, gain = strategy_label(advice.by_orbit.strategy), advice.by_orbit.gain
         said.append(f"{orbit} in its place would be {gain_words(gain.mean, unit)} ({difference_text(gain)}).")
     if advice.ceiling is not None:
-        room = bool(advice.planners_may_gain)
+        room = leaves_room(advice.ceiling)
         said.append(ceiling_text(advice.ceiling, strategy_label(advice.plain), room=room))
     return said
 

@@ -102,10 +102,10 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
         own, theirs = verdict.counts
         return f"{label.name}: {own:.4g}, and {theirs:.4g} for {whom}."
     if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
-        least = "at least" if facts.asked.goal.second and facts.asked.goal.second.sign > 0 else "at most"
+        least = "at least" if facts.goal.second and facts.goal.second.sign > 0 else "at most"
         kept = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"
         share = "" if gain.low is None else f", {difference_text(gain, 0, signed=False)} %"
-        bound = f"{label.full}: {least} {facts.asked.goal.limit:g} {label.unit}".rstrip()
+        bound = f"{label.full}: {least} {facts.goal.limit:g} {label.unit}".rstrip()
         return f"Constraint ({bound}): met on {kept}{share}."
     if verdict.best_control:
         whom = f"the best control with as many photographs ({whom})"
@@ -137,7 +137,7 @@ def measure_of(facts: ComparisonFacts) -> str:
     """What every number of the page is."""
     plan = facts.plan
     names = [c.name for c in plan.conditions]
-    measure = measure_text(metric_label(facts.asked.shown.metric).full, plan.fidelity, plan.rocks, names)
+    measure = measure_text(metric_label(facts.goal.shown.metric).full, plan.fidelity, plan.rocks, names)
     return f"{measure}; {counted(len(plan.rocks), facts.word)}."
 
 
@@ -184,7 +184,7 @@ def campaign_document(blocks: Sequence[ResultBlock], best: Recommendation) -> di
     return {
         "blocks": [
             {
-                "rocks": block.rocks,
+                "rocks": block.results.rocks,
                 "held_out": block.results.held_out,
                 "replicates": block.results.replicates,
                 "complete": block.results.complete,
@@ -201,7 +201,7 @@ def earned_sentences(blocks: Sequence[ResultBlock], best: Recommendation) -> lis
     if not blocks:
         return []
     block, said = blocks[0], list[str]()
-    word, reference = block.spec.instance_word, block.table.reference
+    word, reference = block.word, block.table.reference
     here = there(block.results, word)
     if not best.keep_default:
         label = metric_label(block.quality.metric)
@@ -257,7 +257,7 @@ def block_table(block: ResultBlock) -> Table:
     least, most = own.replicates[0], own.replicates[-1]
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
     what, again = ("Held-out", "") if own.held_out else ("Training", ", tuned on")
-    title = f"{what} {block.spec.instance_word}s: {', '.join(short_names(block.rocks))} ({replicates}{again})"
+    title = f"{what} {block.word}s: {', '.join(short_names(block.results.rocks))} ({replicates}{again})"
     return strategy_table(
         block.table, title if own.complete else f"{title}, not complete", block.quality.metric
     )
@@ -327,9 +327,9 @@ def _decimals(row: ComparisonRow) -> int:
 
 
 def _what(name: str, run: EvaluationRun) -> str:
-    owner = run.plan.owner(name)
-    same = "" if owner == name else f"; the same missions as {strategy_label(owner)}"
-    return description(name) + same
+    owner = run.plan.owners[name]
+    same = "" if owner == name else f"the same missions as {strategy_label(owner)}"
+    return "; ".join(filter(None, [description(name), same]))
 
 
 def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differences: bool = True) -> Table:
@@ -369,7 +369,7 @@ def cell(row: ComparisonRow, strategy: str, *, paper: bool = False, difference: 
 
 def _table_by_instance(facts: ComparisonFacts) -> Table:
     """The mean of every strategy in every instance, in the quality or the only objective."""
-    plan, o = facts.plan, facts.asked.shown
+    plan, o = facts.plan, facts.goal.shown
     stems = dict(zip(plan.rocks, short_names(plan.rocks)))
     several = len(plan.conditions) > 1
     names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.instances]
@@ -402,7 +402,7 @@ def write_comparison_report(
 
     Raises `UserError`: the directory cannot be written.
     """
-    run, plan, quality = facts.run, facts.plan, facts.asked.shown.metric
+    run, plan, quality = facts.run, facts.plan, facts.goal.shown.metric
     kinds = [verdict.kind for verdict in facts.verdicts]
     rows = [row for table in (facts.summary, *facts.tables.values()) for row in table.rows]
     methods = {i.method for row in rows for i in (*row.cells.values(), *row.differences.values()) if i}

@@ -16,6 +16,7 @@ from nbv.plugins import used
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
+from tuner.comparison.advice import leaves_room
 from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, panels
 from tuner.comparison.verdict import Kind
 from tuner.export.records import write_rows
@@ -121,7 +122,7 @@ def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
         said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
     if found.ceiling is not None:
         plain = f"{found.plain} with {found.number} photographs"
-        said.append(ceiling_text(found.ceiling, plain, room=bool(found.planners_may_gain)))
+        said.append(ceiling_text(found.ceiling, plain, room=leaves_room(found.ceiling)))
     return said
 
 

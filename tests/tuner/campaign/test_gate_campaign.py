@@ -100,13 +100,15 @@ def test_the_campaign_ends_in_one_table(ended):
 def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
     run = tmp_path / "gate"
     shutil.copytree(ended[0] / "runs/gate", run)
-    kept = result_blocks(Campaign.open(run, read_only=True))
+    campaign = Campaign.open(run, read_only=True)
+    kept = result_blocks(campaign, campaign.recommendation(save=False))
     mission = next((run / "evaluation/missions/random").iterdir())
     shutil.rmtree(mission)
     (run / "comparison.json").unlink()
     gatetune(tmp_path, "campaign", "resume", "gate", "--workers", "1")
     assert mission.is_dir() and (run / "comparison.json").is_file()
-    assert result_blocks(Campaign.open(run, read_only=True)) == kept
+    campaign = Campaign.open(run, read_only=True)
+    assert result_blocks(campaign, campaign.recommendation(save=False)) == kept
 
 
 def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
@@ -116,7 +118,8 @@ def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
     for arm in ("hyb-h-tuned-pool", "tuned-paper-thresholds"):
         shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
     campaign = Campaign.open(run, read_only=True)
-    blocks, best = result_blocks(campaign), campaign.recommendation(save=False)
+    best = campaign.recommendation(save=False)
+    blocks = result_blocks(campaign, best)
     said = " ".join(campaign_document(blocks, best)["sentences"])
     assert (
         "What earned the gain is not known yet" in said

@@ -70,7 +70,6 @@ def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, sa
         ("budgit: 4\n", "did you mean 'budget'?"),
         ("budget: many\n", "budget is 'many'; it must be a whole number"),
         ("rocks: boulder\n", "rocks is 'boulder'; it must be a list"),
-        ("storage: postgresql://x\n", "leave storage out for a file in the run directory"),
         ("- budget\n", "must map names to values"),
         ("objective: {metrik: x}\n", "an objective is a metric's path"),
         ("budget: [4\n", "correct the YAML"),

@@ -8,7 +8,7 @@ from made_evaluations import made_trial
 from tuner.comparison.result import measured_steps
 from tuner.comparison.statistics import same_photographs, strategy_difference
 from tuner.problem.baselines import TUNED, TUNED_POOL_HYB_H, TUNED_WEIGHTS, grouped
-from tuner.problem.objective import DEFAULT_METRIC
+from tuner.problem.objective import DEFAULT_METRIC, Objective
 
 LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.5}
 
@@ -36,7 +36,7 @@ def records(levels, photographs=lambda name, k: f"{name} {k}"):
 )
 def test_steps_add_up_to_the_gain(changed, strategies, steps):
     trials = records({name: LEVELS[name] for name in strategies})
-    found = measured_steps(trials, strategies, changed)
+    found = measured_steps(trials, strategies, changed, Objective())
     assert [step.gain.mean for step in found] == pytest.approx(steps)
     whole = strategy_difference(trials, TUNED, "hyb-h", DEFAULT_METRIC).mean
     assert sum(steps) == pytest.approx(whole)

@@ -60,7 +60,7 @@ def test_an_orbit_flies_the_whole_number() -> None:
 @pytest.mark.parametrize("space", ["photographs", "gate_weights_and_pool"])
 def test_beside_a_tuned_orbit_planners_keep_their_share(space: str, number: int, shared_out) -> None:
     """Of a default with a count of seeds, and of the paper's rings."""
-    base = load_search_space(space).base_config(BASE)
+    base = BASE.with_values(load_search_space(space).base)
     tuned = BASELINES["orbit"].orbit(base, number)
     found = at_equal_number(baseline_configs(["hyb-h", "covis"], base), tuned, "hyb-h")
     equal = found[f"hyb-h-{number}"]

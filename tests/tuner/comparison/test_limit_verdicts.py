@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 from made_evaluations import made_run, made_trial
 
-from tuner.comparison.of_campaign import ComparisonSpec
 from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.verdict import Kind, Verdict
@@ -14,7 +13,7 @@ from tuner.problem.objective import Objective
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
-FEWEST = ComparisonSpec(Goal(IMAGES, F, 98.0))
+FEWEST = Goal(IMAGES, F, 98.0)
 
 
 def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
@@ -35,12 +34,12 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     return replace(made, records=records)
 
 
-def verdicts(tuned: float = 97.0, asked: ComparisonSpec = FEWEST, **changes: object) -> list[Verdict]:
+def verdicts(tuned: float = 97.0, asked: Goal = FEWEST, **changes: object) -> list[Verdict]:
     return ComparisonFacts(run(tuned, **changes), "hyb-h", asked).verdicts
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    count, quality, kept, _ = verdicts(asked=ComparisonSpec(Goal(IMAGES, F, 102.0)))
+    count, quality, kept, _ = verdicts(asked=Goal(IMAGES, F, 102.0))
     assert count.counts == (26.0, 32.0) and count.kind is Kind.BETTER
     assert quality.kind is Kind.NOT_WORSE and quality.margin == 1.0
     assert quality.gain is not None and quality.gain.low is not None
@@ -59,5 +58,5 @@ def test_worse_than_the_best_control_is_said() -> None:
     (found,) = [verdict for verdict in verdicts(94.3) if verdict.best_control]
     assert (found.kind, found.reference) == (Kind.WORSE, "random") and found.gain is not None
     assert found.gain.mean == pytest.approx(-0.7, abs=0.1)
-    (found,) = [verdict for verdict in verdicts(97.0, ComparisonSpec(Goal(F))) if verdict.best_control]
+    (found,) = [verdict for verdict in verdicts(97.0, Goal(F)) if verdict.best_control]
     assert found.kind is Kind.BETTER  # without a limit too

@@ -14,6 +14,7 @@ from rich.console import Console
 from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.statistics import comparison_table
 from tuner.comparison.verdict import Kind, judge
+from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
 from tuner.report.comparison import cell, strategy_table, table_i, warnings_of, write_comparison_report
 from tuner.report.table import Table
@@ -66,20 +67,23 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
 
 
 def test_no_interval_no_verdict() -> None:
-    facts = ComparisonFacts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
+    facts = ComparisonFacts(
+        made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1), "hyb-h", Goal()
+    )
     (verdict,) = facts.verdicts
     assert verdict.kind is Kind.NO_INTERVAL and verdict.gain is not None and verdict.gain.mean > 5.0
     assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
 
 
 def test_terminal_tables() -> None:
-    facts = ComparisonFacts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
+    facts = ComparisonFacts(made_run(LEVELS, failed=(("covis", "slab", 1),)), "hyb-h", Goal())
     for width in (80, 140):
         text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
         assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
         assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
-    many = ComparisonFacts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
+    run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
+    many = ComparisonFacts(run, "hyb-h", Goal())
     table = strategy_table(many.summary, "", "observable.f_score_48mm")
     text = printed(table, 80)
     assert max(map(len, text.splitlines())) <= 80 and "…" not in text
@@ -90,7 +94,7 @@ def test_terminal_tables() -> None:
 def test_strategies_on_fewer_rocks_are_named() -> None:
     run = made_run(LEVELS)
     records = [r for r in run.records if (r.strategy, r.rock) != ("covis", "slab")]
-    facts = ComparisonFacts(dataclasses.replace(run, records=records), "hyb-h")
+    facts = ComparisonFacts(dataclasses.replace(run, records=records), "hyb-h", Goal())
     caption = strategy_table(facts.summary, "", "observable.f_score_48mm").caption
     assert "On fewer of these rocks: Covis; compare differences, not means." in caption
 
@@ -103,7 +107,7 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
         for r in run.records
     ]
     run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
-    facts = ComparisonFacts(run, "hyb-h")
+    facts = ComparisonFacts(run, "hyb-h", Goal())
     assert facts.summary.same == {"hyb-h": "b-aware"}
     table = strategy_table(facts.summary, "", "observable.f_score_48mm")
     assert "Hyb-H took the same photographs as B-aware." in table.caption
@@ -116,7 +120,8 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
 
 def test_the_page_names_failures(tmp_path: Path) -> None:
     failed = tuple(("b-aware", "slab", k) for k in range(3))
-    page = write_comparison_report(ComparisonFacts(made_run(LEVELS, failed=failed)), tmp_path, paper=True)
+    facts = ComparisonFacts(made_run(LEVELS, failed=failed), "hyb-h", Goal())
+    page = write_comparison_report(facts, tmp_path, paper=True)
     source = page.read_text()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
     assert source.count('id="verdict"') == 1 and "No difference detected" not in text
