@@ -78,22 +78,16 @@ def options(
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and inspect tuning campaigns.")
-app.command(
-    name="evaluate", short_help="Job 2: compare the tuned configuration with baselines on held-out rocks."
-)(evaluate.evaluate)
-app.command(name="compare", short_help="Does a planner beat an orbit, and with how many photographs?")(
-    compare.compare
-)
-app.command(
-    name="confirm", short_help="Did my rock gain? Compare recommendation and default in new replicates."
-)(evaluate.confirm)
-app.command(name="metrics", short_help="List every metric that can be tuned, with its unit and direction.")(
-    config.metrics
-)
-app.command(
-    name="reproduce", short_help="Job 3: run the paper's default configuration and print its Table I."
-)(evaluate.reproduce)
-app.command(name="export", short_help="Write the recommendation as files for the vehicle.")(export.export)
+for command in (
+    evaluate.evaluate,
+    compare.compare,
+    evaluate.confirm,
+    config.metrics,
+    evaluate.reproduce,
+    export.export,
+    doctor.doctor,
+):
+    app.command()(command)
 app.add_typer(
     mission.app,
     name="mission",
@@ -109,9 +103,6 @@ app.add_typer(
     name="cache",
     help="Inspect or shrink the store of photographs, features, matches and seed models.",
 )
-app.command(
-    name="doctor", short_help="Check whether missions can run on this machine, and what to do if not."
-)(doctor.doctor)
 app.add_typer(config.app, name="config", help="Print a preset's complete configuration.")
 
 

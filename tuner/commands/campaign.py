@@ -47,7 +47,6 @@ from tuner.commands.console import (
 from tuner.commands.evaluate import run_comparison
 from tuner.commands.options import (
     EXECUTION,
-    EventsAsJson,
     Executor,
     MissionAllowed,
     Scheduler,
@@ -99,7 +98,7 @@ def run(
             rich_help_panel=EXECUTION,
         ),
     ] = False,
-    json: EventsAsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run a campaign: first the paper's values, then an initial design, then what a Gaussian process proposes.
 
@@ -148,7 +147,7 @@ def resume(
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
     ] = False,
-    json: EventsAsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Resume an interrupted campaign; only the missions that were running are repeated.
 

@@ -73,7 +73,9 @@ def only_json(wanted: bool) -> bool:
 # Commands that show a result take this option and end with `answer_json`; with it their other output is not shown.
 AsJson = Annotated[
     bool,
-    typer.Option("--json", callback=only_json, help="Print one JSON document and nothing else."),
+    typer.Option(
+        "--json", callback=only_json, help="Print JSON (a campaign: an object per event) and nothing else."
+    ),
 ]
 
 
@@ -133,16 +135,13 @@ class MissionProgress(Progress):
         self._missions = self.add_task("", total=total)
 
     def launched(self, key: str, label: str, directory: Path | None = None) -> None:
-        """Show that a mission has begun; it writes its progress to ``directory``."""
         self._running[key] = label, directory
 
     def ended(self, key: str, line: str) -> None:
-        """Remove a mission that has ended from the bar, and print its ``line`` above."""
         self._running.pop(key, None)
         output.print(line, highlight=False, soft_wrap=True)
 
     def reached(self, finished: int, total: int, counts: str) -> None:
-        """Set the bar to ``finished`` of ``total`` missions."""
         self._counts = counts
         self.update(self._missions, completed=finished, total=total, description=self.said())
 
@@ -154,7 +153,6 @@ class MissionProgress(Progress):
         return f"{self._counts}, runs {named}{more}" if named else self._counts
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """Return the bar, with the present progress of the running missions."""
         for task in self.tasks:
             task.description = self.said()
         return super().get_renderables()

@@ -45,8 +45,6 @@ _SYSTEM_CUDA = {
 
 
 class Finding(NamedTuple):
-    """What one check found."""
-
     verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be run
     what: str
     remedy: str = ""  # what it means, or the command that helps
@@ -144,7 +142,6 @@ def _graphics() -> Iterator[Finding]:
 
 
 def _machine() -> Iterator[Finding]:
-    """Cores and memory."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
     found, fitting = f"{cores} cores, {memory_gib:.1f} GiB of memory", max(1, int(memory_gib / WORKER_GIB))

@@ -65,7 +65,7 @@ def evaluate(
     mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
+    """Job 2: run the recommendation and the baselines on held-out rocks; print a table with intervals.
 
     Example: gatetune evaluate runs/mine --replicates 3
     """
@@ -138,8 +138,7 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the paper's default configuration with its four strategies and the greedy oracle; print Table I beside the paper's
-    numbers.
+    """Job 3: run the paper's configuration with its four strategies and the greedy oracle; print Table I beside the paper's.
 
     Example: gatetune reproduce --replicates 3
     """

@@ -41,8 +41,6 @@ from tuner.report.answer import advice_lines
 
 
 class Format(StrEnum):
-    """What can be written."""
-
     scoring = "scoring.yaml"
     mission = "unified_mission.yaml"
     ours = "gatetune.yaml"
@@ -154,14 +152,12 @@ def _write(path: Path, text: str) -> Path:
 
 
 def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
-    """Print which file was written, and the remarks on it."""
     for line in (f"wrote {path}", *remarks):
         _say(line)
     answer_json({"wrote": path, "remarks": remarks, **facts})
 
 
 def _missions(run: Path) -> Any:
-    """The campaign, or the evaluation, in ``run``."""
     if not (run / PLAN_FILE).is_file():
         return Campaign.open(run, read_only=True)
     plan = EvaluationPlan.load(run)
@@ -237,7 +233,6 @@ def _export_plan(
 
 
 def _write_plan(run: Path, source: Path, rock: str | None, home: Home, out: Path | None) -> None:
-    """Write the route of a mission, around what stood beside its target."""
     flight, config = read_flight(source), mission_config(source)
     views = list(flight.photographed_m())
     seeds = sum(name.startswith("seed_") for name in views)

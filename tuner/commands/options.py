@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import typer
 
 from nbv.config.declaration import Declaration, declared, unbounded
-from tuner.commands.console import only_json
 
 EXECUTION = "Execution"  # panel of the help
 
@@ -69,15 +68,6 @@ Unencrypted = Annotated[
     bool,
     typer.Option(
         "--unencrypted", help="Allow workers on other machines without TLS.", rich_help_panel=EXECUTION
-    ),
-]
-EventsAsJson = Annotated[
-    bool,
-    typer.Option(
-        "--json",
-        callback=only_json,
-        help="Print one JSON object per event and nothing else.",
-        rich_help_panel=EXECUTION,
     ),
 ]
 MissionAllowed = Annotated[

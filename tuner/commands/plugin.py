@@ -18,7 +18,7 @@ app = typer.Typer(no_args_is_help=True)
 TEMPLATES = Path(__file__).with_name("plugin_package")
 
 
-@app.command(name="list", short_help="List the installed plug-ins.")
+@app.command("list")
 def list_(as_json: AsJson = False) -> None:
     """List the installed plug-ins and the distribution of each; none is imported.
 
@@ -33,7 +33,7 @@ def list_(as_json: AsJson = False) -> None:
         output.print("no plug-in is installed; gatetune plugin init NAME writes one")
 
 
-@app.command(short_help="Write a package with a scorer or gate of your own.")
+@app.command()
 def init(
     name: Annotated[str, typer.Argument(help="Its name in configurations: small letters, digits, dashes.")],
     gate: Annotated[
@@ -41,7 +41,7 @@ def init(
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Its folder (default: ./NAME).")] = None,
 ) -> None:
-    """Write an installable package with a README and a test that passes.
+    """Write a package with a scorer or gate of your own, with a README and a test that passes.
 
     Example: gatetune plugin init mine
     """

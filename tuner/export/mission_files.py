@@ -21,8 +21,6 @@ from tuner.missions.registry import mission_kind
 
 @dataclass(frozen=True)
 class Flight:
-    """The flight of a mission."""
-
     samples: Floats  # (N, 4): time in s; east, north and up in m
     ends_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in their order
     duration_s: float

@@ -78,7 +78,6 @@ def write_rows(
 
 
 def _flat(prefix: str, tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Scalars of a tree by their path."""
     out: dict[str, Any] = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):

@@ -27,8 +27,6 @@ WRITERS = {SCORING: write_scoring, MISSION: write_mission}
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """A file with the recommendation."""
-
     name: str
     text: str
     carried: tuple[str, ...]  # changed parameters that it carries

@@ -233,7 +233,6 @@ _PLANNERS = {"hyb-h": "by the planner", "random": "at random"}
 
 
 def value_text(values: Mapping[str, Any], path: str) -> str:
-    """A tuned value with its unit."""
     return f"{short(values[path])} {parameter_label(path).unit}".strip()
 
 
@@ -445,5 +444,4 @@ def _gain(mean: float, interval_95: tuple[float, float], sd: float, label: Metri
 
 
 def _percent(part: int, whole: int) -> str:
-    """``40 %``."""
     return f"{100 * part / whole:.0f} %" if whole else "0 %"

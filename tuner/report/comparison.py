@@ -91,7 +91,6 @@ def strategies_text(names: Collection[str]) -> str:
 
 
 def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
-    """The verdict as a sentence."""
     label, gain, word = metric_label(verdict.metric), verdict.gain, facts.word
     who, whom = strategy_label(verdict.strategy), strategy_label(verdict.reference)
     if verdict.kind is Kind.SAME:
@@ -134,7 +133,6 @@ def verdict_lines(facts: ComparisonFacts) -> list[str]:
 
 
 def measure_of(facts: ComparisonFacts) -> str:
-    """What every number of the page is."""
     plan = facts.plan
     names = [c.name for c in plan.conditions]
     measure = measure_text(metric_label(facts.goal.shown.metric).full, plan.fidelity, plan.rocks, names)
@@ -142,7 +140,6 @@ def measure_of(facts: ComparisonFacts) -> str:
 
 
 def warnings_of(facts: ComparisonFacts) -> list[str]:
-    """What limits the outcome."""
     out, run, plan, word = list[str](), facts.run, facts.plan, facts.word
     if not run.complete:
         finished = f"{len(run.records)} of {plan.combinations} missions are finished"
@@ -252,7 +249,6 @@ def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
 
 
 def block_table(block: ResultBlock) -> Table:
-    """All strategies of a campaign on one set of rocks."""
     own = block.results
     least, most = own.replicates[0], own.replicates[-1]
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"

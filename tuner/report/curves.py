@@ -164,7 +164,6 @@ def answer_table(suite: Suite, found: Outcome) -> Table:
 
 
 def share_table(suite: Suite, found: Outcome) -> Table:
-    """Return what each strategy needs for the share."""
     share, score = 100 * found.share, suite.score
     rows = [
         (
@@ -180,7 +179,6 @@ def share_table(suite: Suite, found: Outcome) -> Table:
 
 
 def number_table(suite: Suite, found: Outcome, *numbers: int) -> Table:
-    """Return each strategy at these mean numbers of photographs."""
     rows: list[Row] = []
     for number in numbers:
         rows.append(Row(f"{number} photographs"))

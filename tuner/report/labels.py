@@ -41,12 +41,10 @@ class MetricLabel:
 
     @property
     def full(self) -> str:
-        """Name with its surface."""
         return f"{self.name}, {self.surface}" if self.surface else self.name
 
     @property
     def axis(self) -> str:
-        """Name with its unit, for an axis."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
@@ -59,7 +57,6 @@ class MetricLabel:
         return min(number, 100.0) if self.unit == "%" and number is not None else number
 
     def value(self, number: float | None, digits: int = 1) -> str:
-        """A value with its unit."""
         return with_unit(self.possible(number), self.unit, digits)
 
 
@@ -189,8 +186,6 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
 
 @dataclass(frozen=True)
 class ParameterLabel:
-    """How a tuned parameter is written."""
-
     name: str  # "Gate: budget fraction"
     unit: str
 

@@ -290,5 +290,4 @@ def _sectors(metrics: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _packed(values: np.ndarray, dtype: str) -> str:
-    """The array's bytes in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode()

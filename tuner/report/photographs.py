@@ -106,7 +106,6 @@ def _cameras(views: Coverage) -> Figure:
 
 
 def _errors(photographs: PhotographSet, reference: Reference) -> Figure:
-    """The reference from four sides, coloured by its error."""
     limit = 100 * THRESHOLD_FRACTIONS[-1]
     error = 100 * reference.error_m / photographs.height_m
     step = max(1, len(reference) // _DOTS)
@@ -130,7 +129,6 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Figure:
 
 
 def enough_table(found: Enough) -> Table:
-    """Each way at each number of photographs."""
     rows = [
         (WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", difference_text(p.quality, signed=False))
         for way, points in found.curves.items()
