@@ -16,25 +16,17 @@ from typing import TYPE_CHECKING  # noqa: E402
 import lazy_loader  # noqa: E402
 
 if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
-    from tuner.campaign.settings import CampaignSettings
-    from tuner.comparison.objective import objective
-    from tuner.comparison.run import EvaluationRun
-    from tuner.jobs import evaluate, frame, reproduce, tune
-    from tuner.recommendation.recommendation import Recommendation
+    from tuner.campaign.campaign import Campaign as Campaign
+    from tuner.campaign.settings import CampaignSettings as CampaignSettings
+    from tuner.comparison.objective import objective as objective
+    from tuner.comparison.run import EvaluationRun as EvaluationRun
+    from tuner.jobs import evaluate as evaluate
+    from tuner.jobs import frame as frame
+    from tuner.jobs import reproduce as reproduce
+    from tuner.jobs import tune as tune
+    from tuner.recommendation.recommendation import Recommendation as Recommendation
 
-__all__ = [
-    "Campaign",
-    "CampaignSettings",
-    "EvaluationRun",
-    "Recommendation",
-    "evaluate",
-    "frame",
-    "objective",
-    "reproduce",
-    "tune",
-]
-__getattr__, __dir__, _ = lazy_loader.attach(
+__getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "campaign.campaign": ["Campaign"],

@@ -18,7 +18,6 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings
-from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import run_showcase, showcase_jobs
 from tuner.commands.campaign_display import (
     CampaignProgress,
@@ -263,8 +262,8 @@ def run_and_report(
 
     ``show_pair``: run the default and the recommendation once more with all files kept, for the interactive page.
     """
-    settings = campaign.settings
-    if campaign.status().finished < settings.budget:
+    settings, remaining = campaign.settings, campaign.status().remaining
+    if remaining:
         load(MODEL)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
@@ -273,19 +272,15 @@ def run_and_report(
     )
     note_dense_stage(mission_kind(settings.fidelity), settings.problem.base)
     about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
-    if remaining := campaign.status().remaining:
+    if remaining:
         then = "; then a comparison" if settings.compare_on else ""
         output.print(expected_text(remaining, about_s) + then)
     if note := mission_kind(settings.fidelity).note:
         output.print(note)
     if campaign.learned is not None:
         output.print(
-            f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
-            + (
-                " that come with this program (--learn-from nothing begins without)"
-                if SHIPPED in settings.sources
-                else ""
-            )
+            f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)} "
+            "(--learn-from nothing begins without)"
         )
     with executor, contextlib.ExitStack() as shown:
         progress = shown.enter_context(CampaignProgress(settings, about_s))
@@ -299,16 +294,11 @@ def run_and_report(
                     f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
                 )
                 raise typer.Exit(130)
-            if not comparing(summary):
-                show_recommendation(summary.recommendation, campaign)
             output.print(
                 f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
             )
-            if comparing(summary):
+            if settings.compare_on and summary.found:
                 output.print(f"preparing the comparison, {LOADING_ROCKS}")
-
-        def comparing(summary: CampaignSummary) -> bool:
-            return bool(settings.compare_on and summary.found)
 
         summary = run_to_end(
             campaign,
@@ -319,8 +309,7 @@ def run_and_report(
             recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
             accept_changes=accept_changes,
         )
-        if comparing(summary):
-            show_recommendation(summary.recommendation, campaign)
+        show_recommendation(summary.recommendation, campaign)
         if summary.status.finished:
             write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:

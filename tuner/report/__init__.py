@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from tuner.report.campaign_page import write_campaign_report
-    from tuner.report.mission_view import write_mission_view
+    from tuner.report.campaign_page import write_campaign_report as write_campaign_report
+    from tuner.report.mission_view import write_mission_view as write_mission_view
 
-__all__ = ["write_campaign_report", "write_mission_view"]
-__getattr__, __dir__, _ = lazy_loader.attach(
+__getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "campaign_page": ["write_campaign_report"],
