@@ -70,7 +70,7 @@ VARIANTS: dict[
     "gp, sparse prior and trend": (
         "gp",
         True,
-        lambda sampler: dataclasses.replace(sampler, model=SurrogateSettings(sparse=True, trend=True)),
+        lambda sampler: dataclasses.replace(sampler, model=SurrogateSettings(sparse=True)),
     ),
     "gp, Sobol design": ("gp", True, lambda sampler: SobolDesign(sampler.settings)),
     "random": ("random", True, lambda sampler: sampler),

@@ -51,7 +51,10 @@ WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 PLUGINS = "plugins"  # the field with the sections of plug-ins
 # Every digest contains these fields, which the configuration no longer has, so that recorded missions keep their digests.
-_REMOVED: dict[str, dict[str, Any]] = {"visibility": {"mode": "frustum"}, "gate": {"learned_policy": "", "oracle_matchable_views": 3}}
+_REMOVED: dict[str, dict[str, Any]] = {
+    "visibility": {"mode": "frustum"},
+    "gate": {"learned_policy": "", "oracle_matchable_views": 3},
+}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from nbv.rocks import sdf
 from nbv.scene.raycast import RaycastRenderer
 from nbv.scorers import Scorer
 from nbv.types import GateDecision
-from tuner.samplers.plain import PlainSampler
+from tuner.samplers.base import PlainSampler
 
 LOW = Scorer("low", lambda terms, pool, config: 1.0 - pool.positions_m[:, 2] / 4.0, weights=lambda config: Weights())
 

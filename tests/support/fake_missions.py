@@ -21,7 +21,7 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.plugins import register
-from tuner.missions.kinds import MissionKind
+from tuner.missions.registry import MissionKind
 
 NOISE_SD = 0.03
 BEST = (0.75, 0.3)  # gate.budget_fraction, and gate.d95_m from 0.01 to 1 on a logarithmic scale

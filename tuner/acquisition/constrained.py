@@ -71,7 +71,7 @@ def second_model(
 class Constraint:
     """A lower limit on the second objective's mean over the training instances."""
 
-    model: ObjectiveModel  # of what has the limit
+    model: ObjectiveModel  # of the second objective
     at_least: float  # oriented so that larger is better
     is_share: bool = False  # of rocks, in percent
 

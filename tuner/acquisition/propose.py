@@ -70,8 +70,7 @@ def maximise(
 ) -> tuple[Floats, float]:
     """Return the best (d,) unit position, exactly a configuration, and its acquisition value.
 
-    Acquisition values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are
-    the best of many global points and of local ones, tried without gradients.
+    Starts are the best of many global points and of local ones, tried without gradients.
 
     ``near``: (n, d) positions around which to start, too; None: those run with the best posterior means. ``allowed``:
     says of (n, d) positions which may be proposed; None: all.
@@ -114,10 +113,7 @@ def maximise(
 def only_allowed(
     model: InstanceMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int
 ) -> Floats:
-    """Return those of the (n, d) unit positions that are ``allowed``.
-
-    More points are looked at where hardly any is allowed, and all are returned where none is.
-    """
+    """Return those of the (n, d) unit positions that are ``allowed``, and more where these are few; all where none is."""
     found = points[allowed(points)]
     if len(found) < FEW:
         rng = np.random.default_rng(seed)
@@ -156,14 +152,7 @@ def starting_points(
 ) -> Floats:
     """Return (n, d) positions in the unit cube at which the search for the acquisition function's maximum begins.
 
-    Parameters
-    ----------
-    seed
-        Of the draws.
-    everywhere_count, count
-        How many lie anywhere, and how many around good positions.
-    near_to
-        (m, d) these good positions; None: those, of all that missions have run at, with the best posterior means.
+    ``everywhere_count`` of them lie anywhere and ``count`` near the (m, d) ``near_to``; None: those run with the best posterior means.
     """
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)

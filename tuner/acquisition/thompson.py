@@ -35,8 +35,6 @@ def thompson_configurations(
     Draws are over candidate configurations from the whole space and near the best that was run. With an outcome constraint a
     draw's best has the best objective among those that meet it in this draw, or else the least violation. A deterministic
     metric has the same value in every draw.
-
-    ``models``: of the objective and, if there is one, of the second objective; at least one is a surrogate.
     """
     model = surrogate_of(models)
     with numerics(), torch.no_grad():

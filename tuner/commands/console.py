@@ -39,7 +39,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
 from tuner.missions.executors import Executor, limit_s, local_executor
-from tuner.missions.kinds import MissionKind
+from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance
 from tuner.report.labels import duration, number_text
 

@@ -12,7 +12,6 @@ import functools
 import json
 import os
 import select
-import selectors
 import signal
 import subprocess
 import sys
@@ -45,10 +44,7 @@ if TYPE_CHECKING:
 
 
 class Executor(abc.ABC):
-    """Runs missions, each once and at most ``capacity`` at a time; close it after use.
-
-    A mission that takes longer than ``timeout_s`` is killed and recorded as ``timeout``.
-    """
+    """Runs missions, each once; close it after use. One that takes longer than ``timeout_s`` is killed and recorded as ``timeout``."""
 
     def __init__(self, timeout_s: float) -> None:
         if not timeout_s > 0:
@@ -115,10 +111,7 @@ class _Attempt:
 
 
 class LocalProcessExecutor(Executor):
-    """Missions in processes of this machine, started by one ``tuner.missions.server``.
-
-    ``preload``: fidelities whose modules the server imports before it forks.
-    """
+    """Missions in processes started by one ``tuner.missions.server``, which imports the modules of the fidelities ``preload`` first."""
 
     def __init__(
         self,
@@ -198,11 +191,9 @@ class LocalProcessExecutor(Executor):
         if self._server is None:
             return
         assert self._server.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._server.stdout, selectors.EVENT_READ)
-            if not selector.select(timeout_s):
-                self._silent_s += timeout_s  # not by the clock: this process may have been stopped meanwhile
-                return
+        if not select.select([self._server.stdout], [], [], timeout_s)[0]:
+            self._silent_s += timeout_s  # not by the clock: this process may have been stopped meanwhile
+            return
         self._silent_s = 0.0
         chunk = os.read(self._server.stdout.fileno(), 65536)
         if not chunk:
@@ -316,10 +307,7 @@ def _wait_for_end(pid: int | None) -> None:
 def local_executor(
     fidelity: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
 ) -> LocalProcessExecutor:
-    """Return processes for missions, one per core unless told otherwise.
-
-    ``mission``: a mission file, which has limits of its own on workers and time.
-    """
+    """Return processes for missions, one per core unless told otherwise; a mission file has limits of its own on workers and time."""
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if mission is not None:
         count = min(count, mission.at_once)

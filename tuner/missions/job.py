@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import datetime
 import functools
 import os
@@ -64,10 +65,10 @@ class MissionJob:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form for a worker, whose working directory a planner may change."""
-        values = {"config": self.config.to_dict(), "directory": str(self.directory.absolute())}
         return {
             **vars(self),
-            **values,
+            "config": self.config.to_dict(),
+            "directory": str(self.directory.absolute()),
             "plugins": plugins.plugin_specs(self.planners),
             "machine_key": machine_key().hex(),
             "identity": {"config_digest": self.config.digest(), "condition": self.config.condition},
@@ -77,12 +78,12 @@ class MissionJob:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        tree = {name: value for name, value in tree.items() if name not in ("identity", "planners")}
-        use_machine_key(bytes.fromhex(tree.pop("machine_key", "")))
-        for text in tree.pop("plugins", ()):
+        use_machine_key(bytes.fromhex(tree["machine_key"]))
+        for text in tree["plugins"]:
             bring(text)
+        own = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
-        return MissionJob(**{**tree, "config": config, "directory": directory})
+        return MissionJob(**{**own, "config": config, "directory": directory})
 
     def trial(self, *, reason: str = "", **ended: Any) -> Trial:
         """Return the trial of this job whose record says that it ``ended`` so; ``reason``: why it failed."""
@@ -143,14 +144,9 @@ class Trial(Observation):
     record: Record = Record()
 
     def __repr__(self) -> str:
-        """``Trial(12: complete, 94.57 on slab r1)``, in an evaluation ``Trial(tuned: ok on slab r1)``."""
-        found = self.reason if self.raw is None else f"{self.raw:.4g}"
-        what = (
-            f"{self.strategy}: {self.record.status}"
-            if self.strategy
-            else f"{self.number}: {self.state}, {found}"
-        )
-        return f"Trial({what} on {self.instance.label} r{self.replicate})"
+        """``Trial(12: ok on slab r1)``, in an evaluation ``Trial(tuned: ok on slab r1)``."""
+        which, status = self.strategy or self.number, self.record.status or "running"
+        return f"Trial({which}: {status} on {self.instance.label} r{self.replicate})"
 
     @property
     def state(self) -> Literal["running", "complete", "failed"]:
@@ -176,12 +172,10 @@ class Trial(Observation):
 
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """As in ``mission.json``."""
         return self._document.get("metrics", {})
 
     @property
     def costs(self) -> Mapping[str, Any]:
-        """As in ``mission.json``."""
         return self._document.get("costs", {})
 
     @property
@@ -211,11 +205,7 @@ class Trial(Observation):
 
 
 def should_retry(attempts: Sequence[Trial]) -> bool:
-    """Return whether to run a mission once more after these ``attempts``.
-
-    An infrastructure failure is retried until `MAX_ATTEMPTS`; a possible machine fault once only: a second one is the
-    configuration's.
-    """
+    """Return whether to run a mission once more; after a possible machine fault once only: a second one is the configuration's."""
     *earlier, last = attempts
     if last.infrastructure_failure:
         return len(attempts) < MAX_ATTEMPTS
@@ -223,10 +213,9 @@ def should_retry(attempts: Sequence[Trial]) -> bool:
 
 
 def blamed(job: MissionJob, attempts: Sequence[Trial]) -> Trial:
-    """Return the last of ``attempts``, none of which will follow; where another's code plans the mission its end is that code's failure.
+    """Return the last of ``attempts``; where another's code plans the mission its end is recorded as that code's failure.
 
-    What ended it every time may look like the machine's doing, but the missions of others end well. It is left in the
-    mission's directory, too.
+    What ended it every time may look like the machine's doing, but the missions of others end well.
     """
     last = attempts[-1]
     if not job.planners or not (last.infrastructure_failure or last.possibly_machine_fault):
@@ -316,15 +305,18 @@ def remove_earlier_result(job: MissionJob) -> None:
 
 
 def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
-    if (tree.get("config_digest"), tree.get("replicate")) != (job.config.digest(), job.replicate):
+    expected = {
+        "config_digest": job.config.digest(),
+        "replicate": job.replicate,
+        "condition": job.config.condition,
+    }
+    if any(tree.get(key) != value for key, value in expected.items()):
         return False
     if not all(isinstance(tree.get(key) or {}, dict) for key in ("provenance", "costs", *_MEASURED)):
         return False
-    if tree.get("condition", job.config.condition) != job.config.condition:
-        return False
     # A mesh file's rock has a name of its own: its content is compared by the campaign.
     is_name = os.sep not in job.rock and not Path(job.rock).suffix
-    return not is_name or tree.get("rock", job.rock) == job.rock
+    return not is_name or tree.get("rock") == job.rock
 
 
 def _result_in(directory: Path) -> dict[str, Any] | None:

@@ -21,16 +21,11 @@ from typing import NoReturn
 _LIBC = ctypes.CDLL(None)  # before a fork, after which little is safe
 LOG_BYTES = 200_000  # of what a mission prints: as much of the beginning, and of each attempt's end
 PATIENCE_S = 2.0  # with killed processes that the system has not ended yet
-_FIRST_TO_GO = (
-    "800"  # of 1000: where memory runs out a mission ends, and neither its server nor the coordinator
-)
+_FIRST_TO_GO = "800"  # of 1000: where memory runs out a mission ends, not its server nor the coordinator
 
 
 def keep(mission: Callable[[], int], log: int, server: int) -> NoReturn:
-    """Become the keeper of ``mission``, a function that returns an exit status, in a forked process of the process ``server``.
-
-    ``log``: descriptor of the file that the mission's output is added to.
-    """
+    """Become the keeper of ``mission`` in a forked process of the process ``server``; its output goes to the descriptor ``log``."""
     status = 1
     try:
         with contextlib.suppress(PermissionError):  # it leads a session already

@@ -1,32 +1,121 @@
-"""Fidelities by name. A new one is one file, with a `tuner.missions.kinds.MissionKind`, and one line here.
+"""Kinds of missions (fidelities) by name, with what the tuner must know of each. A new one is one file, and an entry of `BUILT_IN`.
 
 The name goes into a campaign's settings, to the workers, and to ``--fidelity``. Those of other packages are plug-ins, so that no
-file of settings chooses code.
+file of settings chooses code: a function like `nbv.mission.MissionFunction`, or a `MissionKind`.
 """
 
 from __future__ import annotations
 
 import hashlib
+import pkgutil
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
-from nbv.cache import code_digest
+from nbv.cache import Store, code_digest
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.plugins import Registry
-from tuner.missions.kinds import CURVE, GEOMETRIC, PHOTOGRAMMETRIC, MissionKind
-from tuner.missions.kinds import EXTERNAL as OF_A_FILE
-from tuner.missions.kinds import PHOTOGRAPHS as OVER_PHOTOGRAPHS
+from nbv.rocks import Rock, load_coarse_rock, load_rock
+from nbv.rocks.catalogue import is_photographed
+
+
+@dataclass(frozen=True)
+class MissionKind:
+    """One kind of mission; the defaults say of a plug-in that nothing is known of its missions."""
+
+    # A `nbv.mission.MissionFunction`, or "module:function" of one that is built in; empty: none is known.
+    runs: str | Callable[..., MissionResult]
+    # Rocks of the catalogue, sets of photographs, instances of a mission file, or what nobody else need know.
+    targets: Literal["rocks", "photographs", "instances", "own"] = "own"
+    flies: Callable[[str], bool] = lambda target: True  # whether it can fly a target of that name
+    photographs: Literal["rendered", "taken", ""] = ""  # what it needs, and reconstructs densely; empty: none
+    truth: str = ""  # what its clouds are measured against
+    predicts: bool = False  # whether its metrics are predictions, on a coarse rock
+    every_number: bool = False  # whether one mission measures every number of photographs up to its own
+    seconds: Callable[[MissionConfig], float] | None = None  # about how long one takes on a quiet core
+    refuses: str = ""  # "module:function" that is given a configuration and a target, and raises `UserError`
+    numbers_are: str = ""  # how its numbers come about; empty: the fidelity's name says enough
+    note: str = ""  # what somebody who runs it must know
+    loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, and a server before it forks
+
+    @property
+    def function(self) -> Callable[..., MissionResult]:
+        """The function that runs one mission; `UserError` where there is none."""
+        if not self.runs:
+            raise UserError("no such fidelity is known here; name its plug-in with gatetune --plugin")
+        function: Callable[..., MissionResult]
+        function = pkgutil.resolve_name(self.runs) if isinstance(self.runs, str) else self.runs
+        return function
+
+    def __call__(self, *arguments: Any, **options: Any) -> MissionResult:
+        return self.function(*arguments, **options)
+
+    @property
+    def uses_catalogue(self) -> bool:
+        """Whether it calls a rock or a set of photographs what the catalogue of rocks does."""
+        return self.targets in ("rocks", "photographs")
+
+    def load_rock(self, name: str, store: Store) -> Rock:
+        """The rock as its missions know it."""
+        return (load_coarse_rock if self.predicts else load_rock)(name, store)
+
+    def require_possible(self, config: MissionConfig, target: str) -> None:
+        """Raise `UserError` where ``config`` asks for what missions over ``target`` cannot give."""
+        if self.refuses:
+            pkgutil.resolve_name(self.refuses)(config, target)
+
+
+def _rendered_s(config: MissionConfig) -> float:
+    # The 32 missions of `make tune`, of 20 photographs, took 226 s on two cores; PatchMatch takes 8 s on an H100 and 2 s after
+    # it in place of SGBM's 7.
+    of_one_s = 0.9 if config.dense.backend == "patchmatch" else 0.7
+    return of_one_s * (config.seed.total + config.adaptive_budget)
+
 
 DEFAULT_FIDELITY = "photogrammetric"
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # runs the missions of mission files
+_GEOMETRIC = MissionKind(
+    "nbv.geometric:run_geometric_mission",
+    targets="rocks",
+    predicts=True,
+    seconds=lambda config: 2.0,  # hardly more than its proposal
+    numbers_are="predicted by geometric missions, without photographs",
+    note="Geometric missions are a low-fidelity simulation: the loop, scorers, gates and flight are the same, feature tracks are "
+    "simulated, and no photograph is rendered. Completeness is predicted, accuracy is set to 100 %, and distances are not "
+    "computed. Parameters of features, matching and the ground-truth gate have no effect, nor have conditions of sensor, "
+    "telemetry, target and relief, nor of the scene but for its sun and match_angle_deg.",
+    loads=("open3d",),
+)
 BUILT_IN = {
-    DEFAULT_FIDELITY: PHOTOGRAMMETRIC,
-    "geometric": GEOMETRIC,
-    "curve": CURVE,
-    PHOTOGRAPHS: OVER_PHOTOGRAPHS,
-    EXTERNAL: OF_A_FILE,
+    DEFAULT_FIDELITY: MissionKind(
+        "nbv.photogrammetric:run_photogrammetric_mission",
+        targets="rocks",
+        photographs="rendered",
+        truth="ground truth",
+        seconds=_rendered_s,
+        loads=("open3d", "torch"),
+    ),
+    "geometric": _GEOMETRIC,
+    "curve": replace(_GEOMETRIC, runs="nbv.geometric.curve_fidelity:run_curve_mission", every_number=True),
+    PHOTOGRAPHS: MissionKind(
+        "nbv.photographs.photograph_fidelity:run_photographs_mission",
+        targets="photographs",
+        flies=is_photographed,
+        photographs="taken",
+        truth="the set's own reference",
+        refuses="nbv.photographs.photograph_fidelity:require_expressible",
+        numbers_are="measured against the set's own dense reference; missions over real photographs",
+        loads=("open3d",),
+    ),
+    EXTERNAL: MissionKind(
+        "tuner.missions.external.mission:run_external_mission",
+        targets="instances",
+        numbers_are="missions of your mission file",
+    ),
 }
 FIDELITIES = Registry("fidelities", BUILT_IN)
 
@@ -46,8 +135,8 @@ def kind_on(target: str, fidelity: str) -> MissionKind:
     Raises `UserError`: such missions cannot run on it; as `mission_kind`.
     """
     kind = mission_kind(fidelity)
-    if kind.targets == "rocks" and OVER_PHOTOGRAPHS.flies(target):
-        return OVER_PHOTOGRAPHS
+    if kind.targets == "rocks" and is_photographed(target):
+        return BUILT_IN[PHOTOGRAPHS]
     if not kind.flies(target):
         remedy = (
             "gatetune photographs import makes a set" if kind.targets == "photographs" else "name another"

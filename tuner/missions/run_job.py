@@ -67,7 +67,7 @@ def _job(tree: dict[str, Any]) -> MissionJob:
     try:
         return MissionJob.from_dict(tree)
     except BaseException as error:
-        if not (tree["planners"]):
+        if not tree["planners"]:
             raise
         message = str(error) if isinstance(error, UserError) else error_text(error)
         raise MissionFailure("plugin_failed", message) from error

@@ -21,31 +21,23 @@ class JobQueue(Protocol):
     @property
     def has_pending(self) -> bool:
         """Whether there may be more jobs although there are none at this moment."""
-        ...
 
     @property
     def cancelled(self) -> bool:
         """Whether missions in flight are not worth waiting for."""
-        ...
 
     def next_jobs(self, free: int) -> Sequence[MissionJob]:
         """Return jobs to run now, at most ``free``; none: not now, or no more."""
-        ...
 
     def launched(self, job: MissionJob) -> None:
         """Is called when a job has been submitted."""
-        ...
 
     def ended(self, trials: Sequence[Trial]) -> None:
         """Is called with the trials that have ended; with none where none has ended within half a second."""
-        ...
 
 
 class JobList:
-    """A fixed list of jobs, run in order; those that have finished already are not run again.
-
-    ``on_launch`` and ``on_end`` are called with each.
-    """
+    """A fixed list of jobs, run in order; those that have finished already are not run again."""
 
     has_pending = cancelled = False
 

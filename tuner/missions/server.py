@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import importlib
-import itertools
 import json
 import os
 import selectors
@@ -37,23 +36,17 @@ from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.job import DUMP_SIGNAL
 from tuner.missions.keeper import adopt_orphans, end_children, keep
-from tuner.missions.registry import BUILT_IN, modules_of
+from tuner.missions.registry import BUILT_IN
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
-TRUSTED = {
-    "nbv",
-    "tuner",
-    *itertools.chain.from_iterable(kind.loads for kind in BUILT_IN.values()),
-}  # packages
+TRUSTED = {"nbv", "tuner"}.union(*(kind.loads for kind in BUILT_IN.values()))  # packages
 MAX_HELD_BYTES = 256 * 2**20  # of rocks: eight to ten of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
 MAX_FILE_BYTES = 100 * 2**20
 
 
 class MissionServer:
-    """The loop of one server process."""
-
     def __init__(self, preload: list[str]) -> None:
         # Standard output belongs to the protocol; whatever libraries print goes to standard error.
         self._out = os.fdopen(os.dup(1), "wb", buffering=0)
@@ -71,7 +64,7 @@ class MissionServer:
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
         _fill_caches_before_forking(preload)
-        if preload and _thread_count() > 1:
+        if preload and len([*Path("/proc/self/task").iterdir()]) > 1:
             os.dup2(self._out.fileno(), 1)
             os.execv(sys.executable, [sys.executable, "-P", "-m", "tuner.missions.server"])
         adopt_orphans()
@@ -83,7 +76,6 @@ class MissionServer:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the campaign's business
 
     def serve(self) -> None:
-        """Serve orders until standard input closes."""
         self._say({"event": "ready"})
         selector = selectors.DefaultSelector()
         selector.register(self._in, selectors.EVENT_READ)
@@ -164,7 +156,6 @@ class MissionServer:
             return
         self._known_rocks.add(rock)
         try:
-            importlib.import_module(modules_of(fidelity)[0])
             path = expanded(rock)
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
@@ -198,19 +189,7 @@ def _run_alone(job: dict[str, Any]) -> int:
     return run_job(job)
 
 
-def _thread_count() -> int:
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("Threads:"):
-            return int(line.split()[1])
-    return 2
-
-
-def main(arguments: list[str]) -> int:
-    """Run ``python -m tuner.missions.server``."""
-    single_thread_environment()
-    MissionServer(arguments).serve()
-    os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
-
-
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    single_thread_environment()
+    MissionServer(sys.argv[1:]).serve()
+    os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt

@@ -102,7 +102,7 @@ def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least:
     ]
     freedom = PRIOR_ROCKS + len(rocks) - 1
     between = (
-        PRIOR_ROCKS * (model.noise_sd**2 + (model.block_sd or 0.0) ** 2) + float(np.var(own)) * len(rocks)
+        PRIOR_ROCKS * (model.noise_sd**2 + model.block_sd**2) + float(np.var(own)) * len(rocks)
     ) / freedom
     sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(posterior.sd[0]) ** 2)
     return float(special.stdtr(freedom, (float(posterior.mean[0]) - at_least) / sd))

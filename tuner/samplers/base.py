@@ -31,11 +31,9 @@ class Sampler(Protocol):
     @property
     def name(self) -> str:
         """Its name in `tuner.samplers.registry`."""
-        ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return the next configuration, given all finished missions and those in flight."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -79,6 +77,23 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
     return Proposal(sobol_point(settings.problem.space, settings.seed, point), metadata)
 
 
+@dataclass(frozen=True)
+class PlainSampler:
+    """A scrambled Sobol sequence, or uniform draws from the unit cube: it learns nothing."""
+
+    settings: SamplerSettings
+    name: str  # sobol or random
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
+        s, number = self.settings, missions_asked(history, pending)
+        if self.name == "sobol" or number < s.first:
+            return initial_proposal(s, number, self.name)
+        rng = np.random.default_rng(derived_seed(s.seed, number))
+        space = s.problem.space
+        values = space.from_unit(rng.random(space.dimension))
+        return Proposal(values, {"sampler": self.name, "phase": "random"})
+
+
 def in_flight(
     settings: SamplerSettings,
     history: Sequence[Observation],
@@ -99,7 +114,7 @@ def ask_many(
     pending: Sequence[Observation],
     count: int,
 ) -> list[Proposal]:
-    """Return ``count`` proposals, each knowing those before; made at once where the sampler can.
+    """Return ``count`` proposals, each knowing those before.
 
     Where rocks are drawn the default is proposed on every one that it has not run: a gain is not taken for an easy rock.
     """

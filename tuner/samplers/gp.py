@@ -32,7 +32,6 @@ from tuner.samplers.design import near_default, places_for_earlier, sobol_point,
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import DeterministicOutcome
 from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
@@ -48,18 +47,15 @@ SEQUENTIAL = 4
 
 @dataclass(frozen=True)
 class GPSampler:
-    """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
+    """The plain plans, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    The space's own beginnings come right after the default. The design is a Sobol sequence; unless parameters are many every
-    second point stays near a trusted default. Where missions were run before the campaign, the best of them take places of
-    it. Near the end of the budget the favourite is run on blocks it has not seen, where that is worth more
-    (``tuner.samplers.verification``).
+    The space's own beginnings come before the rest of the design. That is a Sobol sequence; unless parameters are many every
+    second point stays near a trusted default. Where missions were run before the campaign, the best of them take places of it.
     """
 
     settings: SamplerSettings
     name: str = "gp"
     model: SurrogateSettings | None = None  # of the surrogate; None: by the number of parameters
-    verify: bool = True
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         return self.ask_many(history, pending, 1)[0]
@@ -68,10 +64,7 @@ class GPSampler:
     def ask_many(
         self, history: Sequence[Observation], pending: Sequence[Observation], count: int
     ) -> list[Proposal]:
-        """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn.
-
-        With more in flight than `MAX_JOINT` all are drawn.
-        """
+        """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn."""
         s, problem, proposals, running = self.settings, self.settings.problem, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
         goal = s.goal.after(history)
@@ -124,17 +117,13 @@ class GPSampler:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
         s, problem = self.settings, self.settings.problem
         number = missions_asked(history, running) - sum(o.repeat for o in history)
-        if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
+        if s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
         # A family has as many replicates as the budget has missions.
         replicates = min(problem.replicates, REPLICATES) if problem.draws_rocks else problem.replicates
         last = number >= s.budget - len(problem.rocks) * replicates
-        model, exact = (
-            surrogate_of(models),
-            models[0] if isinstance(models[0], DeterministicOutcome) else None,
-        )
         return verification(
-            model, history, running, problem.replicates, gain, last=last, constraint=constraint, exact=exact
+            models, history, running, problem.replicates, gain, last=last, constraint=constraint
         )
 
     def _design(self, number: int, goal: Goal, history: Sequence[Observation]) -> Proposal:
@@ -142,13 +131,11 @@ class GPSampler:
         if number < self.settings.first:
             return initial_proposal(self.settings, number, self.name)
         number -= self.settings.first - 1
-        skipped, limited, least = 0, goal.exact.second, goal.at_least
-        proposal = self._design_point(number, history)
-        while limited is not None and least is not None and skipped < MOST_SKIPPED:
-            if limited.outcome(proposal.values) >= least:
-                return proposal
-            skipped += 1
+        limited, least = goal.exact.second, goal.at_least
+        for skipped in range(MOST_SKIPPED + 1):
             proposal = self._design_point(number + 2 * ASIDE * skipped, history)
+            if limited is None or least is None or limited.outcome(proposal.values) >= least:
+                break
         return proposal
 
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:

@@ -8,8 +8,8 @@ from tuner.samplers.base import Sampler, SamplerSettings
 # A class each, made of its settings and its name.
 BUILT_IN = {
     "gp": "tuner.samplers.gp:GPSampler",
-    "sobol": "tuner.samplers.plain:PlainSampler",
-    "random": "tuner.samplers.plain:PlainSampler",
+    "sobol": "tuner.samplers.base:PlainSampler",
+    "random": "tuner.samplers.base:PlainSampler",
     "tpe": "tuner.samplers.optuna:OptunaSampler",
     "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
 }

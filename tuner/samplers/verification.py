@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import torch
 
-from tuner.acquisition.constrained import Constraint
+from tuner.acquisition.constrained import Constraint, ObjectiveModel, surrogate_of
 from tuner.acquisition.expected_saving import LogExpectedSaving
 from tuner.problem.observations import (
     Observation,
@@ -30,7 +30,7 @@ from tuner.surrogate.posterior import DeterministicOutcome
 
 
 def verification(
-    model: InstanceMeanGP,
+    models: Sequence[ObjectiveModel],
     history: Sequence[Observation],
     pending: Sequence[Observation],
     replicates: int,
@@ -38,19 +38,19 @@ def verification(
     *,
     last: bool = False,
     constraint: Constraint | None = None,
-    exact: DeterministicOutcome | None = None,
 ) -> Proposal | None:
-    """Return the favourite on a block that it has not run, if that is worth more than exploring; otherwise None.
+    """Return the favourite on a block that it has not run, in an instance that it has run least; None where exploring is worth more.
 
-    ``replicates``: per instance, numbered from 0. ``expected_gain``: what the best mission of the search promises,
-    objective's unit. ``last``: whether to verify whatever exploring promises. ``exact``: the objective, if it is a
-    deterministic metric: verified is then the configuration whose mission has the largest expected saving, if that is
-    more than exploring promises.
+    ``models``: of the objective and, under a ``constraint``, of the second one. ``replicates``: per instance, numbered from 0.
+    ``expected_gain``: what the best mission of the search promises, objective's unit. ``last``: whether to verify whatever
+    exploring promises.
 
-    None is returned where the favourite (best posterior mean) has run every block, or where exploring promises more than
-    the noise of a mission. The instance is one of those that it has run least.
+    The favourite has the best posterior mean, and exploring is worth more where it promises more than the noise of a mission. Where
+    the objective is a deterministic metric it is the configuration whose mission has the largest expected saving, if that is more
+    than exploring promises.
     """
-    if exact is not None and constraint is not None:
+    model, exact = surrogate_of(models), models[0]
+    if constraint is not None and isinstance(exact, DeterministicOutcome):
         chosen = _worth_confirming(model, history, pending, replicates, constraint, exact)
         if chosen is None or (expected_gain > chosen[1] and not last):
             return None

@@ -23,8 +23,6 @@ from botorch.utils.constraints import LogTransformedInterval
 from gpytorch.kernels import Kernel, LinearKernel, MaternKernel, ScaleKernel
 from gpytorch.priors import HalfCauchyPrior, LogNormalPrior
 
-from tuner.surrogate.settings import SurrogateSettings
-
 NO_OFFSET = -1.0
 MIN_LENGTHSCALE = 2.5e-2
 _LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
@@ -70,7 +68,6 @@ class SparseLengthPrior(HalfCauchyPrior):
     """
 
     def log_prob(self, length: torch.Tensor) -> torch.Tensor:
-        """Return the log density of each element, up to a constant."""
         inverse_square = length**-2
         return super().log_prob(inverse_square) + inverse_square.log()
 
@@ -83,32 +80,24 @@ def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
 def mission_kernel(
     ordered: Sequence[int],
     categorical: Sequence[int],
-    instance_column: int,
-    settings: SurrogateSettings,
-    tau: float | None = None,
+    *,
+    own_landscapes: bool,
+    blocks: bool,
+    tau: float | None,
 ) -> Kernel:
     """Return the covariance k of two missions, as the equation at the top of this module has it, with its priors.
 
-    Parameters
-    ----------
-    ordered, categorical
-        Columns of the numerical and of the categorical parameters.
-    instance_column
-        The column with the instance's number; the next one has the number of the block, that is, of the instance and replicate.
-    settings
-        Which of the optional terms the sum has: those with a^2, c^2 and t^2.
-    tau
-        Global scale of the sparse prior of the length scales, `SparseLengthPrior`. None: a log-normal prior, whose median grows
-        with the square root of the number of parameters.
+    ``ordered`` and ``categorical`` are the columns of parameters. ``own_landscapes``: whether the sum has the term with a^2;
+    ``blocks``: with c^2; ``tau``: with t^2, and the length scales have a `SparseLengthPrior`.
     """
-    f = _landscape(ordered, categorical, tau)
+    f, instance_column = _landscape(ordered, categorical, tau), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])
     kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
-    if settings.own_landscapes:
+    if own_landscapes:
         kernel = kernel + _scaled(f * instance, *OWN_VARIANCE)
-    if settings.block_offsets:
+    if blocks:
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
-    if settings.trend and ordered:
+    if tau is not None:
         prior, mode = log_normal(*TREND_VARIANCE)
         constraint = _between(1 / _LARGEST, mode)
         kernel = kernel + Trend(
@@ -118,7 +107,7 @@ def mission_kernel(
 
 
 def landscape_kernel(ordered: Sequence[int], categorical: Sequence[int]) -> Kernel:
-    """Return s^2 m alone, with its priors; columns are as for `mission_kernel`."""
+    """Return s^2 m alone, with its priors."""
     return _scaled(_landscape(ordered, categorical, None), *VARIANCE)
 
 
@@ -162,10 +151,6 @@ def _between(low: float, begin: float) -> LogTransformedInterval:
 
 def shared_variance(kernel: Kernel, column: int) -> float:
     """Return the variance of what missions with the same level of ``column`` share; 0 where it is not modelled."""
-    shared = [
-        part
-        for part in kernel.modules()
-        if isinstance(part, ScaleKernel) and isinstance(part.base_kernel, SharedLevel)
-    ]
-    found = [k.outputscale.item() for k in shared if k.base_kernel.active_dims.tolist() == [column]]
-    return found[0] if found else 0.0
+    parts = (part for part in kernel.modules() if isinstance(part, ScaleKernel))
+    shared = (part for part in parts if isinstance(part.base_kernel, SharedLevel))
+    return sum(k.outputscale.item() for k in shared if k.base_kernel.active_dims.tolist() == [column])

@@ -4,24 +4,20 @@ Outcomes are standardised per rock (``tuner.problem.standardise.RockStandardiser
 
     z(x, instance, replicate) = f(x) + b(instance) + c(instance, replicate) + noise
 
-with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per instance, that is, per rock under a condition:
-with a handful of missions on each rock the standardisation cannot know whether a rock is hard or was run with poor
-configurations; the offsets, inferred together with f, can. Missions on one (instance, replicate) block also share
-the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
-the offset c, nested in the instance's, makes them blocks of an experiment, so that configurations are compared within
-them and the offset cancels. The mean over instances has c = 0: it is the mean over replicates that were not run. What
-instances do not share beyond offsets and a scale ends up in the noise, which is right for a mean over them.
+with an independent offset b per instance, that is, per rock under a condition: with a handful of missions on each rock the
+standardisation cannot know whether a rock is hard or was run with poor configurations; the offsets, inferred together with f, can.
+Missions on one (instance, replicate) block also share the arrival errors of the seed orbit, which can move all of them by more
+than configurations differ: with c configurations are compared within blocks, and it cancels. The mean over instances has c = 0:
+it is over replicates that were not run. What instances do not share beyond offsets and a scale ends up in the noise, which is
+right for a mean over them.
 
-The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
-narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
-synthetic data as noisy as the signal these choices were the better calibrated ones. It is a BoTorch
-``SingleTaskGP``: ``kernel.py`` has its covariance and priors, ``fit.py`` how they are fitted.
+The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is narrower than theirs, there
+is an output scale, and the noise prior expects noise: on synthetic data as noisy as the signal these were the better calibrated.
 """
 
 from __future__ import annotations
 
 import collections
-import dataclasses
 import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,14 +35,10 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
-from tuner.surrogate.kernel import (
-    NO_OFFSET,
-    mission_kernel,
-    shared_variance,
-)
+from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
 from tuner.surrogate.posterior import Posterior
-from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
+from tuner.surrogate.settings import MANY_PARAMETERS, SurrogateSettings
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
@@ -70,7 +62,7 @@ class InstanceMeanGP:
         instances: Sequence[Instance],
         settings: SurrogateSettings | None = None,
     ) -> None:
-        self.settings = settings or surrogate_settings(space)
+        self.settings = settings or SurrogateSettings(sparse=space.dimension >= MANY_PARAMETERS)
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -82,7 +74,7 @@ class InstanceMeanGP:
         )
         rocks = [o.rock for o in feasible]
         evaluated = [(o.instance, o.replicate) for o in feasible]
-        self._models_blocks = self.settings.block_offsets and blocks_identifiable(evaluated)
+        self._models_blocks = blocks_identifiable(evaluated)
         self.standardiser = RockStandardiser.fit(
             rocks, outcomes, shrink_centres=False, blocks=evaluated if self._models_blocks else None
         )
@@ -90,7 +82,8 @@ class InstanceMeanGP:
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         # (n,), to a hundredth of the least noise: what a number's last digits round to proposes nothing
         self.targets = np.round(self.standardiser.standardise(rocks, outcomes), 4)
-        self._instance_index = _levels([*self.instances, *(o.instance for o in feasible)])
+        known = _levels([*self.instances, *(o.instance for o in feasible)])
+        self._instance_index: dict[Instance | None, float] = {None: NO_OFFSET, **known}
         self._block_index = _levels(evaluated)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array(
@@ -111,19 +104,19 @@ class InstanceMeanGP:
         return Feasibility(self.space, self.unit, np.array(self._failed))
 
     def _kernels(self) -> list[Kernel]:
-        settings = dataclasses.replace(self.settings, block_offsets=self._models_blocks)
-        categorical, instance_column = self.space.categorical_dimensions, self.space.dimension
-        taus = SPARSE_TAUS if settings.sparse and self._ordered else (None,)
-        return [mission_kernel(self._ordered, categorical, instance_column, settings, tau) for tau in taus]
+        return [
+            mission_kernel(
+                self._ordered,
+                self.space.categorical_dimensions,
+                own_landscapes=self.settings.own_landscapes,
+                blocks=self._models_blocks,
+                tau=tau,
+            )
+            for tau in (SPARSE_TAUS if self.settings.sparse and self._ordered else (None,))
+        ]
 
     def levels(self, instance: Instance | None, block: float = NO_OFFSET) -> list[float]:
-        """Return the input columns behind the unit cube's: instance and block.
-
-        ``instance`` is a known one, or None for none: there the offsets are 0, so configurations are compared by their
-        landscape alone.
-        """
-        if instance is None:
-            return [NO_OFFSET, block]
+        """Return the input columns behind the unit cube's: instance and block; for none configurations are compared without offsets."""
         return [self._instance_index[instance], block]
 
     def inputs(
@@ -200,16 +193,14 @@ class InstanceMeanGP:
         return math.sqrt(self.model.likelihood.noise.item()) * self.mean_scale
 
     @property
-    def block_sd(self) -> float | None:
-        """Standard deviation of the (instance, replicate) offsets, objective's unit; None where not modelled."""
-        if not self._models_blocks:
-            return None
+    def block_sd(self) -> float:
+        """Standard deviation of the (instance, replicate) offsets, objective's unit; 0 where not modelled."""
         return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
     def one_mission_sd(self) -> float:
         """Standard deviation of one mission on a new block, objective's unit."""
-        return math.hypot(self.noise_sd, self.block_sd or 0.0)
+        return math.hypot(self.noise_sd, self.block_sd)
 
     @property
     def mean_scale(self) -> float:

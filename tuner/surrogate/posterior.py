@@ -70,7 +70,6 @@ class DeterministicOutcome:
         self._columns = [space.paths.index(path) for path in cost.paths]
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
-        """Return the outcomes as a posterior without uncertainty."""
         return Posterior(
             np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))
         )

@@ -17,7 +17,7 @@ from nbv import plugins
 from nbv.config import preset
 from tuner.cli import main
 from tuner.commands import console
-from tuner.missions.kinds import GEOMETRIC, PHOTOGRAMMETRIC
+from tuner.missions.registry import mission_kind
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
@@ -210,10 +210,12 @@ def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, a
 def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards, said):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", cards)
     monkeypatch.setattr(console, "patchmatch_runs", lambda: True)
-    console.note_dense_stage(PHOTOGRAMMETRIC, preset("campaign").with_values({"dense.backend": backend}))
+    console.note_dense_stage(
+        mission_kind("photogrammetric"), preset("campaign").with_values({"dense.backend": backend})
+    )
     out = capsys.readouterr().out
     assert said in out and "32 photographs takes about" in out
-    console.note_dense_stage(GEOMETRIC, preset("campaign"))
+    console.note_dense_stage(mission_kind("geometric"), preset("campaign"))
     assert capsys.readouterr().out == ""
 
 

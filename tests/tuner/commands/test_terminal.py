@@ -26,7 +26,7 @@ from tuner.commands.campaign_display import (
 )
 from tuner.comparison.plan import EvaluationPlan
 from tuner.missions.job import Record, Trial
-from tuner.missions.kinds import PHOTOGRAMMETRIC
+from tuner.missions.registry import mission_kind
 from tuner.problem.search_space import builtin
 from tuner.problem.space_files import load_search_space
 
@@ -54,7 +54,7 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     ours = begin_campaign(
         tmp_path / "ours", fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
     )
-    config, rendered_s = builtin(ours.settings.problem.base), PHOTOGRAMMETRIC.seconds
+    config, rendered_s = builtin(ours.settings.problem.base), mission_kind("photogrammetric").seconds
     assert rendered_s is not None
     assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
     longer = config.with_values({"stop.adaptive_budget": 40})

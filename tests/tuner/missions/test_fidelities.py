@@ -12,8 +12,7 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from tuner.comparison.curves import Suite, comparison_plans, drawn_targets
-from tuner.missions.kinds import MissionKind
-from tuner.missions.registry import FIDELITIES, kind_on, mission_function, mission_kind
+from tuner.missions.registry import FIDELITIES, MissionKind, kind_on, mission_function, mission_kind
 from tuner.report.labels import measure_text
 
 

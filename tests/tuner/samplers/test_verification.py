@@ -34,7 +34,7 @@ def model_of(history: list[Observation]) -> InstanceMeanGP:
 
 def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
-    proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
+    proposal = verification([model_of(history)], history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.metadata["phase"] == "verification"
     assert (proposal.instance, proposal.replicate) == (
         ("r1", "ideal"),
@@ -42,7 +42,7 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
     )  # replicate 0 of r1 has been run once, 1 never
     blocks = [("r0", 0)]
     running: list[Observation] = []
-    while (proposal := verification(model_of(history), history, running, 2, expected_gain=0.0)) is not None:
+    while (proposal := verification([model_of(history)], history, running, 2, expected_gain=0.0)) is not None:
         assert proposal.instance is not None and proposal.replicate is not None
         blocks.append((proposal.instance.rock, proposal.replicate))
         running.append(Observation(4 + len(running), GOOD, *blocks[-1]))
@@ -68,6 +68,6 @@ def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case
 def test_nothing_to_verify_while_exploring_promises_more() -> None:
     history = a_clear_favourite()
     model = model_of(history)
-    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is None
-    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
-    assert verification(model, history, [], 1, expected_gain=0.5 * model.noise_sd) is not None
+    assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd) is None
+    assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
+    assert verification([model], history, [], 1, expected_gain=0.5 * model.noise_sd) is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 from urllib.parse import urlsplit
 
 import dask
@@ -15,7 +15,7 @@ from tuner.missions.cluster import worker
 from tuner.missions.cluster.executor import DaskExecutor
 
 Where = Literal["dask", "slurm", "pbs"]
-WHERE: tuple[Where, ...] = ("dask", "slurm", "pbs")
+WHERE: tuple[Where, ...] = get_args(Where)
 _CONNECT_S = 20.0
 _SETTINGS = {
     # One death is enough: this program runs the mission again, and counts.
@@ -32,11 +32,8 @@ def dask_executor(
 ) -> DaskExecutor:
     """Return an executor on the scheduler at ``scheduler``, on a local cluster, or on jobs of SLURM or PBS.
 
-    ``where``: what is started where ``scheduler`` is None; Dask-jobqueue's ``jobqueue.yaml`` has a batch system's
-    settings. ``scheduler``: ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or
-    ``tcp://127.0.0.1:PORT``. ``workers``: how many workers are started. ``timeout_s``: a mission that takes longer is
-    killed. ``unencrypted``: whether ``tcp://`` to another machine, or between the batch system's, will do: whoever
-    can reach a scheduler or worker there can run programs.
+    ``where``: what is started, with so many ``workers``, where ``scheduler`` is None. ``unencrypted``: whether ``tcp://`` to another
+    machine, or between the batch system's, will do: whoever can reach a scheduler or worker there can run programs.
 
     Raises `UserError`: an address that is not allowed or not answered; a batch system without settings.
     """

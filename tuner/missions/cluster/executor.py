@@ -39,13 +39,10 @@ class DaskExecutor(Executor):
     """Missions on the workers of a scheduler; ``capacity`` follows the workers as they come and go.
 
     Where a worker dies its mission is run elsewhere. What the lost worker may still send is ignored, since only the
-    scheduler's word counts.
-
-    ``client``: connected; closed with this executor, and with it the cluster that was started for it. ``timeout_s``:
-    as in `Executor`.
+    scheduler's word counts. The ``client`` is closed with this executor, and with it the cluster that was started for it.
     """
 
-    def __init__(self, client: Client, timeout_s: float = 3600.0) -> None:
+    def __init__(self, client: Client, timeout_s: float) -> None:
         super().__init__(timeout_s)
         self._client = client
         self._attempts: dict[str, _Attempt] = {}

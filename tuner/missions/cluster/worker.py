@@ -42,7 +42,7 @@ def identity(job: MissionJob | None = None) -> dict[str, str]:
     found = {name: installed[name] for name in names if name in installed}
     if job is not None:
         found[f"the code of {job.fidelity}"] = code_of(job.fidelity)[:12]
-        for plugin in getattr(job.config, "plugins_used", ()):
+        for plugin in job.planners:
             found[f"the code of {plugin.label}"] = plugin.source[:12]
     return found
 
@@ -64,10 +64,7 @@ def received_rock(sha256: str) -> Path:
 
 
 def run_order(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
-    """Run the mission of ``order`` (see `tuner.missions.cluster.executor`) and return how it ended, with its files.
-
-    ``rock`` is the content of one that workers cannot make themselves.
-    """
+    """Run the mission of ``order`` and return how it ended, with its files; ``rock`` is one that workers cannot make themselves."""
     worker = get_worker()
     job = MissionJob.from_dict(order["job"])
     directory = Path(tempfile.mkdtemp(prefix=f"mission-{job.id}-", dir=worker.local_directory))
@@ -113,9 +110,6 @@ def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:
 
     A scheduler makes anew what lay on a lost worker, whether or not the coordinator has it, and a worker that was cut off
     would go through all that had been sent to it. Who runs again decides the coordinator alone, by another task.
-
-    ``task``: the task's key. ``address``: the worker that asks. ``attempt``: identifies this run of the task.
-    ``dask_scheduler``: the scheduler, which Dask passes.
     """
     state = dask_scheduler.tasks.get(task)
     worker = dask_scheduler.workers.get(dask_scheduler.coerce_address(address))  # it may be given by a name

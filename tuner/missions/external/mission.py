@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
-import shutil
 import signal
 import tempfile
 import time
@@ -50,20 +50,13 @@ _LAST_BYTES, _LAST_LETTERS = 4096, 160
 def run_external_mission(
     config: ExternalConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep = "summary"
 ) -> MissionResult:
-    """Run one mission of a mission file.
-
-    ``replicate``: the number of the repetition, from 0; it decides the seed. ``directory``: where request, result,
-    log and the mission's own files go; None: a temporary folder. ``keep``: ``"summary"`` removes the mission's own
-    files once it has been measured.
+    """Run one mission of a mission file; with ``keep`` ``"summary"`` its own files are removed once it has been measured.
 
     Raises `MissionFailure`: ``machine_error: ...``: the mission says nothing about the configuration and may be run
     again.
 
-    Raises `UserError`: the mission file has changed, its program cannot be run, or ``config`` is none of a mission
-    file.
+    Raises `UserError`: the mission file has changed, or its program cannot be run.
     """
-    if not isinstance(config, ExternalConfig):
-        raise UserError("the fidelity external runs missions of a mission file; name one with --mission")
     mission = config.mission
     provenance: dict[str, Any] = {
         "mission_file": config.mission_file,
@@ -134,16 +127,13 @@ def _last_words(log: Path) -> str:
 def _tidy(output: Path) -> None:
     """Remove what the mission wrote besides request, result and log."""
     for entry in output.iterdir():
-        if entry.is_dir() and not entry.is_symlink():
-            shutil.rmtree(entry, ignore_errors=True)
-        elif entry.name not in (REQUEST_FILE, RESULT_FILE, LOG_FILE):
-            entry.unlink()
+        if entry.name not in (REQUEST_FILE, RESULT_FILE, LOG_FILE):
+            with contextlib.suppress(OSError):
+                remove(entry)
 
 
 def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[dict[str, Any], str, str]:
-    """Measure a cloud against its instance's mesh: a file beside the mission file, or a rock's name.
-
-    Returns the metrics, a warning where cloud and mesh hardly overlap, and the mesh's hash.
+    """Return a cloud's metrics against its instance's mesh, a warning where they hardly overlap, and the mesh's hash.
 
     With cameras the cloud is first aligned by the least-squares similarity from estimated to reported centres (Umeyama,
     PAMI 1991). It is then in the mesh's own frame and moved with the mesh to where `nbv.rocks.import_mesh` puts that, or
@@ -154,7 +144,7 @@ def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[d
     Raises `UserError`: there is no such mesh, or no such parameter.
     """
     mesh, score, store = request.instance["mesh"], mission.score or Score(), Store()
-    file = mission.folder / mesh
+    file = mission.path.parent / mesh
     rock = load_rock(str(file) if file.is_file() else mesh, store)
     config = preset("campaign").with_values(score.set)
     points_m = _read_points(Path(request.output, cloud.path))

@@ -66,11 +66,6 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     program: str = ""  # hash of the files that ``command`` or ``function`` names
 
     @property
-    def folder(self) -> Path:
-        """The folder in which programs run."""
-        return self.path.parent
-
-    @property
     def objective(self) -> Objective:
         """The metric that is tuned."""
         return Objective(self.metric, self.direction)
@@ -87,10 +82,7 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return SearchSpace(self.name, tuple(found), description=self.description)
 
     def complete(self, values: Mapping[str, Any]) -> Values:
-        """Return ``values`` and the defaults of what they leave out.
-
-        Raises `UserError`: a name that is no parameter's, or a value that it does not allow.
-        """
+        """Return ``values`` and the defaults of what they leave out; `UserError` for an unknown name, or a value not allowed."""
         parameters = {parameter.path: parameter for parameter in self.space.parameters}
         for name, value in values.items():
             if name not in parameters:
@@ -110,11 +102,7 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
-    """Read and check a mission file.
-
-    Raises `UserError`: it cannot be read, makes no mission, or has another hash than ``sha256``; one line names the
-    place.
-    """
+    """Read and check a mission file; `UserError` where it cannot be read, makes no mission, or has another hash than ``sha256``."""
     path = path.resolve()
     if not is_file(path):
         raise UserError(f"{path} is not a file; gatetune mission init writes a skeleton")
@@ -197,7 +185,6 @@ class ExternalConfig:
 
     @property
     def preset(self) -> str:
-        """The mission's name."""
         return self.mission.name
 
     def digest(self) -> str:
@@ -206,11 +193,9 @@ class ExternalConfig:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form; `configuration_from_dict` reads it back."""
         return {**vars(self), "values": dict(self.values)}
 
     def with_values(self, values: dict[str, Any]) -> ExternalConfig:
-        """Return a copy with the named parameters replaced; ``UserError`` as `external_config`."""
         return external_config(self.mission, {**self.values, **values})
 
 

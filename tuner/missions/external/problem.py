@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nbv.cache import digest
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.missions.external.mission_file import ExternalConfig, MissionFile, external_config
@@ -68,8 +68,7 @@ class MissionFileProblem(MissionProblem):
         return EXTERNAL
 
     def code(self) -> str:
-        """Return the digest of the adapter and of the file's program."""
-        return hashlib.sha256(f"{code_of(EXTERNAL)} {self.mission.program}".encode()).hexdigest()[:32]
+        return digest(code_of(EXTERNAL), self.mission.program)
 
     def require_named(self, named: bool) -> None:
         if not named:

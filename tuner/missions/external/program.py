@@ -30,17 +30,21 @@ _Point = tuple[float, float, float]
 
 
 def run_program(mission: MissionFile, request: Request) -> int | None:
-    """Run the mission's program until it ends or its time is over, then end every process that it started.
-
-    Returns its exit status, negative where a signal ended it; None where its time was over. What it prints goes to
-    `LOG_FILE` in the output folder.
+    """Run the mission's program until it ends or its time is over (None, else its exit status), then end what it started.
 
     Raises `UserError`: the program does not exist or may not be run.
     """
-    command, environment = list(mission.command), {**os.environ, **request.environment()}
+    environment = {
+        **os.environ,
+        "GATETUNE_OUTPUT": request.output,
+        "GATETUNE_INSTANCE": request.instance["name"],
+        "GATETUNE_SEED": str(request.seed),
+        **{f"PARAMETER_{name}": str(value) for name, value in request.configuration.items()},
+    }
+    command = list(mission.command)
     if mission.function:
         command = [sys.executable, "-P", str(_CALL), mission.function]
-        paths = (str(mission.folder), os.environ.get("PYTHONPATH", ""))
+        paths = (str(mission.path.parent), os.environ.get("PYTHONPATH", ""))
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     command.append(f"{request.output}/{REQUEST_FILE}")
     adopt_orphans()
@@ -49,7 +53,7 @@ def run_program(mission: MissionFile, request: Request) -> int | None:
         try:
             process = subprocess.Popen(
                 command,
-                cwd=mission.folder,
+                cwd=mission.path.parent,
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -92,17 +96,6 @@ class Request(msgspec.Struct, frozen=True):
     seed: int
     output: str  # absolute path of the mission's own folder
 
-    def environment(self) -> dict[str, str]:
-        """Return the same for a program that reads no JSON."""
-        return {
-            "GATETUNE_REQUEST": f"{self.output}/{REQUEST_FILE}",
-            "GATETUNE_OUTPUT": self.output,
-            "GATETUNE_INSTANCE": self.instance["name"],
-            "GATETUNE_REPLICATE": str(self.replicate),
-            "GATETUNE_SEED": str(self.seed),
-            **{f"PARAMETER_{name}": str(value) for name, value in self.configuration.items()},
-        }
-
 
 def seed_of(instance: str, replicate: int) -> int:
     """Return 31 bits of instance and replicate alone: two configurations meet the same noise."""
@@ -134,10 +127,7 @@ class Result(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_result(path: Path) -> Result:
-    """Read and check what a mission left.
-
-    Raises `UserError`: the file is missing, half written, or holds something else than a result; one line says what.
-    """
+    """Read what a mission left; `UserError` in one line where that is missing, half written or no result."""
     if not path.exists():
         raise UserError(f"no {path.name}")
     text = read_text(path, _LARGEST_RESULT_BYTES)
