@@ -49,7 +49,6 @@ ROWS: dict[str, dict[str, Any]] = {
     "radius 3": {**_BEFORE, "patchmatch_window_radius_px": 3},
     "radius 7": {**_BEFORE, "patchmatch_window_radius_px": 7},
     "window step 1": {**_BEFORE, "patchmatch_window_step_px": 1},
-    "both passes": {**_BEFORE, "patchmatch_geometric": True},
     "480 px": {**_BEFORE, "max_size_px": 480},
     "320 px": {**_BEFORE, "max_size_px": 320},
 }
@@ -172,7 +171,7 @@ def tell(path: Path) -> None:
         rock for rock in dict.fromkeys(rock for rock, _, _ in found) if (rock, "hyb_h", "radius 7") in found
     ]
     print(f"|Hyb-H, F 48 mm / F 16 mm|s|{'|'.join(rocks)}|\n|-|-:|{'-:|' * len(rocks)}")
-    for row in (row for row in (*ROWS, "sgbm") if any(key[2] == row for key in found)):
+    for row in (row for row in (*ROWS, "both passes", "sgbm") if any(key[2] == row for key in found)):
         own = [found.get((rock, "hyb_h", row)) for rock in rocks]
         card_s = np.mean([float(r["card_s"]) for r in own if r])
         cells = [f"{r['f_score_48mm']} / {r['f_score_16mm']}" if r else "" for r in own]

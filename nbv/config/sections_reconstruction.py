@@ -116,9 +116,6 @@ class DenseConfig(Section):
     patchmatch_draws: OneOrMore = not_in_paper(
         8, "times that PatchMatch draws a source for a pixel", reason=_TABLE, added=True
     )
-    patchmatch_geometric: bool = not_in_paper(
-        False, "whether PatchMatch's second, geometric pass runs, too", reason=_TABLE, added=True
-    )
     fusion_voxel_m: float = not_in_paper(
         0.008, "voxel in which points are averaged", reason="a pixel at 3.5 m is 7.5 mm"
     )

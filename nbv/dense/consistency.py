@@ -13,11 +13,9 @@ from nbv.types import Floats32
 def check_consistency(depth_maps: DepthMaps, views: PosedViews) -> DepthMaps:
     """Check every depth map (H, W) against up to ``consistency_views`` others; NaN where too few agree.
 
-    A view agrees with a pixel when, at the point's projection into it, its depth differs from the
-    point's by less than ``consistency_relative_depth``, and its own surface point on that ray projects
-    back within ``consistency_px`` of the pixel. Pixels with at least ``agreeing_views`` agreeing views
-    *including the reference itself* are kept (so 2 means one confirmation), and their depth becomes the
-    mean of the agreeing depths along the reference's ray.
+    A view agrees where its depth differs from the point's by less than ``consistency_relative_depth``, and its own
+    surface point on that ray projects back within ``consistency_px``. The reference itself counts among the
+    ``agreeing_views``; depths become the mean of those that agree.
     """
     views = replace(views, camera_from_world={name: views.camera_from_world[name] for name in depth_maps})
     return {name: _check(name, depth_maps, views) for name in sorted(depth_maps)}
@@ -35,7 +33,6 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
     agreeing = np.ones(len(depth), dtype=np.uint8)
     total = depth.copy()
     height, width = depth_m.shape
-    whole = np.float32 if height * width < 2**24 else np.float64  # exact for all indices of pixels
     inverse_rotation = pose[:3, :3].T
     for source in views.source_views(name):
         other_depth, other_pose = depth_maps[source], views.camera_from_world[source]
@@ -50,8 +47,8 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (seen[2] > 0)
         index = np.flatnonzero(inside)
         z = z.take(index)
-        pixel = row.astype(whole).take(index) * width + column.take(index)
-        measured = other_depth.reshape(-1).take(pixel.astype(np.intp))
+        pixel = row.take(index).astype(np.intp) * width + column.take(index).astype(np.intp)
+        measured = other_depth.reshape(-1).take(pixel)
         # NaN compares false, so unknown depths drop out here.
         close = np.flatnonzero(np.abs(measured - z) < config.consistency_relative_depth * z)
         measured, z = measured.take(close), z.take(close)

@@ -19,13 +19,9 @@ SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
 
 
 def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
-    """Back-project all depths near the target and average what falls into one voxel.
+    """Back-project all depths within ``crop_half_width_m`` of the target along every axis; average what falls into one voxel.
 
-    The average removes duplicates of the same surface seen by several views and some of their noise; it
-    does not depend on the order of the views up to rounding. Points farther than ``crop_half_width_m``
-    from the target along any axis are left out. A normal is the mean over the voxel of the depth maps'
-    normals, or the mean direction to the cameras where no depth map has one.
-
+    A normal is the mean over the voxel of the depth maps' normals, or the mean direction to the cameras where there is none.
     `MissionFailure` ``empty_dense_cloud``: no depth at all.
     """
     known = [name for name in sorted(depth_maps) if np.isfinite(depth_maps[name]).any()]
@@ -89,11 +85,7 @@ def _cell_type(config: DenseConfig) -> type[np.signedinteger]:
 
 
 def _average_in_slabs(views: list[_ViewPoints]) -> PointCloud:
-    """The voxels' averages, in lexicographic order of the voxels.
-
-    Voxels are averaged slab by slab along their first index, since the sums take several times the memory of the
-    points. A voxel's members come in the same order as they would all at once, so its sums are the same to the bit.
-    """
+    """The voxels' averages, in lexicographic order: slab by slab along the first index, since sums take several times the points' memory."""
     low = np.min([view.cells.min(axis=0) for view in views], axis=0).astype(np.int64)
     extent = np.max([view.cells.max(axis=0) for view in views], axis=0).astype(np.int64) - low + 1
     per_sheet = sum(

@@ -44,7 +44,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
         "window_step": config.patchmatch_window_step_px,
         "num_samples": config.patchmatch_draws,
         "num_iterations": config.patchmatch_iterations,
-        "geom_consistency": config.patchmatch_geometric,
+        "geom_consistency": False,  # a second pass, which costs more than it gains: docs/results/patchmatch.md
         # Ours follows. COLMAP's wants two sources to confirm a depth, and a photograph of a small set has two to four.
         "filter": False,
     }
@@ -57,7 +57,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
         (workspace / "stereo" / "patch-match.cfg").write_text("\n".join(lines) + "\n")
         with free_card() as card:
             patch_match(workspace, options, card)
-        return read_depth_maps(workspace, list(sources), geometric=config.patchmatch_geometric)
+        return read_depth_maps(workspace, list(sources))
 
 
 def write_workspace(workspace: Path, views: PosedViews) -> None:
@@ -92,11 +92,11 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
     model.write(workspace / "sparse")
 
 
-def read_depth_maps(workspace: Path, names: Sequence[str], *, geometric: bool) -> DepthMaps:
+def read_depth_maps(workspace: Path, names: Sequence[str]) -> DepthMaps:
     """COLMAP's depths (H, W) in metres by view; NaN where it has none. Views without a file are left out."""
-    maps, kind = {}, "geometric" if geometric else "photometric"
+    maps = {}
     for name in sorted(names):
-        file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.{kind}.bin"
+        file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.photometric.bin"
         if file.is_file():
             found = pycolmap.DepthMap()
             found.read(file)

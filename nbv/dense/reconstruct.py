@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from nbv.config import DENSE_BACKENDS
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
@@ -50,18 +48,16 @@ def make_backend(name: str) -> DenseBackend:
 def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> PointCloud:
     """The fused cloud of images with known poses: depth maps, checked against each other.
 
-    Images without a pose and poses without an image are left out. With ``config.search`` "sparse" depths are sought near
-    the points (N, 3) of the sparse model.
+    With ``config.search`` "sparse" depths are sought near the points (N, 3) of the sparse model.
 
     `MissionFailure` ``too_few_views``: fewer than two views, or no two within the pair angles. ``empty_dense_cloud``: no depth
     is confirmed. `UserError` where the backend needs CUDA.
     """
     config = views.config
-    names = sorted(set(views.images) & set(views.camera_from_world))
-    if len(names) < 2:
-        raise MissionFailure("too_few_views", f"dense reconstruction needs two posed views, got {len(names)}")
-    poses = {name: np.asarray(views.camera_from_world[name], dtype=float) for name in names}
-    views = replace(views, images={n: views.images[n] for n in names}, camera_from_world=poses).shrunk()
+    count = len(views.images)
+    if count < 2:
+        raise MissionFailure("too_few_views", f"dense reconstruction needs two posed views, got {count}")
+    views = views.shrunk()
     if config.search == "sparse":
         assert sparse_points_m is not None
         views = replace(views, surface_m=points_to_search(sparse_points_m, views.target_m, config))
@@ -69,7 +65,7 @@ def dense_cloud(views: PosedViews, sparse_points_m: Floats | None = None) -> Poi
     if not maps:
         raise MissionFailure(
             "too_few_views",
-            f"no two of {len(names)} views lie {config.min_pair_angle_deg:g} to "
+            f"no two of {count} views lie {config.min_pair_angle_deg:g} to "
             f"{config.max_pair_angle_deg:g} degrees apart",
         )
     maps = check_consistency(maps, views)

@@ -54,12 +54,9 @@ class PosedViews:
         return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze)), abs(baseline @ gaze))))
 
     def neighbours(self, reference: str) -> list[str]:
-        """Up to ``config.neighbours`` other views for stereo with ``reference``, best first.
+        """Up to ``config.neighbours`` other views for stereo with ``reference``, best first; ties are broken by name.
 
-        Usable views lie between ``min_pair_angle_deg`` and ``max_pair_angle_deg`` away as seen from the target; the best
-        angle is ``best_pair_angle_deg``, and a factor off it costs the same either way (too narrow: imprecise; too wide:
-        different looks). Ties are broken by name. A view less than ``min_baseline_angle_deg`` off the line to the target,
-        in front or behind, is not usable.
+        A factor off ``best_pair_angle_deg`` costs the same either way (too narrow: imprecise; too wide: different looks).
         """
         scored = []
         for name in sorted(self.camera_from_world):

@@ -13,7 +13,6 @@ from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import rock_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, ground_truth
-from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import (
     COARSE_REACHES_M,
     REACHES_M,
@@ -21,6 +20,7 @@ from nbv.evaluation.registration import (
     place_on_target,
     register_cloud,
 )
+from nbv.evaluation.registry import compute_metrics
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.terrain.relief import relief_of
@@ -31,13 +31,12 @@ from nbv.types import Cloud, PointCloud
 class Evaluation:
     """What was measured of a cloud."""
 
-    metrics: dict[str, Any]  # see `nbv.evaluation.metrics.compute_metrics`
+    metrics: dict[str, Any]  # see `compute_metrics`
     cleaning: dict[str, float]  # points after each cleaning step
     cleaned: PointCloud  # the cloud that was measured
 
 
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
-    """`clean_cloud` as it comes before the metrics."""
     relief = relief_of(config.ground, config.scene.ground_seed)
     height_m = None if relief is None else relief.height_m
     return clean_cloud(cloud, config.evaluation, config.target_m, height_m)

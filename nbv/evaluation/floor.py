@@ -29,13 +29,9 @@ _SEED = 1  # not the ground truth's: equal samples would hide the sampling's own
 def rock_floors(
     rock: Rock, truth: GroundTruthSamples, config: MissionConfig, store: Store | None = None
 ) -> dict[str, dict[str, float]]:
-    """``{"whole": {...}, "observable": {...}}``, each with ``hausdorff_{direction}_floor_mm``.
+    """Of `perfect_cloud` on both surfaces; empty dictionaries if nothing at all is observable above the ground cut.
 
-    The directions are those of the metrics (``gt_to_cloud``, ``cloud_to_gt``, ``symmetric``); the cloud is
-    `perfect_cloud`, measured as any other. What is left of ``gt_to_cloud`` is surface that is never seen or
-    cut away with the ground, and gaps of about a voxel; of ``cloud_to_gt``, what averaging in voxels moves off
-    a curved surface. A real reconstruction needs more than two views of a place, so the floor is a lower
-    bound, not a promise. Empty dictionaries if nothing at all is observable above the ground cut.
+    A real reconstruction needs more than two views of a place, so the floor is a lower bound, not a promise.
     """
 
     def make() -> dict[str, dict[str, float]]:
@@ -60,11 +56,7 @@ def rock_floors(
 
 
 def perfect_cloud(rock: Rock, config: MissionConfig) -> Floats:
-    """(N, 3) points that a reconstruction without error or omission would leave after cleaning.
-
-    Dense samples of the surface that at least two reachable cameras see (`observable_mask`), above the height
-    up to which cleaning takes points for ground, averaged per voxel as fusion does. Empty if there are none.
-    """
+    """(N, 3) points that a reconstruction without error or omission would leave after cleaning: `observable_mask`, averaged per voxel."""
     voxel_m = config.dense.fusion_voxel_m
     wanted = SAMPLES_PER_VOXEL * float(face_areas(rock.vertices_m, rock.faces).sum()) / voxel_m**2
     count = int(np.clip(wanted, MIN_SAMPLES, MAX_SAMPLES))

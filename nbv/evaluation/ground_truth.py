@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.cache import Store, cached
+from nbv.cache import Arrays, Store, cached
 from nbv.config import MissionConfig
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
@@ -20,11 +20,7 @@ MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
 
 @dataclass(frozen=True)
 class GroundTruthSamples:
-    """Samples of the whole reference surface and the part of it that the camera shell can reach.
-
-    ``observable`` leaves out the underside, what the ground hides and what the rock hides from every
-    reachable camera: no planner can win or lose there.
-    """
+    """Samples of the whole reference surface and the part of it that the camera shell can reach: elsewhere no planner can win or lose."""
 
     points_m: Floats  # (S, 3) world frame
     observable: Bools  # (S,)
@@ -33,21 +29,14 @@ class GroundTruthSamples:
 def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:
     """Samples of the true surface and the part that the camera shell can see; kept in ``store``."""
     shell, count = camera_shell(config), config.evaluation.gt_samples
-    arrays = cached(
-        store,
-        "ground-truth",
-        lambda: vars(build_ground_truth(rock, shell, count)),
-        code=__name__,
-        inputs=[rock.sha256, shell, count],
-    )
+
+    def make() -> Arrays:
+        points, normals = sample_surface_evenly(rock.vertices_m, rock.faces, count, 0)
+        caster = RayCaster(rock.vertices_m, rock.faces)
+        return {"points_m": points, "observable": observable_mask(caster, points, normals, shell)}
+
+    arrays = cached(store, "ground-truth", make, code=__name__, inputs=[rock.sha256, shell, count])
     return GroundTruthSamples(**arrays)
-
-
-def build_ground_truth(rock: Rock, camera_centers_m: Floats, count: int) -> GroundTruthSamples:
-    """``count`` samples of a rock and which of them cameras (C, 3) observe, as `observable_mask` has it."""
-    points, normals = sample_surface_evenly(rock.vertices_m, rock.faces, count, 0)
-    mask = observable_mask(RayCaster(rock.vertices_m, rock.faces), points, normals, camera_centers_m)
-    return GroundTruthSamples(points, mask)
 
 
 def observable_mask(caster: RayCaster, points_m: Floats, normals: Floats, camera_centers_m: Floats) -> Bools:

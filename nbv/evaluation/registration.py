@@ -6,8 +6,7 @@ Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest p
 correspondences up to a distance that shrinks in stages; first a shift alone, from 0.2 m on with turn and scale
 (Umeyama 1991). It starts from the shift that puts the target found in the cloud on the true one (`place_on_target`).
 
-Open3D's ICP leaves 2 to 9 mm on bumpy rocks and halves of them where this leaves 3 to 15, in a third of the time. It has no
-stage that only shifts, and its numbers are others: registered scores of earlier missions would not compare with new ones.
+Open3D's ICP has no stage that only shifts, and its numbers are others: registered scores of earlier missions would not compare.
 """
 
 from __future__ import annotations

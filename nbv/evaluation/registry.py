@@ -1,6 +1,15 @@
-"""The metrics of a cloud: built in are `METRICS`, with those of plug-ins `all_metrics`.
+"""Distances between a cleaned cloud and the reference surface, and the metrics made from them.
 
-Reports read names, units and directions from here; missions hold every metric for the whole and the observable surface.
+Directions. ``gt -> cloud`` runs from each reference sample to its nearest reconstructed point: it
+measures what is missing (completeness, recall). ``cloud -> gt`` runs from each reconstructed point to
+its nearest reference sample: it measures what is wrong (accuracy, precision). The paper's C2C family and
+its Hausdorff distance are ``gt -> cloud``.
+
+Surfaces. ``whole`` is the complete reference surface, underside included, as in the paper. ``observable``
+keeps the samples that at least two reachable cameras can see. ``cloud -> gt`` distances run to the whole
+surface in both: a point reconstructed on a hardly observable facet is right, not wrong.
+
+Thresholds are strict, as in Tanks and Temples (Knapitsch et al. 2017, Eq. 4 to 8): a distance counts when it is less than t.
 """
 
 from __future__ import annotations
@@ -11,9 +20,21 @@ from typing import Any
 
 import numpy as np
 
-from nbv.evaluation.metric import Distances, Metric, area_under_curve, f_score, share_by_sector
+from nbv.config import EvaluationConfig
+from nbv.errors import MissionFailure
+from nbv.evaluation.ground_truth import GroundTruthSamples
+from nbv.evaluation.metric import (
+    Distances,
+    Metric,
+    area_under_curve,
+    azimuth_sectors,
+    f_score,
+    sector_centers_deg,
+    share_by_sector,
+)
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.plugins import Registry, leave_out
-from nbv.types import Floats
+from nbv.types import Floats, PointCloud
 
 SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
 
@@ -57,10 +78,6 @@ def _distance(key: str, label: str, statistic: Callable[[Floats], Any], surfaces
     return Metric(key, label, "mm", False, lambda d, _: max(float(statistic(side)) for side in sides(d)))
 
 
-def _percentage(key: str, label: str, measure: Callable[[Distances, float], Any]) -> Metric:
-    return Metric(key, label, "%", True, measure)
-
-
 METRICS: dict[str, Metric] = {
     metric.key: metric
     for metric in (
@@ -73,13 +90,15 @@ METRICS: dict[str, Metric] = {
         _distance("c2c_cloud_to_gt_mean_mm", "Mean C2C distance, cloud to truth", np.mean, "wrong"),
         _distance("c2c_cloud_to_gt_median_mm", "Median C2C distance, cloud to truth", np.median, "wrong"),
         _distance("c2c_cloud_to_gt_p95_mm", "P95 C2C distance, cloud to truth", _p95, "wrong"),
-        _percentage("completeness_{t}mm", "Completeness @ {t} mm", completeness),
-        _percentage("accuracy_{t}mm", "Accuracy @ {t} mm", accuracy),
-        _percentage("f_score_{t}mm", "F-score @ {t} mm", f_score_at),
-        _percentage("f_score_auc", "F-score, mean over thresholds", _auc),
-        _percentage(
+        Metric("completeness_{t}mm", "Completeness @ {t} mm", "%", True, completeness),
+        Metric("accuracy_{t}mm", "Accuracy @ {t} mm", "%", True, accuracy),
+        Metric("f_score_{t}mm", "F-score @ {t} mm", "%", True, f_score_at),
+        Metric("f_score_auc", "F-score, mean over thresholds", "%", True, _auc),
+        Metric(
             f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm",
             f"Completeness @ {SECTOR_THRESHOLD_MM:g} mm by sector",
+            "%",
+            True,
             _by_sector,
         ),
     )
@@ -114,3 +133,36 @@ def find_metric(key: str) -> tuple[Metric, str] | None:
         if match := re.fullmatch(pattern, key):
             return metric, metric.label.replace("{t}", match.groupdict().get("t", ""))
     return None
+
+
+def compute_metrics(
+    cloud: PointCloud,
+    truth: GroundTruthSamples,
+    config: EvaluationConfig,
+    target_m: tuple[float, float, float] | Floats,
+    to_gt_m: Floats,
+) -> dict[str, Any]:
+    """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
+
+    ``target_m`` is the axis of the azimuth sectors, ``to_gt_m`` (N,) how far the cloud's points are from the reference surface.
+    `MissionFailure` ``empty_cloud``: no point, or none within the configured gate. `ValueError` where no sample is observable.
+    """
+    points, to_gt = np.asarray(cloud.points_m, dtype=float), to_gt_m
+    if not truth.observable.any():
+        raise ValueError("no ground-truth sample is observable; check the camera shell")
+    if config.gt_gate_m > 0:
+        points, to_gt = points[to_gt <= config.gt_gate_m], to_gt[to_gt <= config.gt_gate_m]
+    if len(points) == 0:
+        gate = f" within the {1000 * config.gt_gate_m:.0f} mm ground-truth gate" if config.gt_gate_m else ""
+        raise MissionFailure("empty_cloud", f"no reconstructed point is left to score{gate}")
+    to_cloud, _ = nearest_neighbours(points, truth.points_m)
+    sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
+    metrics: dict[str, Any] = {
+        "n_points": len(points),
+        "gt_gate_m": config.gt_gate_m,
+        "sector_centers_deg": sector_centers_deg(config.azimuth_sectors).tolist(),
+    }
+    for name, mask in (("whole", np.ones(len(to_cloud), dtype=bool)), ("observable", truth.observable)):
+        distances = Distances(1000.0 * to_cloud[mask], 1000.0 * to_gt, sectors[mask], config)
+        metrics[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum())}
+    return metrics

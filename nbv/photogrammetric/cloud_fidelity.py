@@ -36,7 +36,6 @@ class CloudFidelity(Fidelity):
         """What decides an evaluation beside the cloud and the metrics of plug-ins."""
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """What `evaluate` says; the metrics of a known cloud are kept, failures are not."""
         self._cloud = cloud
 
         def evaluated() -> dict[str, Any]:
@@ -55,7 +54,6 @@ class CloudFidelity(Fidelity):
         return metrics
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
-        """The cleaned cloud, how it was cleaned, and the sparse model."""
         if metrics:
             evaluation = self._evaluation or self.evaluate(self._cloud)
             write_ply(run.root / CLEANED, evaluation.cleaned)

@@ -35,7 +35,6 @@ class PhotogrammetricFidelity(CloudFidelity):
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
 
     def evaluate(self, cloud: Cloud) -> Evaluation:
-        """Clean the cloud and compare it with the true rock."""
         return evaluate_cloud(cloud, self.context.rock, self.context.config, self.context.store)
 
     def evaluation_inputs(self) -> list[Any]:

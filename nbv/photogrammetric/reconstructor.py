@@ -26,6 +26,7 @@ from nbv.dense.views import PosedViews
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.mission.planning_state import arrays_of, model_of
+from nbv.sparse.colmap import export_colmap
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.stopwatch import Stopwatch
@@ -39,14 +40,12 @@ FEWEST_SEEDS = 3  # that a model can be aligned by
 class PhotogrammetricReconstructor(Reconstructor):
     """Sparse model after every capture, dense cloud at the end.
 
-    Only photographs and the vehicle's telemetry go in. As long as the models of the photographs so far are known nothing is
-    reconstructed; what was left out is made up for, photograph by photograph as it would have been, as soon as something is asked
-    that the store does not hold.
+    As long as the models of the photographs so far are known nothing is reconstructed; what was left out is made up for, photograph
+    by photograph as it would have been, as soon as something is asked that the store does not hold.
 
-    ``store`` keeps features, pairs and models, and which clouds there are. ``keep_sparse``: the sparse model can be exported after the
-    dense stage; if not, it is let go once its poses are known, with all features and matches, since fusion decides how much memory
-    a mission takes. ``half_extents_m`` are of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by
-    default the crop.
+    ``keep_sparse``: the sparse model can be exported after the dense stage; if not, it is let go once its poses are known, with all
+    features and matches, since fusion decides how much memory a mission takes. ``half_extents_m`` are of a box about the target,
+    near whose points alone ``dense.search`` "sparse" seeks depths; by default the crop.
     """
 
     def __init__(
@@ -85,7 +84,6 @@ class PhotogrammetricReconstructor(Reconstructor):
             return None
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
-        """The seed model."""
         self._seeds = tuple(captures)
         self._images.update({capture.name: capture.image for capture in captures})
         self._key = self._seed_key = cache_key(
@@ -107,7 +105,6 @@ class PhotogrammetricReconstructor(Reconstructor):
         return report
 
     def add(self, capture: Capture) -> UpdateReport:
-        """Register, triangulate and adjust one more photograph."""
         assert capture.image is not None
         self._images[capture.name] = capture.image
         self._waiting.append(capture)
@@ -147,21 +144,27 @@ class PhotogrammetricReconstructor(Reconstructor):
 
     def export_sparse(self, directory: Path, images: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""
-        self._mapped().export(directory, images)
+        sparse = self._mapped()
+        export_colmap(sparse.reconstruction, sparse.alignment.world_from_model, directory, images)
 
     def _fuse(self) -> PointCloud:
-        sparse, config = self._mapped(), self._config
-        poses = sparse.world_camera_poses()
-        points_m = sparse.world_points_m() if config.dense.search == "sparse" else None
+        sparse = self._mapped()
+        views = self._views(sparse)
+        points_m = sparse.world_points_m() if views.config.search == "sparse" else None
         if points_m is not None and self._half_extents_m is not None:
-            inside = np.abs(points_m - config.target_m) <= self._half_extents_m
+            inside = np.abs(points_m - views.target_m) <= self._half_extents_m
             points_m = points_m[inside.all(axis=1)]
         if not self._keep_sparse:
             self._sparse = None
             del sparse
             give_back_freed_memory()
+        return dense_cloud(views, points_m)
+
+    def _views(self, sparse: SparseReconstructor) -> PosedViews:
+        """The registered photographs at the poses that SfM found."""
+        poses, config = sparse.world_camera_poses(), self._config
         images = {name: self._images[name] for name in poses}
-        return dense_cloud(PosedViews(images, poses, config.camera, config.target_m, config.dense), points_m)
+        return PosedViews(images, poses, config.camera, config.target_m, config.dense)
 
     def _known_report(self) -> UpdateReport:
         config, key = self._config, self._key
@@ -173,25 +176,17 @@ class PhotogrammetricReconstructor(Reconstructor):
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
         if with_depth:
-            report = replace(report, model=self._with_depth(report.model))
+            assert self._sparse is not None
+            depth_m, cameras = coarse_depth(self._views(self._sparse), report.model.points_m)
+            report = replace(report, model=replace(report.model, depth_m=depth_m, depth_cameras=cameras))
         if self._store is not None:
             self._store.put("sequence-models", key, _pack_report(report))
         return report
 
-    def _with_depth(self, model: SparseModel) -> SparseModel:
-        assert self._sparse is not None
-        poses = self._sparse.world_camera_poses()
-        poses = {name: poses[name] for name in model.camera_names}
-        images = {name: self._images[name] for name in poses}
-        views = PosedViews(images, poses, self._config.camera, self._config.target_m, self._config.dense)
-        depth_m, cameras = coarse_depth(views, model.points_m)
-        return replace(model, depth_m=depth_m, depth_cameras=cameras)
-
     def _mapped(self) -> SparseReconstructor:
         """The sparse model of all photographs so far."""
-        if self._sparse is None:
-            raise ValueError("the sparse model was not kept; ask for keep_sparse")
         self._catch_up()
+        assert self._sparse is not None
         return self._sparse
 
     def _catch_up(self) -> UpdateReport | None:

@@ -7,8 +7,6 @@ from nbv.photographs.photograph_set import (
     PhotographSet,
     Reference,
     list_sets,
-    set_folder,
-    sets_folder,
 )
 
 __all__ = [
@@ -18,6 +16,4 @@ __all__ = [
     "PhotographSet",
     "Reference",
     "list_sets",
-    "set_folder",
-    "sets_folder",
 ]

@@ -12,11 +12,7 @@ _NO_GROUND_M = -1e6  # a set has no ground that a camera must stay above
 
 
 class PhotographCamera(Camera):
-    """Returns the set's photograph at each of its ``viewpoints``; where it looks cannot be changed.
-
-    Telemetry reports the reference's pose, with the errors that the configuration's ``telemetry`` says (drawn as in any
-    mission; they are added to the true pose, where a vehicle's take it away from the reported one).
-    """
+    """Returns the set's photograph at each of its ``viewpoints``, and the reference's pose with the errors of ``telemetry``."""
 
     def __init__(
         self, context: MissionContext, photographs: PhotographSet, viewpoints: PhotographViewpoints

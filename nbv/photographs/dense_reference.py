@@ -68,8 +68,7 @@ class ReferenceMaker:
     def cloud(self, views: Sequence[Photograph], what: str) -> PointCloud:
         """The object's part of the dense cloud of some photographs; ``what`` names them in messages of progress.
 
-        More than `MAX_VIEWS` are reconstructed in interleaved parts, whose clouds are joined. `UserError` where hardly anything of the
-        object can be reconstructed.
+        More than `MAX_VIEWS` are reconstructed in interleaved parts, whose clouds are joined. Errors as `object_cloud`.
         """
         config = DenseConfig(
             backend="patchmatch" if patchmatch_runs() else "sgbm",
@@ -108,10 +107,7 @@ class ReferenceMaker:
     def _fused(
         self, views: Sequence[Photograph], config: DenseConfig, near_m: Floats | None, what: str
     ) -> dict[str, np.ndarray]:
-        """Return ``points_m``, ``colors`` and ``normals`` of the cloud fused from the depth maps of ``views``, none where fusion fails.
-
-        ``near_m`` (N, 3): sparse points near which depths are sought; ``what``: what the progress line says is being made.
-        """
+        """The fields of the cloud fused from the depth maps of ``views``; of no point where fusion fails."""
         small = shrunk_camera(self.camera, DENSE_SIZE_PX)
         posed = PosedViews(
             {v.name: shrunk(read_image(self.folder, v.name, self.camera), small) for v in views},
@@ -153,20 +149,15 @@ def _joined(clouds: Sequence[PointCloud]) -> PointCloud:
 
 
 def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
-    """The points in the object's box, off the ground where no masks say what is the object, without outliers.
-
-    `UserError` where hardly anything is left.
-    """
+    """The points in the object's box, off the ground unless ``masked``, without outliers; `UserError` where hardly any is left."""
     inside = frame.in_box(cloud.points_m)
     if not masked:
         inside &= cloud.points_m[:, 2] > frame.low_m[2] + GROUND_BAND_M
     cleaned = select(cloud, inside)
     config = EvaluationConfig()
     if len(cleaned) > config.sor_neighbours:
-        distances = nearest_neighbours(cleaned.points_m, cleaned.points_m, k=config.sor_neighbours + 1)[0][
-            :, 1:
-        ]
-        cleaned = select(cleaned, inlier_mask(distances, config.sor_std_ratio))
+        distances, _ = nearest_neighbours(cleaned.points_m, cleaned.points_m, k=config.sor_neighbours + 1)
+        cleaned = select(cleaned, inlier_mask(distances[:, 1:], config.sor_std_ratio))
     if len(cleaned) < FEWEST_POINTS:
         raise UserError(
             f"only {len(cleaned)} points of the object could be reconstructed: too few photographs overlap, or they show "

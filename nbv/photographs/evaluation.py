@@ -12,19 +12,19 @@ surface may be a plane itself (a quarter of a mound of sand was lost so).
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
+from nbv.evaluation import Evaluation
 from nbv.evaluation.cleaning import clean_cloud, select
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import moved, register_cloud
+from nbv.evaluation.registry import compute_metrics
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.photographs.object_frame import IN_MASK
-from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet, Reference
+from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet
 from nbv.random_streams import keyed_rng
 from nbv.rocks import DEFAULT_HEIGHT_M
 from nbv.types import Bools, Cloud, Floats, PointCloud
@@ -34,16 +34,14 @@ REACHES = (0.125, 0.06, 0.03)  # of correspondences, of the height: 0.2, 0.1 and
 MASKS = 16  # of a set are asked, evenly picked
 
 
-def measure_cloud(
-    cloud: Cloud, photographs: PhotographSet, reference: Reference, config: EvaluationConfig
-) -> tuple[dict[str, Any], dict[str, float], PointCloud]:
-    """Metrics as `nbv.evaluation.metrics` has them, the cleaning report, and the cleaned cloud, of a mission's cloud in the set's frame.
+def measure_cloud(cloud: Cloud, photographs: PhotographSet, config: EvaluationConfig) -> Evaluation:
+    """Of a mission's cloud in the set's frame; both surfaces, ``whole`` and ``observable``, are the dense reference.
 
-    Both surfaces, ``whole`` and ``observable``, are the dense reference: it is what the photographs have seen. ``config`` has
-    samples, thresholds and cleaning. `MissionFailure` where nothing is left after cleaning.
+    `MissionFailure` where nothing is left after cleaning.
     """
-    truth_m = _picked(reference.points_m, config.gt_samples, photographs.name)
-    low, high = reference.points_m.min(axis=0), reference.points_m.max(axis=0)
+    reference_m = photographs.reference().points_m
+    truth_m = _picked(reference_m, config.gt_samples, photographs.name)
+    low, high = reference_m.min(axis=0), reference_m.max(axis=0)
     margin_m = MARGIN * photographs.height_m
     half_m = float(np.abs([low - photographs.target_m, high - photographs.target_m]).max()) + margin_m
     no_ground = dataclasses.replace(config, crop_half_extent_m=half_m, ground_ransac_iterations=0)
@@ -56,7 +54,7 @@ def measure_cloud(
     if len(cleaned) == 0:
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
     scale = DEFAULT_HEIGHT_M / photographs.height_m
-    to_reference_m, _ = nearest_neighbours(reference.points_m, cleaned.points_m)
+    to_reference_m, _ = nearest_neighbours(reference_m, cleaned.points_m)
     truth = GroundTruthSamples(scale * truth_m, np.ones(len(truth_m), dtype=bool))
     scaled = PointCloud(scale * cleaned.points_m, cleaned.colors, cleaned.normals)
     metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
@@ -64,7 +62,8 @@ def measure_cloud(
         "registration": {"scale": registration.scale, "turn_deg": registration.turn_deg},
         "ceiling": ceiling(photographs),
     }
-    return metrics, report, cleaned
+    metrics["cleaning"] = report
+    return Evaluation(metrics, report, cleaned)
 
 
 def ceiling(photographs: PhotographSet) -> dict[str, float]:

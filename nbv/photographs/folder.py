@@ -97,8 +97,7 @@ def read_folder(
 ) -> tuple[list[SourcePhotograph], list[str]]:
     """The photographs in a folder and its subfolders, in the order in which they were taken, and notes on what was left out.
 
-    Masks are left out: the folder ``masks``, one of that name, and files named as the mask of a photograph beside them. Every
-    file is decoded once. `UserError` where there is no such folder, nothing or far too much in it, HEIC or TIFF, or a damaged file.
+    `UserError` where there is no such folder, nothing or far too much in it, HEIC or TIFF, or a damaged file.
     """
     folder = expanded(folder)
     paths, notes = _photograph_files(folder, masks and expanded(masks).resolve())
@@ -138,7 +137,6 @@ def read_pixels(path: Path, max_size_px: int, turns: Sequence[Turn] = ()) -> NDA
 
 
 def transposed(picture: Image.Image, turns: Sequence[Turn]) -> Image.Image:
-    """The picture after each of ``turns``, applied in order."""
     for turn in turns:
         picture = picture.transpose(turn)
     return picture
@@ -217,7 +215,6 @@ def _eight_bit(picture: Image.Image, mode: str = "RGB") -> Image.Image:
 
 
 def _read(path: Path) -> SourcePhotograph:
-    """What a file says of itself; `UserError` where it cannot be read, or not as it is meant."""
     with _opened(path) as (picture, data):
         width, height = picture.size
         exif = picture.getexif()
@@ -300,11 +297,10 @@ def files_of_photographs(
     photographs: Sequence[SourcePhotograph],
     what: str,
 ) -> dict[str, str]:
-    """Which of ``files`` is of which photograph, by the photograph's name.
+    """Which of ``files`` is of which photograph, by the photograph's name: it has that name, with suffix or without, in any case.
 
-    A file has the photograph's name, with suffix or without and in any case. Where there are folders,
-    those belong together whose paths have most names in common, counted from the end. `UserError` where two files of ``what`` fit
-    one photograph equally well, or one file fits two.
+    Folders belong together whose paths have most names in common, counted from the end. `UserError` where two files of ``what``
+    fit one photograph equally well, or one file fits two.
     """
     file_parts = {file: _parts(file) for file in files}
     photograph_parts = {p.name: _parts(str(p.path.absolute())) for p in photographs}
@@ -326,18 +322,17 @@ def files_of_photographs(
         new: dict[str, str] = {}
         for name, (*folder, base) in photograph_parts.items():
             key = base if whole else base.rpartition(".")[0]
-            pairs = (
-                (file, (file_parts[file][:-1], tuple(folder))) for file in by_key[key] if name not in file_of
-            )
+            free = [f for f in by_key[key] if name not in file_of and f not in file_of.values()]
+            pairs = ((file, (file_parts[file][:-1], tuple(folder))) for file in free)
             fit = [f for f, pair in pairs if all(common[pair] == most[side] for side in enumerate(pair))]
-            fit = [file for file in fit if file not in file_of.values()]
             if len(fit) > 1 or (fit and fit[0] in new.values()):
                 other = fit[1] if len(fit) > 1 else next(n for n, f in new.items() if f == fit[0])
                 raise UserError(
                     f"{what} has one name in two folders, and nothing tells which is meant: {fit[0]} for {name}, or {other}; "
                     "give the photographs' folders the names that they have there"
                 )
-            new.update(dict.fromkeys([name] if fit else [], fit[0] if fit else ""))
+            if fit:
+                new[name] = fit[0]
         file_of |= new
     return file_of
 

@@ -32,7 +32,6 @@ class ImportSource:
 
     @cached_property
     def by_name(self) -> dict[str, SourcePhotograph]:
-        """The photographs by name."""
         return {p.name: p for p in self.photographs}
 
     def full_size_px(self, name: str) -> tuple[int, int]:

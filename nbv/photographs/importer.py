@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 from PIL import Image
 
 from nbv.cache import Store
@@ -79,9 +78,8 @@ def import_photographs(
     *,
     force: bool = False,
 ) -> PhotographSet:
-    """Make the set ``name`` of a folder of photographs of one object; what the import found is in the set's notes.
+    """Make the set ``name`` of a folder of photographs of one object; ``force`` replaces a set of the same name.
 
-    ``store`` keeps matches, the sparse model and clouds, so that an import can go on; ``force`` replaces a set of the same name.
     `UserError`, before anything is written, as `read_folder`, `solve` and `find_object` raise it.
     """
     check_name(name, "a set of photographs")
@@ -159,19 +157,12 @@ def import_photographs(
 
 
 def _write_pictures(source: ImportSource, model: SolvedModel, pinhole: CameraConfig, work: Path) -> None:
-    """Every photograph and mask as the pinhole would have taken it; those without a pose with the lens of the others."""
+    """Every photograph with a pose, and its mask, as the pinhole would have taken it."""
     (work / IMAGES).mkdir()
     if source.masks:
         (work / MASKS).mkdir()
-    cameras = dict(zip(model.names, model.cameras, strict=True))
-    of_size = {source.size_px(name): camera for name, camera in cameras.items()}
-    for index, photograph in enumerate(source.photographs):
-        source.progress("undistorting photographs", index, len(source.photographs))
-        name = photograph.name
-        camera = cameras.get(name) or of_size.get(source.size_px(name))
-        if camera is None:
-            camera = pycolmap.Camera(model.cameras[0].todict())
-            camera.rescale(*source.size_px(name))
+    for index, (name, camera) in enumerate(zip(model.names, model.cameras, strict=True)):
+        source.progress("undistorting photographs", index, len(model.names))
         picture = Image.fromarray(undistorted(source.pixels(name), camera, pinhole))
         picture.save(work / IMAGES / f"{name}.jpg", quality=JPEG_QUALITY)
         if (mask := source.mask(name)) is not None:

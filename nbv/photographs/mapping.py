@@ -1,7 +1,6 @@
 """The sparse model of all photographs: COLMAP's incremental mapper on them, or another program's, with points if it has none.
 
-COLMAP's pipeline drives its mapper here, since all photographs are there and their lenses are to be calibrated. In a mission they
-come one by one, from a known camera, and every pose is compared with telemetry: `nbv.sparse.mapper` drives it there.
+COLMAP's pipeline drives its mapper here, since all photographs are there and their lenses are to be calibrated.
 """
 
 from __future__ import annotations
@@ -113,7 +112,6 @@ def _photo_consistency(model: SolvedModel, source: ImportSource) -> float:
 
 
 def _mapped(source: ImportSource) -> tuple[SolvedModel, list[str]]:
-    """A model of the photographs, calibrated from EXIF, and notes."""
     total = len(source.photographs)
     images = _Images(source, [p.name for p in source.photographs], *_cameras(source))
     entry = dict(

@@ -41,10 +41,9 @@ FOCAL_RATIO = 2.5  # of fl_x and fl_y, at most: pixels of anamorphic lenses
 
 
 def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, ImportSource]]:
-    """A model of the photographs, with points where it has tracks, and the photographs as it may see them.
+    """A model, with points where it has tracks, and the photographs as it may see them: turned as EXIF says, or not, or either.
 
-    ``path`` is COLMAP's folder or ``transforms.json``. A file does not say whether its photographs were turned as EXIF says: where
-    their sizes do not tell either, there are several answers. `UserError` where it cannot be read, or is of other photographs.
+    ``path`` is COLMAP's folder or ``transforms.json``. `UserError` where it cannot be read, or is of other photographs.
     """
     path = expanded(path)
     if path.is_dir():
@@ -99,19 +98,19 @@ def _of_photographs(
                 raise UserError(f"{path} has poses or points that are not finite; export it again")
             mirrored = not upright and turns <= set(MIRRORED)
             answers.append((solved.mirrored() if mirrored else solved, seen))
-    if answers and len(file_of) < FEWEST_POSES:
+    if not answers:
+        name, camera = next(iter(cameras.items()))
+        photograph = source.by_name[name]
+        raise UserError(
+            f"{path} is a model of other photographs: it has {photograph.path.name} with {camera.width} x {camera.height} px, "
+            f"the folder with {photograph.size_px[0]} x {photograph.size_px[1]}"
+        )
+    if len(file_of) < FEWEST_POSES:
         raise UserError(
             f"{path} has the poses of {len(file_of)} of the {len(source.photographs)} photographs; {FEWEST_POSES} or more are "
             "needed: export it again, or leave --model out"
         )
-    if answers:
-        return answers
-    name, camera = next(iter(cameras.items()))
-    photograph = source.by_name[name]
-    raise UserError(
-        f"{path} is a model of other photographs: it has {photograph.path.name} with {camera.width} x {camera.height} px, "
-        f"the folder with {photograph.size_px[0]} x {photograph.size_px[1]}"
-    )
+    return answers
 
 
 def _wrong(camera: pycolmap.Camera) -> str:
@@ -279,6 +278,4 @@ def _camera(values: Mapping[str, Any]) -> pycolmap.Camera:
             raise ValueError(
                 f"{key} is {str(value)[:40]}, which camera_model {kind} does not have; remove it if it changes no projection"
             )
-    if wrong := _wrong(camera):
-        raise ValueError(wrong)
     return camera

@@ -90,34 +90,26 @@ class PhotographFidelity(CloudFidelity):
         }
 
     def oracle(self) -> GroundTruthOracle:
-        """The surface of the reference, as the set's camera sees it."""
         rock = self.context.rock
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.vehicle_config)
 
     def evaluate(self, cloud: Cloud) -> Evaluation:
-        """Compare the cloud with the dense reference."""
-        config = self.vehicle_config.evaluation
-        metrics, cleaning, cleaned = measure_cloud(
-            cloud, self.photographs, self.photographs.reference(), config
-        )
-        return Evaluation({**metrics, "cleaning": cleaning}, cleaning, cleaned)
+        return measure_cloud(cloud, self.photographs, self.vehicle_config.evaluation)
 
     def evaluation_inputs(self) -> list[Any]:
         return [self.context.rock.sha256, self.vehicle_config.evaluation]
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        """Against the dense reference, with the photographs taken."""
         return {**super().measure(cloud), "taken": list(self.camera.taken)}
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
-        """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""
         run.write_config(self.vehicle_config.to_dict(), LOCATED)
         write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self.camera.taken))
         super().export(run, metrics)
 
 
 def require_expressible(config: MissionConfig, name: str) -> None:
-    """`UserError` where ``config`` asks for what no set, such as ``name``, can give: other light, wind, ground or optics."""
+    """`UserError` where ``config`` asks for other light, wind, ground or optics than those of the set ``name``."""
     usual = MissionConfig()
     paths: list[str] = []
     for section in _FIXED:

@@ -57,11 +57,11 @@ ScaleSource = Literal["length", "control points", "gps", "none"]
 class Photograph:
     """One photograph of a set, undistorted."""
 
-    name: str  # of images/NAME.jpg, unique
+    name: str  # of images/NAME.jpg, where it registered; unique
     source: str  # the user's file
     sha256: str  # of the user's file
     camera_from_world: Floats | None  # (4, 4) in the set's frame; None: did not register
-    masked: bool  # there is masks/NAME.png
+    masked: bool  # a mask was given
 
     def __post_init__(self) -> None:
         if self.name != Path(self.name).name or self.name.startswith("."):
@@ -69,7 +69,6 @@ class Photograph:
 
     @property
     def registered(self) -> bool:
-        """Whether the reference model has it."""
         return self.camera_from_world is not None
 
     @property
@@ -172,12 +171,10 @@ class PhotographSet:
 
     @property
     def registered(self) -> tuple[Photograph, ...]:
-        """Those with a pose."""
         return tuple(p for p in self.photographs if p.registered)
 
     @property
     def coverage(self) -> Coverage:
-        """Azimuth, elevation and distance of the registered photographs about the object's centre."""
         offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
         azimuths, elevations = azimuths_elevations_deg(offsets)
         around = np.sort(azimuths)
@@ -189,7 +186,6 @@ class PhotographSet:
 
     @property
     def target_m(self) -> tuple[float, float, float]:
-        """The object's centre."""
         return (0.0, 0.0, self.height_m / 2)
 
     @property
@@ -226,7 +222,6 @@ class PhotographSet:
 
 
 def sets_folder() -> Path:
-    """Where imported photographs are kept, beside the imported rocks."""
     return home() / "photographs"
 
 
@@ -236,7 +231,6 @@ def set_folder(name: str) -> Path:
 
 
 def list_sets() -> list[str]:
-    """Names of the sets that are there."""
     folder = sets_folder()
     if not folder.is_dir():
         return []
@@ -262,7 +256,6 @@ def read_set(folder: Path) -> PhotographSet:
 
 
 def _decoded(kind: type, value: Any) -> Any:
-    """A folder or a pose as ``set.json`` has them."""
     if kind is Path:
         return Path(value)
     pose = np.array(value, dtype=float)

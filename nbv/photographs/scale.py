@@ -75,15 +75,14 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
     if not 2 <= len(lines) <= _MOST_LINES:
         raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
     crs = _system(lines[0], path)
-    texts = (line.split()[5:] for line in lines[1:] if not line.startswith("#"))  # names may have spaces
-    names = {" ".join(words[:end]).lower() for words in texts for end in range(len(words), 0, -1)}
-    file_of = files_of_photographs(names, source.photographs, str(path))
+    rows = {n: line.split() for n, line in enumerate(lines[1:], start=2) if line and line[0] != "#"}
+    names_of = {  # they may have spaces; the longest first
+        n: [" ".join(words[5:end]).lower() for end in range(len(words), 5, -1)] for n, words in rows.items()
+    }
+    file_of = files_of_photographs(set().union(*names_of.values()), source.photographs, str(path))
     photograph_of = {file: source.by_name[name] for name, file in file_of.items()}
     marks: dict[Position, list[tuple[str, float, float]]] = {}
-    for number, line in enumerate(lines[1:], start=2):
-        if not line or line.startswith("#"):
-            continue
-        words = line.split()
+    for number, words in rows.items():
         try:
             x, y, z, x_px, y_px = (float(word) for word in words[:5])
             file = words[5]
@@ -93,10 +92,8 @@ def read_control_points(path: Path, source: ImportSource) -> ControlPoints:
             ) from error
         if not np.isfinite([x, y, z, x_px, y_px]).all():
             raise UserError(f"{path} line {number}: every number must be finite; leave points without Z out")
-        named = (" ".join(words[5:end]).lower() for end in range(len(words), 5, -1))  # the longest
-        if (
-            photograph := next((photograph_of[name] for name in named if name in photograph_of), None)
-        ) is None:
+        photograph = next((photograph_of[n] for n in names_of[number] if n in photograph_of), None)
+        if photograph is None:
             continue
         sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
         if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):

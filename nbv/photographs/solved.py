@@ -35,17 +35,14 @@ class SolvedModel:
     xy_px: Floats  # (T, 2) pixel centres at half-integers
 
     @property
-    def centers(self) -> Floats:
-        """(M, 3) camera centres."""
+    def centers(self) -> Floats:  # (M, 3) of the cameras
         return camera_centers_m(self.poses)
 
     @property
-    def axes(self) -> Floats:
-        """(M, 3) optical axes."""
+    def axes(self) -> Floats:  # (M, 3) optical
         return self.poses[:, 2, :3]
 
     def moved(self, target_from_model: Similarity) -> SolvedModel:
-        """The same in another frame."""
         poses = camera_from_world_poses(self.poses, target_from_model)
         return replace(self, poses=poses, xyz=target_from_model.apply(self.xyz))
 

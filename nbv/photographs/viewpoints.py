@@ -52,7 +52,6 @@ class PhotographViewpoints(ViewpointSource):
         self.highest_deg = min(self.highest_deg, pool.max_elevation_deg)
 
     def index(self, viewpoint: Viewpoint) -> int:
-        """Which photograph a viewpoint is."""
         return int(self.nearest(np.array([viewpoint.position_m]))[0])
 
     def nearest(self, positions_m: Floats) -> Ints:
@@ -78,7 +77,6 @@ class PhotographViewpoints(ViewpointSource):
         return [view for view in views if view.position_m not in first]
 
     def _nearest_to(self, wanted: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
-        """The photographs for these viewpoints, named from number ``first`` on."""
         if len(wanted) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",
@@ -123,10 +121,7 @@ class PhotographViewpoints(ViewpointSource):
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
     ) -> CandidatePool:
-        """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool.
-
-        Arguments as in `nbv.viewpoints.ViewpointSource.candidates`.
-        """
+        """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool."""
         left = np.ones(len(self.positions_m), dtype=bool)
         counts = {"raw": len(left)}
         if len(visited_m):

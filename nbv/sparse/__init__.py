@@ -12,7 +12,3 @@ pycolmap.logging.minloglevel = 3
 if (_before := signal.getsignal(signal.SIGTERM)) is not None:
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGTERM, _before)
-
-from nbv.sparse.reconstructor import SparseReconstructor  # noqa: E402  after the log level is set
-
-__all__ = ["SparseReconstructor"]

@@ -34,13 +34,11 @@ class Alignment:
     inliers: Ints  # indices of the cameras that the similarity was fitted to
 
     @property
-    def rms_m(self) -> float:
-        """Root mean square residual of the fitted cameras."""
+    def rms_m(self) -> float:  # of the fitted cameras
         return float(np.sqrt((self.residuals_m[self.inliers] ** 2).mean()))
 
     @property
-    def max_m(self) -> float:
-        """Largest residual of the fitted cameras."""
+    def max_m(self) -> float:  # of the fitted cameras
         return float(self.residuals_m[self.inliers].max())
 
     @property
@@ -62,10 +60,9 @@ def align_cameras(
 ) -> Alignment:
     """Align registered cameras (M, 4, 4) with their telemetry (M, 4, 4).
 
-    A least-squares similarity (Umeyama 1991) on the centres; where ``telemetry`` errs its attitudes count too
-    (`turned_by_attitude`), since drift turns a ring of positions by degrees. If its residuals exceed ``max_rms_m`` for
-    some camera, the largest agreeing subset is sought (least median of squares over camera triples, drawn
-    from a fixed seed) and the fit is repeated on it.
+    A least-squares similarity (Umeyama 1991) on the centres; where ``telemetry`` errs its attitudes count too, since drift
+    turns a ring of positions by degrees. If a residual exceeds ``max_rms_m`` the fit is repeated on the largest agreeing
+    subset (least median of squares over camera triples).
 
     `MissionFailure` ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in agreement, or a
     residual beyond ``max_rms_m``.
@@ -98,9 +95,8 @@ def align_cameras(
         )
         residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
 
-    alignment = Alignment(
-        similarity, residuals, _rotation_errors_deg(camera_from_model, camera_from_world, similarity), inliers
-    )
+    turns = _rotation_errors_deg(camera_from_model, camera_from_world, similarity.rotation)
+    alignment = Alignment(similarity, residuals, turns, inliers)
     if not np.isfinite(alignment.rms_m) or alignment.rms_m > max_rms_m or similarity.scale <= 0:
         mirror = np.array([1.0, 1.0, -1.0])
         mirrored = align_umeyama(target, source * mirror)
@@ -146,9 +142,7 @@ def turned_by_attitude(
 def turns_deg(camera_from_model: Floats, camera_from_world: Floats) -> Floats:
     """(M,) angle between each camera's attitude and its telemetry, at the rotation that fits all attitudes best."""
     both = np.einsum("mji,mjk->ik", camera_from_world[:, :3, :3], camera_from_model[:, :3, :3])
-    return _rotation_errors_deg(
-        camera_from_model, camera_from_world, Similarity(1.0, _nearest_rotation(both), np.zeros(3))
-    )
+    return _rotation_errors_deg(camera_from_model, camera_from_world, _nearest_rotation(both))
 
 
 def _nearest_rotation(matrix: Floats) -> Floats:
@@ -163,10 +157,10 @@ def _spread(points: Floats) -> float:
 
 
 def _rotation_errors_deg(
-    camera_from_model: Floats, camera_from_world: Floats, world_from_model: Similarity
+    camera_from_model: Floats, camera_from_world: Floats, world_from_model: Floats
 ) -> Floats:
-    """(M,) angle between each aligned camera's orientation and its telemetry."""
-    aligned = camera_from_model[:, :3, :3] @ world_from_model.rotation.T
+    """(M,) angle between each camera's orientation and its telemetry, turned by ``world_from_model`` (3, 3)."""
+    aligned = camera_from_model[:, :3, :3] @ world_from_model.T
     relative = np.einsum("mij,mkj->mik", aligned, camera_from_world[:, :3, :3])
     return rotation_angles_deg(relative)
 

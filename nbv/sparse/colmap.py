@@ -65,10 +65,9 @@ def camera_from_world_poses(camera_from_model: Floats, world_from_model: Similar
 
 
 def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignment) -> SparseModel:
-    """The reconstruction in the world frame; points by ascending point id, cameras by ascending image id.
+    """The reconstruction in the world frame; points by ascending point id, cameras by ascending image id as in ``alignment``.
 
-    ``alignment`` must have been computed on the reconstruction's registered images in that order. A
-    camera that observes a point twice counts once in its track.
+    A camera that observes a point twice counts once in its track.
     """
     reconstruction.update_point_3d_errors()
     image_ids = np.array(sorted(reconstruction.reg_image_ids()), dtype=np.int64)

@@ -30,7 +30,7 @@ class Correspondences:
         self._store = store
 
     def features(self, image: NDArray[np.uint8]) -> Features:
-        """Features of an (H, W, 3) RGB photograph; see :func:`nbv.sparse.features.extract_features`."""
+        """Of an (H, W, 3) RGB photograph."""
         c = self.config.sparse
         inputs = [c.max_features, c.first_octave, c.peak_threshold, image]
         return self._cached_features(lambda: extract_features(image, c), "nbv.sparse.features", inputs)
@@ -46,7 +46,6 @@ class Correspondences:
         )
 
     def _cached_features(self, extract: Callable[[], Features], module: str, inputs: list[Any]) -> Features:
-        """Return what ``extract`` makes from ``inputs`` by the code of ``module``, or what the store has of an earlier call."""
 
         def make() -> Arrays:
             with self.stopwatch.timed("sparse.features"):

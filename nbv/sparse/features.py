@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from nbv.config import SparseConfig
 
-DESCRIPTOR_SIZE = 128
-
 
 @dataclass(frozen=True)
 class Features:
@@ -42,31 +40,18 @@ class Features:
         )
 
 
-def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features:
-    """SIFT (Lowe 2004, COLMAP's CPU implementation) of an (H, W, 3) or (H, W) uint8 image.
+def extract_features(image: NDArray[np.uint8], config: SparseConfig, *, upright: bool = False) -> Features:
+    """SIFT (Lowe 2004, COLMAP's CPU implementation) of an (H, W, 3) or (H, W) uint8 image; ``upright``: no orientation is sought.
 
     One thread, deterministic. ``config.max_features`` is COLMAP's soft limit: coarse scales come first
     and the scale that reaches the limit is kept whole. A featureless image gives empty arrays, never an
     error.
     """
-    return sift(image, config.max_features, config.first_octave, config.peak_threshold)
-
-
-def sift(
-    image: NDArray[np.uint8],
-    max_features: int,
-    first_octave: int,
-    peak_threshold: float,
-    *,
-    upright: bool = False,
-) -> Features:
-    """SIFT features of an image (H, W, 3) or (H, W); ``upright``: no orientation is sought. Limits are `SparseConfig`'s."""
     bitmap = pycolmap.Bitmap.from_array(np.ascontiguousarray(image))
     if not bitmap.is_grey:
         bitmap = bitmap.clone_as_grey()
-    keypoints, descriptors = _extractor(max_features, first_octave, peak_threshold, upright).extract(bitmap)
-    if len(keypoints) == 0:
-        return Features(np.zeros((0, 4), np.float32), np.zeros((0, DESCRIPTOR_SIZE), np.uint8))
+    extractor = _extractor(config.max_features, config.first_octave, config.peak_threshold, upright)
+    keypoints, descriptors = extractor.extract(bitmap)
     return Features(
         np.array(pycolmap.keypoints_to_matrix(keypoints)[:, :4], dtype=np.float32),
         np.array(descriptors.data, dtype=np.uint8),

@@ -2,13 +2,13 @@
 
 SIFT matches little between views 30 degrees and more apart (Mikolajczyk and Schmid, "A Performance Evaluation of Local
 Descriptors", PAMI 2005). But telemetry says where the level ground z = 0 lies in a photograph: drawn from straight above,
-all photographs show it at one scale and one orientation, and what is left of the change of viewpoint is telemetry's error,
-which SIFT bears. (Rectified features: Köser and Koch, "Perspectively Invariant Normal Features", 2007.) Positions are
-given in the photograph, where verification and adjustment hold them to one rigid motion like any other.
+all photographs show it at one scale and one orientation, but for telemetry's error, which SIFT bears. (Rectified features:
+Köser and Koch, "Perspectively Invariant Normal Features", 2007.)
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import cv2
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
-from nbv.sparse.features import Features, sift
+from nbv.sparse.features import Features, extract_features
 from nbv.types import Floats
 
 HALF_WIDTH_M = 3.0  # of the ground that is drawn, about the target: what all views of an orbit have in common
@@ -44,8 +44,8 @@ def extract_ground_features(
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     above = cv2.remap(grey, u_px - 0.5, v_px - 0.5, cv2.INTER_LINEAR)
     above[~inside] = 0
-    sparse = config.sparse
-    features = sift(above, sparse.ground_features, 0, sparse.peak_threshold, upright=True)
+    limits = replace(config.sparse, max_features=config.sparse.ground_features, first_octave=0)
+    features = extract_features(above, limits, upright=True)
     if len(features) == 0:
         return features
     width = 2 * _BORDER_PX + 1

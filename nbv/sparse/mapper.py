@@ -1,18 +1,13 @@
-"""Incremental structure from motion inside this process: the model grows, it is never rebuilt.
-
-COLMAP's incremental mapper (Schönberger and Frahm, "Structure-from-Motion Revisited", CVPR 2016) is driven
-step by step on an in-memory correspondence graph. Intrinsics are known and never refined.
+"""COLMAP's incremental mapper (Schönberger and Frahm, "Structure-from-Motion Revisited", CVPR 2016), step by step in this process.
 
 Between updates the whole state is the reconstruction, the keypoints and the verified pairs; COLMAP's mapper
-object (with its hidden counters) lives only inside one update. That makes an update a function of that
-state, and lets a seed model be kept and continued bit for bit.
+object (with its hidden counters) lives only inside one update. That lets a seed model be kept and continued bit for bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 import pycolmap
@@ -40,14 +35,6 @@ Judge = Callable[[pycolmap.Reconstruction, int], str]
 """Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
 
 
-@dataclass(frozen=True)
-class GrowthOptions:
-    """COLMAP's options for growing a model."""
-
-    mapper: pycolmap.IncrementalMapperOptions
-    triangulation: pycolmap.IncrementalTriangulatorOptions
-
-
 def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions:
     """COLMAP's options for one thread, a fixed seed and known intrinsics."""
     options = pipeline_options(1)
@@ -65,30 +52,25 @@ def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions
 
 
 class IncrementalModel:
-    """A growing COLMAP model of one mission.
-
-    Add photographs with :meth:`add_image` and their verified pairs with :meth:`add_pairs`, then call
-    :meth:`bootstrap` once and :meth:`update` after each further photograph. Image ids count from 1 in
-    the order of :meth:`add_image`.
+    """A growing COLMAP model of one mission. Image ids count from 1 in the order of `add_image`.
 
     Where telemetry errs somebody compares poses with it, so that fewer matches may register a photograph.
     """
 
-    def __init__(self, config: MissionConfig, stopwatch: Stopwatch | None = None) -> None:
+    def __init__(self, config: MissionConfig, stopwatch: Stopwatch) -> None:
         self.camera, self.config = config.camera, config.sparse
         self.names: list[str] = []
         self.keypoints_px: list[NDArray[np.float64]] = []  # (K, 2) per image
         self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
         self.reconstruction = pycolmap.Reconstruction()
         self.captures_since_global = 0
-        self.stopwatch = stopwatch or Stopwatch()
-        self._options = mapping_options(self.config)
+        self.stopwatch = stopwatch
+        self._usual = mapping_options(self.config)
         if not config.telemetry.is_exact:  # else COLMAP's own thresholds stand
-            self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
-            self._options.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
-        self._usual = GrowthOptions(self._options.get_mapper(), self._options.get_triangulation())
-        self._local_ba = self._options.get_local_bundle_adjustment()
-        self.global_ba = self._options.get_global_bundle_adjustment()
+            self._usual.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
+            self._usual.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
+        self._local_ba = self._usual.get_local_bundle_adjustment()
+        self.global_ba = self._usual.get_global_bundle_adjustment()
         for ba in (self._local_ba, self.global_ba):
             ba.ceres.solver_options.num_threads = 1
 
@@ -104,16 +86,13 @@ class IncrementalModel:
         """Add verified pairs ``{(id_a, id_b): pair}`` with ``id_a < id_b``."""
         self.pairs |= {ids: pair for ids, pair in pairs.items() if len(pair) >= self.config.min_inliers}
 
-    # ------------------------------------------------------------------------------------------ bootstrap
-
     def bootstrap(
         self, require_good: Callable[[pycolmap.Reconstruction], object], judge_pose: Judge | None
     ) -> None:
         """Build the seed model from all images so far.
 
         Up to three initial pairs are tried until ``require_good`` does not raise `MissionFailure` at the model; the last failure
-        is raised, or ``seed_model_failed`` where no pair is fit to start from. With ``judge_pose``, where more than a quarter is
-        left over it is tried once more, with few matches and with points that only two images see.
+        is raised, or ``seed_model_failed`` where no pair is fit to start from. ``judge_pose`` is for `_join`.
         """
         pycolmap.set_random_seed(_SEED)
         with self.stopwatch.timed("sparse.mapping"):
@@ -144,11 +123,11 @@ class IncrementalModel:
     def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
-        options = self._usual.mapper
+        options = self._usual.get_mapper()
         with self.stopwatch.timed("sparse.mapping"):
             initial_pair = None
             for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
-                relaxed = self._options.get_mapper()
+                relaxed = self._usual.get_mapper()
                 relaxed.init_min_num_inliers = int(options.init_min_num_inliers * inlier_factor)
                 relaxed.init_min_tri_angle = options.init_min_tri_angle * angle_factor
                 initial_pair = mapper.find_initial_image_pair(relaxed, invalid, invalid)
@@ -160,7 +139,7 @@ class IncrementalModel:
             (first, second), second_from_first = initial_pair
             mapper.register_initial_image_pair(options, first, second, second_from_first)
             for image_id in (first, second):
-                mapper.triangulate_image(self._usual.triangulation, image_id)
+                mapper.triangulate_image(self._usual.get_triangulation(), image_id)
         with self.stopwatch.timed("sparse.ba"):
             mapper.adjust_global_bundle(options, self.global_ba)
             mapper.reconstruction.normalize()
@@ -168,14 +147,17 @@ class IncrementalModel:
         return mapper.reconstruction.num_points3D() > 0
 
     def _grow(
-        self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions, judge: Judge | None = None
+        self,
+        mapper: pycolmap.IncrementalMapper,
+        options: pycolmap.IncrementalPipelineOptions,
+        judge: Judge | None = None,
     ) -> None:
         """Register whatever can be registered, with global adjustments as the model grows."""
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
             with self.stopwatch.timed("sparse.mapping"):
-                candidates = mapper.find_next_images(options.mapper, False)
+                candidates = mapper.find_next_images(options.get_mapper(), False)
             if all(self._register(mapper, image_id, options, judge) for image_id in candidates):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
@@ -190,7 +172,7 @@ class IncrementalModel:
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
         with self.stopwatch.timed("sparse.mapping"):
             for image_id in sorted(held):
-                mapper.triangulate_image(options.triangulation, image_id)
+                mapper.triangulate_image(options.get_triangulation(), image_id)
         self._grow(mapper, options, judge)
         # Points of two images hold those that joined; the others did without.
         with self.stopwatch.timed("sparse.mapping"):
@@ -200,24 +182,17 @@ class IncrementalModel:
                     mapper.observation_manager.delete_point3D(point_id)
         self._refine_globally(mapper, self._usual)
 
-    def _for_judged_poses(self) -> GrowthOptions:
-        """Return options by which few points are enough for a pose, since it is compared with telemetry."""
-        options = GrowthOptions(self._options.get_mapper(), self._options.get_triangulation())
+    def _for_judged_poses(self) -> pycolmap.IncrementalPipelineOptions:
+        options = mapping_options(self.config)
         options.mapper.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
         options.mapper.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
         options.mapper.max_reg_trials = _JUDGED_POSE_TRIALS
         return options
 
-    # --------------------------------------------------------------------------------------------- update
-
     def update(self, new_id: int, judge: Judge, judge_turn: Judge | None) -> dict[int, str]:
-        """Register image ``new_id`` and retry every earlier unregistered image.
+        """Register image ``new_id`` and retry every earlier unregistered image: why each was left out, ``{image_id: reason}``.
 
         With ``judge_turn`` what is left out is tried again, from few matches; both judges must keep it.
-
-        Returns why each image tried was left out, ``{image_id: reason}``; an image that is absent from
-        it is registered. Local adjustment after each registration, a global one every
-        ``config.global_ba_interval`` captures.
         """
         registered = set(self.reconstruction.reg_image_ids())
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
@@ -270,7 +245,7 @@ class IncrementalModel:
         self,
         mapper: pycolmap.IncrementalMapper,
         image_ids: Sequence[int],
-        options: GrowthOptions,
+        options: pycolmap.IncrementalPipelineOptions,
         judge: Judge,
     ) -> dict[int, str]:
         """Until no more registers: a new registration can make an earlier image registrable. Returns what was left out."""
@@ -285,7 +260,11 @@ class IncrementalModel:
         return {image_id: reasons[image_id] for image_id in waiting}
 
     def _try(
-        self, mapper: pycolmap.IncrementalMapper, image_id: int, options: GrowthOptions, judge: Judge
+        self,
+        mapper: pycolmap.IncrementalMapper,
+        image_id: int,
+        options: pycolmap.IncrementalPipelineOptions,
+        judge: Judge,
     ) -> str:
         """Register one image where it sees points enough; why it was left out, or "" where it is registered."""
         visible = mapper.observation_manager.num_visible_points3D(image_id)
@@ -301,37 +280,39 @@ class IncrementalModel:
         self,
         mapper: pycolmap.IncrementalMapper,
         image_id: int,
-        options: GrowthOptions,
+        options: pycolmap.IncrementalPipelineOptions,
         judge: Judge | None,
     ) -> str:
         """Register one image and adjust locally about it; returns as `_try`."""
         with self.stopwatch.timed("sparse.mapping"):
             visible = mapper.observation_manager.num_visible_points3D(image_id)
-            if not mapper.register_next_image(options.mapper, image_id):
+            if not mapper.register_next_image(options.get_mapper(), image_id):
                 return f"no consistent pose from {visible} visible points"
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
                 mapper.observation_manager.deregister_frame(image_id)
                 return reason
-            mapper.triangulate_image(options.triangulation, image_id)
+            mapper.triangulate_image(options.get_triangulation(), image_id)
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_local_refinement(
                 self.config.local_ba_rounds,
                 _LOCAL_CHANGE,
-                options.mapper,
+                options.get_mapper(),
                 self._local_ba,
-                options.triangulation,
+                options.get_triangulation(),
                 image_id,
             )
         return ""
 
-    def _refine_globally(self, mapper: pycolmap.IncrementalMapper, options: GrowthOptions) -> None:
+    def _refine_globally(
+        self, mapper: pycolmap.IncrementalMapper, options: pycolmap.IncrementalPipelineOptions
+    ) -> None:
         with self.stopwatch.timed("sparse.ba"):
             mapper.iterative_global_refinement(
                 _GLOBAL_REFINEMENTS,
                 _GLOBAL_CHANGE,
-                options.mapper,
+                options.get_mapper(),
                 self.global_ba,
-                options.triangulation,
+                options.get_triangulation(),
                 True,
             )
 
@@ -368,11 +349,9 @@ class IncrementalModel:
 def pairs_near(
     pairs: Mapping[tuple[int, int], VerifiedPair], image_ids: Sequence[int]
 ) -> dict[tuple[int, int], VerifiedPair]:
-    """Of ``pairs``, those of these images and of the images that they were matched with.
+    """Of ``pairs``, those of these images and of the images that they were matched with, whose tracks may grow and merge.
 
-    Registration and triangulation need those of the images themselves; the others let tracks that the new
-    observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
-    pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
+    Every image keeps one pair at least, since COLMAP's graph drops images that have none.
     """
     images = set(image_ids)
     near = images | {i for ids in pairs if not images.isdisjoint(ids) for i in ids}

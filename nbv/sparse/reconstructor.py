@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -16,7 +15,6 @@ from nbv.sparse.alignment import Alignment, align_cameras, outlier_limit_m, turn
 from nbv.sparse.colmap import (
     camera_from_model_poses,
     camera_from_world_poses,
-    export_colmap,
     files_of,
     model_of,
     registered_names,
@@ -35,15 +33,11 @@ FEWEST_CAMERAS = 6  # below, the model is too small to be held by positions that
 class SparseReconstructor:
     """Features, matching, incremental mapping and alignment of one mission, in one thread.
 
-    Results are a function of the sequence of captures and the options. Telemetry serves three purposes
-    only: to choose which pairs to match, to align the model, and to notice a wrong one.
-
-    A model that disagrees with telemetry by no more than twice the distance that its specification promises is not called
-    wrong. Where telemetry errs it also is the adjustment's prior.
-
-    Of ``config`` it uses the camera, ``sparse``, ``telemetry``, and the approximate target for the angle between views;
-    ``correspondences`` is the source of features and verified pairs.
+    Telemetry chooses which pairs to match, aligns the model and lets a wrong one be noticed; where it errs it also is the
+    adjustment's prior. A model that disagrees by no more than twice the distance that its specification promises is not wrong.
     """
+
+    alignment: Alignment  # since `bootstrap`: of the registered images, by ascending image id
 
     def __init__(self, config: MissionConfig, correspondences: Correspondences | None = None) -> None:
         self.camera, self.config, self.telemetry = config.camera, config.sparse, config.telemetry
@@ -56,21 +50,11 @@ class SparseReconstructor:
         self._model = IncrementalModel(config, self._stopwatch)
         self._captures: list[Capture] = []
         self._features: list[Features] = []
-        self._alignment: Alignment | None = None
-
-    # ------------------------------------------------------------------------------------ what others see
 
     @property
     def reconstruction(self) -> pycolmap.Reconstruction:
         """COLMAP's model in its own frame and scale; see :attr:`alignment`."""
         return self._model.reconstruction
-
-    @property
-    def alignment(self) -> Alignment:
-        """``world_from_model`` and its residuals over the registered images, by ascending image id."""
-        if self._alignment is None:
-            raise RuntimeError("there is no model before bootstrap()")
-        return self._alignment
 
     def world_camera_poses(self) -> dict[str, Floats]:
         """(4, 4) ``camera_from_world`` in metres of every registered image, from SfM and alignment."""
@@ -82,12 +66,6 @@ class SparseReconstructor:
     def world_points_m(self) -> Floats:
         """(N, 3) the model's points in metres."""
         return to_sparse_model(self.reconstruction, self.alignment).points_m
-
-    def export(self, directory: Path, images: Path) -> None:
-        """Write the model in the world frame, coloured by the photographs in ``images`` (`export_colmap`)."""
-        export_colmap(self.reconstruction, self.alignment.world_from_model, directory, images)
-
-    # ------------------------------------------------------------------------------------------- building
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """Build the seed model.
@@ -135,8 +113,6 @@ class SparseReconstructor:
     def add(self, capture: Capture) -> UpdateReport:
         """Extend the model by one capture, and retry the earlier images that are still out.
 
-        An image that does not register, or whose pose disagrees with telemetry, is reported and kept out.
-
         `MissionFailure` ``wrong_model`` when the model as a whole no longer agrees with telemetry.
         """
         before = set(registered_names(self.reconstruction))
@@ -161,11 +137,7 @@ class SparseReconstructor:
         return self._report(capture.name in registered, "; ".join(notes))
 
     def refine(self) -> None:
-        """Global adjustment, to be called once before the dense stage; changes no registration.
-
-        Between the periodic global adjustments an update moves only the newest image's neighbours; this
-        spreads what is left over all cameras.
-        """
+        """Global adjustment, to be called once before the dense stage."""
         if self._model.captures_since_global:
             self._model.refine()
             self._hold_by_telemetry()
@@ -204,21 +176,18 @@ class SparseReconstructor:
             near = near[: self.config.max_pairs]
         return [i + 1 for i in near]
 
-    # ------------------------------------------------------------------------------------------ alignment
-
     def _telemetry(self, reconstruction: pycolmap.Reconstruction) -> Floats:
         ids = sorted(reconstruction.reg_image_ids())
         return np.array([self._captures[i - 1].camera_from_world for i in ids]).reshape(-1, 4, 4)
 
-    def _align(self, reconstruction: pycolmap.Reconstruction) -> Alignment:
+    def _align(self, reconstruction: pycolmap.Reconstruction) -> None:
         with self._stopwatch.timed("sparse.alignment"):
-            self._alignment = align_cameras(
+            self.alignment = align_cameras(
                 camera_from_model_poses(reconstruction),
                 self._telemetry(reconstruction),
                 self.tolerance_m,
                 self.telemetry,
             )
-        return self._alignment
 
     def _hold_by_telemetry(self) -> None:
         """After a global adjustment, one more in which telemetry that errs is a prior; it puts the model into the world frame.
@@ -261,10 +230,7 @@ class SparseReconstructor:
         return f"its pose is {residual_m:.2f} m from telemetry (limit {limit_m:.2f} m)"
 
     def _judge_attitude(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
-        """Whether a pose just found is turned against telemetry as the other cameras are.
-
-        Attitudes need no scale and hardly drift, so this tells a wrong pose when the model is still too small to align.
-        """
+        """As `_judge_pose` of attitudes, which need no scale: the model may still be too small to align."""
         ids = sorted(int(i) for i in reconstruction.reg_image_ids())
         turned_deg = turns_deg(camera_from_model_poses(reconstruction), self._telemetry(reconstruction))
         limit_deg = ATTITUDE_SDS * max(self.telemetry.attitude_noise_deg, 1.0)
@@ -273,7 +239,8 @@ class SparseReconstructor:
 
     def _drop_outliers(self) -> str:
         """Align; take cameras that disagree with the rest out of the model. Says which, or ""."""
-        alignment = self._align(self.reconstruction)
+        self._align(self.reconstruction)
+        alignment = self.alignment
         if len(alignment.outliers) == 0:
             return ""
         ids = sorted(self.reconstruction.reg_image_ids())

@@ -30,7 +30,7 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
     assert MissionConfig().with_values({"matchable.weights.nov": 0.0}) == weighed
     earlier = {
         "gate": {"learned_policy": ""},
-        "dense": {"patchmatch_samples": 15},
+        "dense": {"patchmatch_samples": 15, "patchmatch_geometric": False},
         "matchable": {"views": 6, "weights": {"nov": 0.0, "register": 0.0}},
     }
     assert config_from_dict(earlier) == weighed and weighed.digest() == "50a6786ac303e7f1"

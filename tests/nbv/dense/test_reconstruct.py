@@ -25,7 +25,7 @@ def surface_distance_m(points):
 
 
 def cloud_of(scene, config=CONFIG, images=None, poses=None, sparse_points_m=None):
-    images, poses = scene.images if images is None else images, poses or scene.poses
+    images, poses = scene.images if images is None else images, scene.poses if poses is None else poses
     return dense_cloud(PosedViews(images, poses, scene.camera, TARGET, config), sparse_points_m)
 
 
@@ -56,7 +56,7 @@ def test_fewer_than_two_usable_views_is_a_failure(scene):
     poses = {**scene.poses, "far.png": look_at(np.array([-3.0, 0, 1.5]), np.array(TARGET))}
     for images in ({}, one, apart):
         with pytest.raises(MissionFailure) as failure:
-            cloud_of(scene, images=images, poses=poses)
+            cloud_of(scene, images=images, poses={n: poses[n] for n in images})
         assert failure.value.reason == "too_few_views"
 
 
@@ -94,7 +94,7 @@ def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
     depth_m[3, 4] = 0
     file = tmp_path / "stereo" / "depth_maps" / "view_000.png.photometric.bin"
     pycolmap.DepthMap.from_array(depth_m, 2.0, 3.0).write(file)
-    back = read_depth_maps(tmp_path, list(scene.poses), geometric=False)
+    back = read_depth_maps(tmp_path, list(scene.poses))
     assert list(back) == ["view_000.png"]
     np.testing.assert_array_equal(back["view_000.png"], np.where(depth_m > 0, depth_m, np.nan))
 

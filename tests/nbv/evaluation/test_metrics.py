@@ -15,8 +15,7 @@ from nbv.evaluation.metric import (
     sector_centers_deg,
     share_by_sector,
 )
-from nbv.evaluation.metrics import compute_metrics
-from nbv.evaluation.registry import METRICS, find_metric, measure_all
+from nbv.evaluation.registry import METRICS, compute_metrics, find_metric, measure_all
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import PointCloud
 

@@ -101,15 +101,14 @@ def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: Photo
     c, s = np.cos(0.02), np.sin(0.02)
     moved = Similarity(1.03, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([0.03, -0.02, 0.02]))
     cloud = PointCloud(moved.apply(reference.points_m), reference.colors, None)
-    metrics, _, _ = measure_cloud(cloud, grey_set, reference, PAPER.evaluation)
+    metrics = measure_cloud(cloud, grey_set, PAPER.evaluation).metrics
     assert metrics["observable"]["f_score_16mm"] > 97.0  # cleaning takes strays along
     assert metrics["whole"] == metrics["observable"]
     assert metrics["reference"]["registration"]["scale"] == pytest.approx(1 / 1.03, abs=2e-3)
     assert metrics["reference"]["ceiling"]["f_score_48mm"] == 99.0
     half = reference.points_m[:, 0] > 0
-    metrics, _, _ = measure_cloud(
-        PointCloud(reference.points_m[half], None, None), grey_set, reference, PAPER.evaluation
-    )
+    cloud = PointCloud(reference.points_m[half], None, None)
+    metrics = measure_cloud(cloud, grey_set, PAPER.evaluation).metrics
     # A ball of 1.6 m is complete as far as 48 mm beyond its middle: (0.8 + 0.048) / 1.6 of its surface (Archimedes).
     assert metrics["observable"]["completeness_48mm"] == pytest.approx(53.0, abs=1.0)
 
@@ -119,7 +118,7 @@ def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet
     angle, radius = np.random.default_rng(0).uniform([[0.0], [0.8]], [[2 * np.pi], [0.9]], (2, 20_000))
     plinth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(20_000, 0.25)])
     cloud = PointCloud(np.concatenate([reference.points_m, plinth]), None, None)
-    before = measure_cloud(cloud, grey_set, reference, PAPER.evaluation)[0]["whole"]
+    before = measure_cloud(cloud, grey_set, PAPER.evaluation).metrics["whole"]
     v, u = np.indices((CAMERA.height_px, CAMERA.width_px))
     radius_px = CAMERA.focal_px * (grey_set.height_m / 2) / 3.4
     disc = (
@@ -130,7 +129,7 @@ def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet
             grey_set.folder / "masks" / f"{photograph.name}.png"
         )
     masked = replace(grey_set, photographs=tuple(replace(p, masked=True) for p in grey_set.photographs))
-    after = measure_cloud(cloud, masked, reference, PAPER.evaluation)[0]["whole"]
+    after = measure_cloud(cloud, masked, PAPER.evaluation).metrics["whole"]
     assert before["accuracy_48mm"] < 80.0 and after["accuracy_48mm"] > 99.0
     assert after["completeness_48mm"] > 99.0
 
