@@ -48,6 +48,7 @@ class ObjectFrame:
 
     @property
     def center_m(self) -> Floats:
+        """(3,) middle of the box."""
         return (self.low_m + self.high_m) / 2
 
     def in_box(self, points_m: Floats) -> Bools:

@@ -35,11 +35,13 @@ class SolvedModel:
     xy_px: Floats  # (T, 2) pixel centres at half-integers
 
     @property
-    def centers(self) -> Floats:  # (M, 3) of the cameras
+    def centers(self) -> Floats:
+        """(M, 3) camera centres."""
         return camera_centers_m(self.poses)
 
     @property
-    def axes(self) -> Floats:  # (M, 3) optical
+    def axes(self) -> Floats:
+        """(M, 3) optical axes."""
         return self.poses[:, 2, :3]
 
     def moved(self, target_from_model: Similarity) -> SolvedModel:

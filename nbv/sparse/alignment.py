@@ -34,11 +34,13 @@ class Alignment:
     inliers: Ints  # indices of the cameras that the similarity was fitted to
 
     @property
-    def rms_m(self) -> float:  # of the fitted cameras
+    def rms_m(self) -> float:
+        """Root mean square residual of the fitted cameras."""
         return float(np.sqrt((self.residuals_m[self.inliers] ** 2).mean()))
 
     @property
-    def max_m(self) -> float:  # of the fitted cameras
+    def max_m(self) -> float:
+        """Largest residual of the fitted cameras."""
         return float(self.residuals_m[self.inliers].max())
 
     @property
