@@ -137,7 +137,11 @@ class _WhereAllowed(AcquisitionFunction):
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
         """Return (b,) values of (b, 1, inputs); the probability is a factor as of Gardner et al., ICML 2014."""
-        x, value = X[..., 0, : self._dimension], self._acquisition(X)
+        # BoTorch draws the worth of what violates a constraint from torch's global state, anew at every call.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)
+            value = self._acquisition(X)
+        x = X[..., 0, : self._dimension]
         if self._allowed is not None:
             value = torch.where(torch.from_numpy(self._allowed(x.detach().numpy())), value, _DISALLOWED)
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)

@@ -8,6 +8,7 @@ import functools
 import fake_campaigns
 import numpy as np
 import pytest
+import torch
 
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint, propose_constrained, two_models
@@ -126,3 +127,20 @@ def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
     assert cheaper and np.mean([o.outcome for o in cheaper]) < 87.0
     never = advise(history, 99.0, least_cost=True)
     assert never.limit is not None and not never.limit.kept and never.limit.probability < 0.05
+
+
+def test_a_proposal_within_a_modelled_limit_is_a_function_of_the_ledger() -> None:
+    """BoTorch draws from torch's global state where no point in flight may keep the limit."""
+    rng, history = np.random.default_rng(5), list[Observation]()
+    for i, u in enumerate(rng.random((16, 2))):
+        y = float(90 - 5 * np.mean((u - 0.4) ** 2) + 0.3 * rng.normal())
+        second = float(50 - 10 * u[1] + 0.5 * rng.normal())
+        history.append(Observation(i, SPACE.from_unit(u), f"r{i % 2}", i // 2 % 2, y, y, second=second))
+    models = two_models(PROBLEM, Goal(), history)
+    running, found = [SPACE.from_unit(np.array([0.3, 0.2]))], []
+    for state in (1, 2):
+        torch.manual_seed(state)
+        before = torch.get_rng_state()
+        found.append(propose_constrained(models[0], Constraint(models[1], 46.0), running, 3))
+        assert torch.equal(torch.get_rng_state(), before)
+    assert found[0] == found[1]
