@@ -1,7 +1,5 @@
 """Meshes of several bodies: the object is kept whole, and what it stands on or before, specks and hidden bodies are left out and named."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes as other tools write them: a ball whose four quarters have colours of their own comes out as one, or one line says why not."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -379,6 +377,7 @@ def test_an_mtl_of_very_many_materials(tmp_path):
 def ply(
     path: Path,
     *,
+    at=POINTS,
     points="double",
     colors="",
     of="vertex",
@@ -394,7 +393,7 @@ def ply(
     values = SRGB / 255 * scale if scale != 1 or colors in ("float", "double") else SRGB
     shown = [" " + " ".join(f"{x:g}" for x in row) if colors else "" for row in values]
     head = ["ply", "format ascii 1.0", *(f"comment TextureFile t{k}.png" for k in range(pictures * named))]
-    head += [f"element vertex {len(POINTS)}", *(f"property {points} {axis}" for axis in "xyz")]
+    head += [f"element vertex {len(at)}", *(f"property {points} {axis}" for axis in "xyz")]
     head += [
         *(told if of == "vertex" else ()),
         f"element face {len(FACES)}",
@@ -402,8 +401,8 @@ def ply(
     ]
     head += ["property list uchar float texcoord", "property int texnumber"] if pictures else []
     head += [*(told if of == "face" else ()), "end_header"]
-    for k, point in enumerate(POINTS):
-        head.append(" ".join(f"{x:.9g}" for x in point) + (shown[k] if of == "vertex" else ""))
+    for k, point in enumerate(at):
+        head.append(" ".join(f"{x:.17g}" for x in point) + (shown[k] if of == "vertex" else ""))
     for k, (a, b, c) in enumerate(FACES):
         which = k % 2 if pictures > 1 else 0
         uv = [(1 - u if which else u, 1 - v) for u, v in UV[[a, b, c]]]
@@ -448,14 +447,7 @@ def test_coordinates_far_away_in_coarse_steps(tmp_path, suffix, rounding):
     ball = trimesh.creation.icosphere(subdivisions=3)
     points = FORMATS[rounding](np.asarray(ball.vertices) * (0.7, 0.6, 0.8) + FAR).astype(float)
     path = tmp_path / f"far{suffix}"
-    if suffix == ".obj":  # text, of as many digits as there are
-        rows = [
-            *("v {:.9g} {:.9g} {:.9g}".format(*p) for p in points),
-            *("f {} {} {}".format(*f) for f in ball.faces + 1),
-        ]
-        path.write_text("\n".join(rows))
-    else:
-        trimesh.Trimesh(points, ball.faces, process=False).export(path)
+    trimesh.Trimesh(points, ball.faces, process=False).export(path)
     with pytest.raises(
         UserError, match=r"coordinates in steps of .* % of its size: they were rounded so far from the origin"
     ):
@@ -463,27 +455,10 @@ def test_coordinates_far_away_in_coarse_steps(tmp_path, suffix, rounding):
 
 
 def test_coordinates_far_away_that_are_fine(tmp_path):
-    for scale, offset, told in (
-        (1.0, FAR, ""),
-        (100.0, FAR / 5, "coordinates in steps of"),
-        (1.0, FAR * 0, ""),
-    ):
+    for scale, offset, told in ((1.0, FAR, False), (100.0, FAR / 5, True), (1.0, FAR * 0, False)):
         points = POINTS * scale + offset
-        stored = points if not told else points.astype(np.float32)
-        rows = [
-            "ply",
-            "format ascii 1.0",
-            f"element vertex {len(points)}",
-            *(f"property double {a}" for a in "xyz"),
-        ]
-        rows += [f"element face {len(FACES)}", "property list uchar int vertex_indices", "end_header"]
-        rows += [" ".join(repr(float(x)) for x in p) for p in stored] + [
-            "3 {} {} {}".format(*f) for f in FACES
-        ]
-        (tmp_path / "far.ply").write_text("\n".join(rows))
-        assert any(
-            "coordinates in steps" in note for note in import_mesh(tmp_path / "far.ply").notes
-        ) == bool(told)
+        path = ply(tmp_path / "far.ply", at=points.astype(np.float32) if told else points)
+        assert any("coordinates in steps" in note for note in import_mesh(path).notes) == told
 
 
 @pytest.mark.parametrize("suffix", [".dae", ".3mf", ".step", ".fbx", ".usdz", ".las", ".xyz", ""])

@@ -1,7 +1,5 @@
 """Photographs that people bring: one small case of each kind, with what is true beside it, and variants that are drawn."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -14,14 +12,15 @@ import drawn_ball as ball
 import numpy as np
 import pycolmap
 import pytest
+import rendered_photographs
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from rendered_photographs import save
+from rendered_photographs import save, silent
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.geometry.frames import align_umeyama, invert_rigid, look_at
+from nbv.geometry.frames import align_umeyama, look_at
 from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.importer import ImportOptions, import_photographs
@@ -30,10 +29,6 @@ from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object
 
 SET_RADIUS = ball.RADIUS_M * 3.5 / ball.DISTANCE_M
-
-
-def silent(what: str, done: int, total: int) -> None:
-    pass
 
 
 def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -> ImportSource:
@@ -198,18 +193,12 @@ def test_where_exif_says_a_photograph_was_taken(
 
 
 def frames() -> list[dict]:
-    upside = np.diag([1.0, -1.0, -1.0, 1.0])
-    return [
-        {
-            "file_path": f"images/view_{index:02d}.png",
-            "transform_matrix": (invert_rigid(look_at(position, ball.CENTRE_M)) @ upside).tolist(),
-        }
-        for index, position in enumerate(ball.positions_m(), start=1)
-    ]
+    return rendered_photographs.frames(ball.positions_m(), "images/view_{:02d}.png", 1)
 
 
 CAMERA = {"w": 160, "h": 120, "fl_x": 130.0, "fl_y": 131.0, "cx": 81.0, "cy": 59.0}
 LENS_4 = {"k1": 0.02, "k2": -0.01, "k3": 0.003, "k4": -0.001}
+FISHEYE = ("OPENCV_FISHEYE", [130, 131, 81, 59, 0.02, -0.01, 0.003, -0.001])
 FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
 
 
@@ -218,14 +207,8 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
     [
         ({**CAMERA, "k1": 0.1, "p1": 0.01}, ("OPENCV", [130, 131, 81, 59, 0.1, 0, 0.01, 0])),
         ({**CAMERA, "camera_model": "PINHOLE"}, ("PINHOLE", [130, 131, 81, 59])),
-        (
-            {**CAMERA, **LENS_4, "camera_model": "OPENCV_FISHEYE"},
-            ("OPENCV_FISHEYE", [130, 131, 81, 59, 0.02, -0.01, 0.003, -0.001]),
-        ),
-        (
-            {**CAMERA, **LENS_4, "is_fisheye": True},
-            ("OPENCV_FISHEYE", [130, 131, 81, 59, 0.02, -0.01, 0.003, -0.001]),
-        ),
+        ({**CAMERA, **LENS_4, "camera_model": "OPENCV_FISHEYE"}, FISHEYE),
+        ({**CAMERA, **LENS_4, "is_fisheye": True}, FISHEYE),
         (
             {**CAMERA, **LENS_4, "k5": 0.01, "camera_model": "FULL_OPENCV"},
             ("FULL_OPENCV", [130, 131, 81, 59, 0.02, -0.01, 0, 0, 0.003, -0.001, 0.01, 0]),
@@ -310,22 +293,55 @@ def test_a_model_with_the_poses_of_hardly_any(tmp_path: Path, poses: int) -> Non
     )
 
 
-def test_a_line_of_a_text_model_that_is_far_too_long(tmp_path: Path) -> None:
+def test_a_model_of_other_photographs_or_none(tmp_path: Path) -> None:
     source = source_of(ball.write_photographs(tmp_path / "photographs"))
-    ball.model("PINHOLE").write_text(tmp_path)
-    with (tmp_path / "images.txt").open("a") as file:
-        file.write("1 " * (6 * 2**20))
-    assert "images.txt has a line of more than 10 MB" in refusal(read_model, tmp_path, source)
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({**CAMERA, "frames": [{**frames()[0], "file_path": "other.jpg"}]}))
+    assert "other photographs: none of its 1 images" in refusal(read_model, path, source)
+    path.write_text(json.dumps({**CAMERA, "w": 1000, "frames": frames()}))
+    assert "other photographs: it has view_01.png with 1000 x 120" in refusal(read_model, path, source)
+    assert "there is no model" in refusal(read_model, tmp_path / "absent.json", source)
+    assert "no COLMAP model" in refusal(read_model, tmp_path / "photographs", source)
 
 
-@pytest.mark.parametrize(("name", "what"), [("TIFF", "it is TIFF"), ("text", "it is neither JPEG nor PNG")])
-def test_a_file_that_is_not_what_its_name_says(tmp_path: Path, name: str, what: str) -> None:
+@pytest.mark.parametrize("text", [False, True])
+def test_a_colmap_model_is_what_it_was_written_from(tmp_path: Path, text: bool) -> None:
+    source = source_of(ball.write_photographs(tmp_path / "photographs"))
+    made = ball.model("SIMPLE_RADIAL")
+    (made.write_text if text else made.write_binary)(tmp_path)
+    rays = np.column_stack([*np.random.default_rng(0).uniform(-0.5, 0.5, (2, 50)), np.ones(50)])
+    for scale in (1.0, 0.5):
+        [(model, _)] = read_model(tmp_path, replace(source, max_size_px=int(160 * scale)))
+        assert model.names == tuple(p.name for p in source.photographs)
+        assert np.allclose(model.poses, [look_at(at, ball.CENTRE_M) for at in ball.positions_m()], atol=1e-9)
+        shown = scale * np.asarray(ball.camera("SIMPLE_RADIAL").img_from_cam(rays))
+        assert np.allclose(model.cameras[0].img_from_cam(rays), shown, atol=1e-9)
+        assert np.allclose(sorted(model.xyz.tolist()), sorted(p.xyz.tolist() for p in made.points3D.values()))
+        assert len(model.views) == made.compute_num_observations()
+        assert model.reprojection_errors_px().max() < 1e-6
+    if text:
+        with (tmp_path / "images.txt").open("a") as file:
+            file.write("1 " * (6 * 2**20))
+        assert "images.txt has a line of more than 10 MB" in refusal(read_model, tmp_path, source)
+        (tmp_path / "images.txt").write_text("1 2 three\n")
+        assert "cannot be read" in refusal(read_model, tmp_path, source)
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        ("TIFF", "it is TIFF"),
+        (b"\0\0\0\x18ftypheic", "it is HEIC"),
+        (b"not a picture", "it is neither JPEG nor PNG"),
+    ],
+)
+def test_a_file_that_is_not_what_its_name_says(tmp_path: Path, content: object, what: str) -> None:
     folder = ball.write_photographs(tmp_path / "photographs")
     victim = sorted(folder.iterdir())[0]
-    if name == "TIFF":
-        Image.new("RGB", (160, 120), (90, 90, 90)).save(victim, "TIFF")
+    if isinstance(content, bytes):
+        victim.write_bytes(content)
     else:
-        victim.write_text("not a picture")
+        Image.new("RGB", (160, 120), (90, 90, 90)).save(victim, "TIFF")
     said = refusal(read_folder, folder, silent)
     assert what in said and victim.name in said and "BytesIO" not in said and "mogrify" in said
 
@@ -359,6 +375,7 @@ def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_pat
             lambda b: struct.pack("<Q", 10**8),
             "points3D.bin counts more than its 8 bytes hold",
         ),
+        ("images.bin", lambda b: b[:-40], "cannot be read"),
         ("points3D.bin", lambda b: b[:51] + struct.pack("<Q", 10**10) + b[59:], "points3D.bin counts more"),
         ("images.bin", lambda b: b[:83] + struct.pack("<Q", 10**9) + b[91:], "images.bin counts more"),
     ],

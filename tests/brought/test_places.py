@@ -1,7 +1,5 @@
 """The scale of a model from control points and GPS in the systems and units that people have, where the truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

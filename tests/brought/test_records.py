@@ -1,7 +1,5 @@
 """Records of missions that somebody else wrote."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

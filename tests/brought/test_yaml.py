@@ -1,7 +1,5 @@
 """Values as users write them: files and command line read YAML 1.2's core schema, and what is written reads back."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 from hypothesis import given

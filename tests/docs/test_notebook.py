@@ -1,7 +1,5 @@
 """The notebook runs from top to bottom; pictures of page, viewer and terminal are not older than what they show."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

@@ -1,21 +1,10 @@
 """The rules of the house that no linter knows."""
 
-from __future__ import annotations
-
 import ast
 import re
-import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def test_every_marker_of_the_layers_is_a_room() -> None:
-    """A room that nobody has given a layer would be free to import anything."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    layered = [c for c in contracts if c["type"] == "layers" and "containers" in c]
-    assert {c["containers"][0] for c in layered} == {"nbv", "tuner"}
-    assert all(c["exhaustive"] for c in layered)
 
 
 # Files that read what this program wrote for itself: pipes between its processes, its store, its own defaults.
@@ -51,13 +40,6 @@ def test_files_are_read_at_one_boundary() -> None:
             calls = (n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call))
             found += [f"{name}:{c.lineno}" for c in calls if ast.unparse(c.func) in parsers]
     assert found == [], "nbv.safe_files has limits on size, depth, types and time"
-
-
-def test_settings_alone_ask_whether_there_is_a_mission_file() -> None:
-    """What differs between missions over rocks and those of a mission file is a method of `Problem`."""
-    asks = re.compile(r"\b(s|self|settings)\.mission is (not )?None")
-    found = {path.name for path in (ROOT / "tuner").rglob("*.py") if asks.search(path.read_text())}
-    assert found == {"settings.py"}, "tuner.problem.problem has the methods"
 
 
 DOCKERFILE = (ROOT / ".ci" / "Dockerfile").read_text()

@@ -1,7 +1,5 @@
 """Streams depend on their key alone."""
 
-from __future__ import annotations
-
 import pytest
 
 from nbv.random_streams import keyed_rng

@@ -1,7 +1,5 @@
 """Files from anybody: what is not as it must be is one line, at once, and in little memory."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """What the authors' files do, in our parameters: an independent way back for tests of what is written to them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

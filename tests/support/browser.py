@@ -1,7 +1,5 @@
 """A page opened in headless Chromium: what its console says, and whether it is wider than the window."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,12 +1,11 @@
 """A ball on the ground, drawn ray by ray through any lens of COLMAP's, with its mask, its model and its photographs as files."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 
 import numpy as np
 import pycolmap
+from colmap_workspace import model_of
 from PIL import Image
 
 from nbv.geometry.frames import look_at
@@ -102,29 +101,16 @@ def model(lens: str, orientation: int = 1, name: str = "{}.png") -> pycolmap.Rec
     params = np.array(upright.params)
     principal = list(upright.principal_point_idxs())
     params[principal] = turn[:2, :2] @ (params[principal] - middle) + size / 2
-    out = pycolmap.Reconstruction()
-    out.add_camera_with_trivial_rig(
-        pycolmap.Camera(model=lens, width=int(size[0]), height=int(size[1]), params=params, camera_id=1)
-    )
-    points, tracks = points_m(), [pycolmap.Track() for _ in points_m()]
-    for index, position in enumerate(positions_m(), start=1):
+    stored = pycolmap.Camera(model=lens, width=int(size[0]), height=int(size[1]), params=params)
+    points, poses, visible, pixels = points_m(), [], [], []
+    for position in positions_m():
         pose = look_at(position, CENTRE_M)
         shown = np.asarray(upright.img_from_cam(points @ pose[:3, :3].T + pose[:3, 3]))
-        members = np.flatnonzero(
-            seen(points, position) & ((shown > 1) & (shown < 2 * middle - 1)).all(axis=1)
-        )
-        for feature, member in enumerate(members):
-            tracks[member].add_element(index, feature)
-        stored = np.column_stack([turn @ pose[:3, :3] @ mirror, turn @ pose[:3, 3]])
-        keypoints = (shown[members] - middle) @ turn[:2, :2].T + size / 2
-        image = pycolmap.Image(
-            name=name.format(f"view_{index:02d}"), keypoints=keypoints, camera_id=1, image_id=index
-        )
-        out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(stored))
-    for point, track in zip(points, tracks, strict=True):
-        if track.length() >= 2:
-            out.add_point3D(mirror @ point, track, np.zeros(3, np.uint8))
-    return out
+        visible.append(seen(points, position) & ((shown > 1) & (shown < 2 * middle - 1)).all(axis=1))
+        pixels.append(np.where(visible[-1][:, None], (shown - middle) @ turn[:2, :2].T + size / 2, 0.0))
+        poses.append(np.column_stack([turn @ pose[:3, :3] @ mirror, turn @ pose[:3, 3]]))
+    names = [name.format(f"view_{index:02d}") for index in range(1, len(poses) + 1)]
+    return model_of(stored, names, poses, points @ mirror, np.array(visible), np.array(pixels))
 
 
 def write_photographs(folder: Path, lens: str = "PINHOLE", orientation: int = 1) -> Path:

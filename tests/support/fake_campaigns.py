@@ -1,7 +1,5 @@
 """Campaigns of fake missions: settings that each test changes where it cares, and a flight to the end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import synthetic

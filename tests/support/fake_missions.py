@@ -4,8 +4,6 @@ The first letters of a rock's name choose its behaviour: ``abort``, ``kill``, ``
 ``full``, ``slow``, ``user``, ``blind``, ``once-...`` (so at the first flight only); any other rock is plain.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import math

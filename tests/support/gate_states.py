@@ -1,7 +1,5 @@
 """States, pools and rankings for the gate tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from scoring_state import sparse_model
 

@@ -1,7 +1,5 @@
 """An executor for tests: missions in this very process."""
 
-from __future__ import annotations
-
 import collections
 import time
 

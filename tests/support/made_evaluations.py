@@ -1,7 +1,5 @@
 """Evaluations with known outcomes: complete metrics, made from a level per strategy, without running a mission."""
 
-from __future__ import annotations
-
 import zlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A small set of photographs on disk: noise for pictures, a sphere for a reference."""
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image
 

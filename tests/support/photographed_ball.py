@@ -1,14 +1,11 @@
 """A set of photographs of a ball whose true surface is its reference: rendered, small, poses exact."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pycolmap
 import trimesh
+from colmap_workspace import model_of
 from PIL import Image
-from scene_helpers import BALL_RADIUS_M, SMALL_GROUND, make_ball
+from scene_helpers import BALL_RADIUS_M, CENTRE_M, SMALL_GROUND, around, make_ball
 
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
@@ -20,20 +17,13 @@ from nbv.scene import build_scene, make_renderer
 
 HEIGHT_M = 2 * BALL_RADIUS_M
 CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)
-CENTRE_M = np.array([0.0, 0.0, BALL_RADIUS_M])
-
-
-def places(azimuths_deg: np.ndarray, elevations_deg: np.ndarray, radius_m: float = 3.5) -> np.ndarray:
-    """(N, 3) about the ball's centre."""
-    a, e = np.deg2rad(azimuths_deg), np.deg2rad(elevations_deg)
-    return CENTRE_M + radius_m * np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 def spread(count: int) -> np.ndarray:
     """(count, 3) all round, at 15 to 40 degrees, as a hand would hold a camera."""
     rng = np.random.default_rng(0)
     azimuths = np.arange(count) * 360.0 / count + rng.normal(0, 2, count)
-    return places(azimuths, rng.uniform(15, 40, count), 3.5)
+    return around(azimuths, rng.uniform(15, 40, count))
 
 
 def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> PhotographSet:
@@ -62,7 +52,13 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
         make_rock(name, ball.vertices_m, ball.faces, ball.albedo, split="extra", difficulty="a ball"),
         folder / "surface.npz",
     )
-    _write_tracks(folder / "sparse", photographs, points[:: len(points) // 300])
+    tracked, normals = (values[:: len(points) // 300] for values in (points, normals))
+    to_camera = np.array([p.camera_center_m for p in photographs])[:, None] - tracked
+    seen = np.einsum("npk,pk->np", to_camera, normals) > 0.5 * np.linalg.norm(to_camera, axis=2)
+    params = [CAMERA.focal_px, CAMERA.focal_px, CAMERA.width_px / 2, CAMERA.height_px / 2]
+    lens = pycolmap.Camera(model="PINHOLE", width=CAMERA.width_px, height=CAMERA.height_px, params=params)
+    poses, names = zip(*((p.camera_from_world, f"{p.name}.jpg") for p in photographs))
+    model_of(lens, names, poses, tracked, seen).write(str(folder / "sparse"))
     made = PhotographSet(
         name=name,
         folder=folder,
@@ -82,31 +78,3 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
     )
     made.write(folder)
     return made
-
-
-def _write_tracks(folder: Path, photographs: list[Photograph], points: np.ndarray) -> None:
-    """Every point is tracked in the photographs that face it within 60 degrees."""
-    model = pycolmap.Reconstruction()
-    params = [CAMERA.focal_px, CAMERA.focal_px, CAMERA.width_px / 2, CAMERA.height_px / 2]
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            model="PINHOLE", width=CAMERA.width_px, height=CAMERA.height_px, params=params, camera_id=1
-        )
-    )
-    for i, photograph in enumerate(photographs, 1):
-        image = pycolmap.Image(name=f"{photograph.name}.jpg", camera_id=1, image_id=i)
-        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(np.zeros(2)) for _ in points])
-        pose = photograph.camera_from_world
-        model.add_image_with_trivial_frame(
-            image, pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
-        )
-    for j, point in enumerate(points):
-        normal = (point - CENTRE_M) / BALL_RADIUS_M
-        track = pycolmap.Track()
-        for i, photograph in enumerate(photographs, 1):
-            to_camera = photograph.camera_center_m - point
-            if to_camera @ normal > 0.5 * np.linalg.norm(to_camera):
-                track.add_element(i, j)
-        if track.length() >= 2:
-            model.add_point3D(point, track, np.zeros(3, dtype=np.uint8))
-    model.write(str(folder))

@@ -1,36 +1,27 @@
 """Folders of photographs of a ball on the ground, as a camera would have left them: JPEG with EXIF."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from scene_helpers import SMALL_GROUND, make_ball
+from scene_helpers import CENTRE_M, SMALL_GROUND, around, make_ball
 
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry.frames import look_at
+from nbv.geometry.frames import invert_rigid, look_at
 from nbv.scene import build_scene, make_renderer
 
 CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)
 FOCAL_35_MM = 30  # of that camera, rounded as EXIF does
-TARGET_M = np.array([0.0, 0.0, 0.8])
 ORIGIN_DEG = (46.0, 7.0)
 _METRES_PER_DEGREE = 6_378_137.0 * np.pi / 180
 
 
-def ring(count: int, elevation_deg: float = 25.0, radius_m: float = 4.0) -> np.ndarray:
-    """(count, 3) viewpoints around the ball."""
-    azimuth, elevation = 2 * np.pi * np.arange(count) / count, np.deg2rad(elevation_deg)
-    across = radius_m * np.cos(elevation)
-    height = TARGET_M[2] + radius_m * np.sin(elevation)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.full(count, height)], axis=1)
-
-
 MAX_SIZE_PX = 400  # at which the tests import
-POSITIONS_M = np.concatenate([ring(14, 20.0), ring(6, 45.0)])  # of the imported set
+POSITIONS_M = np.concatenate(
+    [around(np.arange(n) * 360 / n, e, 4.0) for n, e in ((14, 20.0), (6, 45.0))]
+)  # of the imported set
 
 
 @functools.cache
@@ -46,7 +37,7 @@ def _renderer(seed: int):
 
 def render(position_m: np.ndarray, seed: int = 0) -> Image.Image:
     """The ball, or with another seed another ball on other ground, seen from a place."""
-    return Image.fromarray(_renderer(seed).rgb(look_at(position_m, TARGET_M)))
+    return Image.fromarray(_renderer(seed).rgb(look_at(position_m, CENTRE_M)))
 
 
 def save(
@@ -80,3 +71,17 @@ def write_folder(folder: Path, positions_m: np.ndarray, seed: int = 0, prefix: s
     for index, position in enumerate(positions_m):
         save(render(position, seed), folder / f"{prefix}_{index:02d}.jpg", index, position)
     return folder
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Says nothing of an import's progress."""
+
+
+def frames(positions_m: np.ndarray, names: str = "view_{:02d}.jpg", first: int = 0) -> list[dict]:
+    """Photographs from ``positions_m`` (N, 3) as a transforms.json has them."""
+    upside = np.diag([1.0, -1.0, -1.0, 1.0])
+    poses = [invert_rigid(look_at(position, CENTRE_M)) @ upside for position in positions_m]
+    return [
+        {"file_path": names.format(index), "transform_matrix": pose.tolist()}
+        for index, pose in enumerate(poses, first)
+    ]

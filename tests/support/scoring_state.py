@@ -1,7 +1,5 @@
 """Sparse models, pools and planning states for tests of what reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,8 +1,10 @@
 """A small world of labelled points, so that the mapper can be tested without rendering or SIFT."""
 
-from __future__ import annotations
+import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scene_helpers import around
 
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.geometry.frames import camera_centers_m, intrinsic_matrix, look_at
@@ -20,18 +22,12 @@ def ring_captures(count: int, radius_m: float = 4.0, start: int = 0, turn_deg: f
     """Captures on rings of 12 at 15 and 35 degrees; each photograph is filled with its index."""
     captures = []
     for i in range(start, start + count):
-        azimuth = np.radians(turn_deg + 30.0 * (i % 12) + (15.0 if (i // 12) % 2 else 0.0))
-        elevation = np.radians(35.0 if (i // 12) % 2 else 15.0)
-        position = TARGET + radius_m * np.array(
-            [
-                np.cos(elevation) * np.cos(azimuth),
-                np.cos(elevation) * np.sin(azimuth),
-                np.sin(elevation),
-            ]
-        )
+        upper = (i // 12) % 2
+        azimuth, elevation = turn_deg + 30.0 * (i % 12) + 15.0 * upper, 15.0 + 20.0 * upper
+        position = around(azimuth, elevation, radius_m)
         name = f"view_{i:02d}.png"
         image = np.full((CAMERA.height_px, CAMERA.width_px, 3), i, np.uint8)
-        viewpoint = Viewpoint(name, tuple(position), np.degrees(azimuth), np.degrees(elevation), "seed")
+        viewpoint = Viewpoint(name, tuple(position), azimuth, elevation, "seed")
         captures.append(Capture(name, viewpoint, look_at(position, TARGET), image))
     return captures
 
@@ -107,3 +103,15 @@ CONFIG = SparseConfig(min_registered_seeds=8, global_ba_interval=4)
 def mission(sparse: SparseConfig, telemetry: TelemetryConfig | None = None) -> MissionConfig:
     """The default configuration with these sections."""
     return MissionConfig().changed(sparse=sparse, telemetry=telemetry or TelemetryConfig())
+
+
+def moved(pose: np.ndarray, offset_m: ArrayLike) -> np.ndarray:
+    """The same orientation, its centre moved by ``offset_m``."""
+    other = pose.copy()
+    other[:3, 3] -= pose[:3, :3] @ np.asarray(offset_m, float)
+    return other
+
+
+def reported(capture: Capture, offset_m: ArrayLike) -> Capture:
+    """As telemetry that errs by ``offset_m`` has it."""
+    return dataclasses.replace(capture, camera_from_world=moved(capture.camera_from_world, offset_m))

@@ -1,7 +1,5 @@
 """Observations of the fake mission without running any mission."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

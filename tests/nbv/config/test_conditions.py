@@ -1,7 +1,5 @@
 """Named worlds laid over a configuration."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scene_helpers import CENTRE_M, SMALL_CAMERA, around, closed_form, pixel_rays
 
 from nbv.config import CameraConfig
-from nbv.geometry.frames import intrinsic_matrix, look_at
+from nbv.geometry.frames import camera_centers_m, look_at
 
-TARGET = np.array([0.0, 0.0, 0.8])
 RADIUS_M = 0.6
-CAMERA = CameraConfig(width_px=320, height_px=240, focal_px=232.87)
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class SyntheticScene:
     images: dict
     poses: dict
     depths: dict  # true depth of the sphere, else of the ground
-    camera: CameraConfig = CAMERA
+    camera: CameraConfig = SMALL_CAMERA
 
 
 def texture(points):
@@ -31,40 +30,18 @@ def texture(points):
     return np.clip(128 + 50 * value, 0, 255)
 
 
-def render(pose, camera=CAMERA):
+def render(pose, camera=SMALL_CAMERA):
     """RGB image and true depth from a pose."""
-    v, u = np.indices((camera.height_px, camera.width_px)) + 0.5
-    rays_camera = (
-        np.stack([u, v, np.ones_like(u)], -1).reshape(-1, 3) @ np.linalg.inv(intrinsic_matrix(camera)).T
-    )
-    rays = rays_camera @ pose[:3, :3]  # depth 1 along the optical axis
-    center = -pose[:3, :3].T @ pose[:3, 3]
-    to_target = center - TARGET
-    a, b, c = (rays**2).sum(1), rays @ to_target, to_target @ to_target - RADIUS_M**2
-    root = b * b - a * c
-    sphere = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
-    ground = np.where(rays[:, 2] < -1e-6, -center[2] / np.minimum(rays[:, 2], -1e-6), np.inf)
-    depth = np.minimum(sphere, ground)
-    grey = np.full(len(rays), 180.0)
-    hit = np.isfinite(depth)
-    grey[hit] = texture(center + rays[hit] * depth[hit, None])
-    shape = (camera.height_px, camera.width_px)
-    image = np.repeat(np.rint(grey).astype(np.uint8).reshape(*shape, 1), 3, axis=2)
-    return image, depth.reshape(shape)
-
-
-def orbit(azimuths_deg, elevation_deg=25.0, radius_m=3.5):
-    poses = {}
-    for azimuth in azimuths_deg:
-        a, e = np.deg2rad(azimuth), np.deg2rad(elevation_deg)
-        offset = radius_m * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        poses[f"view_{azimuth:03d}.png"] = look_at(TARGET + offset, TARGET)
-    return poses
+    depth = np.minimum(*closed_form(camera, pose, RADIUS_M))
+    rays, hit = pixel_rays(camera) @ pose[:3, :3], np.isfinite(depth)
+    grey = np.full(depth.shape, 180.0)
+    grey[hit] = texture(camera_centers_m(pose) + rays[hit] * depth[hit, None])
+    return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, axis=2), depth
 
 
 @pytest.fixture(scope="session")
 def scene():
-    poses = orbit((0, 9, 18, 27, 36))
+    poses = {f"view_{a:03d}.png": look_at(around(a, 25.0), CENTRE_M) for a in (0, 9, 18, 27, 36)}
     rendered = {name: render(pose) for name, pose in poses.items()}
     return SyntheticScene(
         {n: image for n, (image, _) in rendered.items()},

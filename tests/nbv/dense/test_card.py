@@ -1,7 +1,5 @@
 """One mission at a time on a card, and what its refusals mean."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

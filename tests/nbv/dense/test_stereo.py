@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scene_helpers import around
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.stereo import (
@@ -19,9 +20,7 @@ TARGET = (0.0, 0.0, 0.8)
 
 
 def orbit_pose(azimuth_deg, elevation_deg=20.0, radius_m=3.5):
-    a, e = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
-    offset = radius_m * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    return look_at(np.array(TARGET) + offset, np.array(TARGET))
+    return look_at(around(azimuth_deg, elevation_deg, radius_m), np.array(TARGET))
 
 
 def posed(poses, config=CONFIG):

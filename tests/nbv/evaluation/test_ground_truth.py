@@ -3,6 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from scene_helpers import around
 
 from nbv.config import preset
 from nbv.evaluation.floor import rock_floors
@@ -14,19 +15,6 @@ from nbv.rocks.rock import make_rock
 
 def mesh_arrays(mesh):
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
-
-
-def ring(radius, elevation_deg, count=24, center=(0, 0, 0.8)):
-    azimuth = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    elevation = np.deg2rad(elevation_deg)
-    return np.array(center) + radius * np.stack(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.full(count, np.sin(elevation)),
-        ],
-        axis=1,
-    )
 
 
 def test_single_camera_sees_a_sphere_up_to_the_incidence_limit():
@@ -49,7 +37,7 @@ def test_underside_ground_and_occluded_parts_are_not_observable():
     inside = o3d.geometry.TriangleMesh.create_sphere(0.2).translate((0, 0, 0.7))
     vertices, faces = mesh_arrays(box + buried + inside)
     points, normals = sample_surface(vertices, faces, 20_000, 0)
-    cameras = np.concatenate([ring(3.5, e) for e in (10, 35, 55)])
+    cameras = np.concatenate([around(np.arange(0, 360, 15), e) for e in (10, 35, 55)])
     seen = observable_mask(RayCaster(vertices, faces), points, normals, cameras)
     top, bottom = (normals[:, 2] > 0.99), (normals[:, 2] < -0.99) & (np.abs(points[:, 2] - 0.2) < 1e-6)
     in_sphere = np.linalg.norm(points - [0, 0, 0.7], axis=1) < 0.21

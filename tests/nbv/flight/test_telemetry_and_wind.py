@@ -1,7 +1,5 @@
 """Telemetry's moments and drift; wind on the legs and at the photograph; neighbours that the vehicle keeps out of."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -12,9 +10,7 @@ from nbv.config import (
     MissionConfig,
     TelemetryConfig,
     WindConfig,
-    config_from_dict,
 )
-from nbv.errors import UserError
 from nbv.flight import Flight, Pose
 from nbv.flight.leg import fly_straight
 from nbv.flight.telemetry import TelemetryErrors
@@ -64,19 +60,6 @@ def test_attitude_error_turns_the_camera_about_itself() -> None:
     cosine = [(np.trace(pose[:3, :3] @ REPORTED[:3, :3].T) - 1) / 2 for pose in true]
     angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
     assert np.sqrt((angle_deg**2).mean()) == pytest.approx(np.sqrt(3.0), rel=0.06)
-
-
-@pytest.mark.parametrize(
-    ("values", "named"),
-    [
-        ({"attitude_noise_deg": 1.0}, "horizontal_noise_m"),
-        ({"lever_arm_m": [0.1, 0.0, 0.0]}, "horizontal_noise_m"),
-        ({"horizontal_noise_m": 0.1}, "vertical_noise_m"),
-    ],
-)
-def test_telemetry_that_errs_has_a_covariance(values: dict[str, object], named: str) -> None:
-    with pytest.raises(UserError, match=rf"^telemetry\.{named} is 0.0; .* needs a covariance"):
-        config_from_dict({"telemetry": values})
 
 
 LIMITS = FlightConfig()

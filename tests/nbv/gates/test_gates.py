@@ -1,7 +1,5 @@
 """Fixed, heuristic and control gates, and how a gate is made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,13 +51,6 @@ def test_every_kind_can_be_made_or_says_what_it_lacks() -> None:
                 make_gate(config(kind))
         else:
             assert make_gate(config(kind)) is not None
-
-
-def test_hyb_h_switches_to_the_configured_geometry_scorer() -> None:
-    ranked = {**rankings(0, 1, len(pool())), "predicted": rankings(0, 2, len(pool()))["b-aware"]}
-    gate = make_gate(config("hyb-h", **{"gate.geometry_scorer": "predicted"}))
-    assert gate.decide(state(used=0), pool(), ranked).ranking is ranked["predicted"]
-    assert gate.decide(state(used=39, d95_m=0.0), pool(), ranked).ranking is ranked["covis"]
 
 
 def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,11 @@
 """The oracle on a sphere, where what a view sees is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
 from gate_states import pool, rankings, state
+from scene_helpers import around
+from scoring_state import pool_at
 
 from nbv.config import MissionConfig
 from nbv.gates import GroundTruthOracle, make_gate
@@ -30,19 +30,8 @@ def oracle(coverage: str) -> GroundTruthOracle:
 
 
 def opposite_pool() -> CandidatePool:
-    full = pool()
-    east, west = (
-        int(np.argmin(np.linalg.norm(full.positions_m - p, axis=1))) for p in ([4, 0, 1], [-4, 0, 1])
-    )
-    keep = [east, west]
-    return CandidatePool(
-        tuple(full.ids[i] for i in keep),
-        full.positions_m[keep],
-        full.headings_rad[keep],
-        full.azimuths_deg[keep],
-        full.elevations_deg[keep],
-        tuple(full.bands[i] for i in keep),
-    )
+    """East and west."""
+    return pool_at(around([0.0, 180.0], 3.0), np.array([0.0, 0.0, RADIUS]))
 
 
 def test_sees_the_cap_that_faces_it() -> None:
@@ -130,8 +119,7 @@ def test_matchable_needs_views_at_matchable_angles() -> None:
     o = oracle("matchable")
 
     def at(*azimuths_deg: float) -> np.ndarray:
-        a = np.deg2rad(azimuths_deg)
-        return np.column_stack([3.5 * np.cos(a), 3.5 * np.sin(a), np.full(len(a), 0.8)])
+        return around(azimuths_deg, 0.0)
 
     def covered(*azimuths_deg: float) -> float:
         return float(o.coverage(state(visited=at(*azimuths_deg))).covered.mean())

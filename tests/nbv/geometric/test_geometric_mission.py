@@ -128,16 +128,19 @@ def test_a_view_may_be_flown_again_and_again(config):
     assert (result.status, result.costs["registered_images"]) == ("ok", 28)
 
 
+LIMITED = {
+    "scene.match_angle_deg": 45.0,
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 3,
+    "seed.lowest_deg": 25.0,
+}
+
+
 def test_where_features_match_less_far_a_ring_of_few_falls_apart(config):
     """As photographs of the stone figure do, whose rings of 12 register and whose rings of 8 do in part."""
-    limited = {
-        "scene.match_angle_deg": 45.0,
-        "sparse.ground_features": 2000,
-        "sparse.min_registered_seeds": 3,
-    }
 
     def registered(seeds, **more):
-        ring = {**limited, "seed.count": seeds, "seed.lowest_deg": 25.0, "stop.adaptive_budget": 0, **more}
+        ring = {**LIMITED, "seed.count": seeds, "stop.adaptive_budget": 0, **more}
         return run_geometric_mission(config.with_values(ring), ROCK).costs["registered_images"]
 
     assert registered(8, **{"scene.match_angle_deg": 180.0}) == 8
@@ -145,17 +148,9 @@ def test_where_features_match_less_far_a_ring_of_few_falls_apart(config):
     assert registered(7) < 7
 
 
-def test_a_seed_that_is_out_joins_once_a_photograph_leads_to_it(config, monkeypatch):
+def test_a_seed_that_is_out_joins_once_a_photograph_leads_to_it(config):
     """As in photogrammetry: whatever is out is tried again after every photograph."""
-    values = {
-        "scene.match_angle_deg": 45.0,
-        "sparse.ground_features": 2000,
-        "sparse.min_registered_seeds": 3,
-        "seed.count": 7,
-        "seed.lowest_deg": 25.0,
-        "seed.second_turn": True,
-        "stop.adaptive_budget": 6,
-    }
+    values = {**LIMITED, "seed.count": 7, "seed.second_turn": True, "stop.adaptive_budget": 6}
     result = run_geometric_mission(config.with_values(values), ROCK)
     assert result.costs["registered_images"] == result.costs["images"] == 13
 

@@ -24,11 +24,6 @@ def height_at(top_m, x_m, y_m):
     return top_m[np.argmin(np.linalg.norm(top_m[:, :2] - [x_m, y_m], axis=1)), 2]
 
 
-def test_what_nobody_has_looked_through_is_whole():
-    top_m = carved_top(CUBE, NONE, NONE, NONE)
-    assert len(top_m) == CELLS**2 and top_m[:, 2] == pytest.approx(1.6)
-
-
 def test_a_line_of_sight_takes_away_what_it_crosses_and_spares_the_cell_before_its_end():
     down = np.array([[0.05, 0.05, 5.0]]), np.array([[0.05, 0.05, 0.45]])
     top_m = carved_top(CUBE, NONE, *down)

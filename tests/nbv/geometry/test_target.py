@@ -1,7 +1,5 @@
 """A thing on the ground is found near the aim, with its size; where there is none, none is found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

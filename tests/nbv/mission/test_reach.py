@@ -1,7 +1,5 @@
 """From what flies, plans and reconstructs no way leads to a true pose or to the true surface."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import types

@@ -1,7 +1,5 @@
 """A target that is known only roughly: where it is believed, and that the loop goes on with what the model shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from test_mission_loop import CountingReconstructor, made

@@ -1,11 +1,9 @@
 """One folder of rendered photographs of two cameras, imported once a session."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
-from rendered_photographs import MAX_SIZE_PX, POSITIONS_M, render, save
+from rendered_photographs import MAX_SIZE_PX, POSITIONS_M, render, save, silent
 
 from nbv.cache import Store
 from nbv.photographs.importer import ImportOptions, import_photographs
@@ -34,17 +32,11 @@ def ball_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 
 @pytest.fixture(scope="session")
-def ball_said() -> list[tuple[str, int, int]]:
-    """What the import said of its progress."""
-    return []
-
-
-@pytest.fixture(scope="session")
-def ball_set(ball_folder: Path, ball_store: Store, ball_said: list, gatetune_home: Path):
+def ball_set(ball_folder: Path, ball_store: Store, gatetune_home: Path):
     return import_photographs(
         ball_folder,
         "ball",
         ImportOptions(max_size_px=MAX_SIZE_PX),
-        lambda *said: ball_said.append(said),
+        silent,
         ball_store,
     )

@@ -1,21 +1,15 @@
 """What a folder may hold, and what is said of the rest."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from rendered_photographs import FOCAL_35_MM, save
+from rendered_photographs import FOCAL_35_MM, save, silent
 
 from nbv.errors import UserError
 from nbv.photographs.folder import read_folder, read_pixels
 from nbv.photographs.import_source import ImportSource
-
-
-def silent(what: str, done: int, total: int) -> None:
-    pass
 
 
 def picture(index: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
@@ -69,16 +63,6 @@ def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
     (tmp_path / "clip.mp4").write_bytes(b"\0\0\0\x18ftypmp42")
     assert "ffmpeg -i VIDEO" in refusal(tmp_path)
     assert "ffmpeg -i VIDEO" in refusal(tmp_path / "clip.mp4")
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [("9.heic", "is neither JPEG nor PNG"), ("9.tif", "is neither"), ("9.jpg", "it is HEIC")],
-)
-def test_heic_and_tiff_are_told_how_to_be_converted(folder: Path, name: str, says: str) -> None:
-    (folder / name).write_bytes(b"\0\0\0\x18ftypheic")
-    message = refusal(folder)
-    assert name in message and says in message and "mogrify -format jpg -quality 97 *.heic *.tif" in message
 
 
 def test_too_few_and_copies(folder: Path) -> None:

@@ -1,29 +1,27 @@
 """A folder of rendered photographs, imported: compared with where they were rendered from, and with the ball."""
 
-from __future__ import annotations
-
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, TARGET_M, render, ring, save, write_folder
-from scene_helpers import BALL_RADIUS_M
+from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, frames, render, save, silent, write_folder
+from scene_helpers import BALL_RADIUS_M, CENTRE_M, around
 
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs import importer as importer_module
+from nbv.photographs.folder import read_folder
+from nbv.photographs.import_source import ImportSource
 from nbv.photographs.importer import ImportOptions, import_photographs
+from nbv.photographs.mapping import solve
 from nbv.photographs.photograph_set import SPARSE, sets_folder
 
 pytestmark = pytest.mark.slow  # by the fixture
-
-
-def silent(what: str, done: int, total: int) -> None:
-    pass
 
 
 def test_poses_are_where_the_photographs_were_taken(ball_set: PhotographSet) -> None:
@@ -130,7 +128,7 @@ def test_photographs_without_overlap(tmp_path: Path, ball_store: Store) -> None:
 
 
 def test_two_objects(tmp_path: Path, ball_store: Store) -> None:
-    arc = ring(30, 30.0)[:8]
+    arc = around(12.0 * np.arange(8), 30.0, 4.0)
     write_folder(tmp_path, arc, prefix="one")
     write_folder(tmp_path, arc, seed=3, prefix="two")
     with pytest.raises(UserError, match="two objects"):
@@ -141,29 +139,13 @@ def test_two_objects(tmp_path: Path, ball_store: Store) -> None:
 def test_poses_alone_are_enough(
     ball_set: PhotographSet, ball_folder: Path, ball_store: Store, tmp_path: Path
 ) -> None:
-    import json
-
-    from nbv.geometry.frames import invert_rigid, look_at
-    from nbv.photographs.folder import read_folder
-    from nbv.photographs.import_source import ImportSource
-    from nbv.photographs.mapping import solve
-
-    frames = [
-        {
-            "file_path": f"view_{i:02d}.jpg",
-            "transform_matrix": (
-                invert_rigid(look_at(p, TARGET_M)) @ np.diag([1.0, -1.0, -1.0, 1.0])
-            ).tolist(),
-        }
-        for i, p in enumerate(POSITIONS_M[:14])
-    ]
     size = {"w": CAMERA.width_px, "h": CAMERA.height_px, "fl_x": CAMERA.focal_px}
     path = tmp_path / "transforms.json"
-    path.write_text(json.dumps({**size, "frames": frames}))
+    path.write_text(json.dumps({**size, "frames": frames(POSITIONS_M[:14])}))
     photographs, _ = read_folder(ball_folder, silent)
     source = ImportSource(tuple(photographs), MAX_SIZE_PX, silent, ball_store)
     model, _, notes = solve(source, path)
     assert len(model.xyz) > 500 and "triangulated" in notes[1]
-    on_ball = np.abs(np.linalg.norm(model.xyz - TARGET_M, axis=1) - BALL_RADIUS_M) < 0.02
+    on_ball = np.abs(np.linalg.norm(model.xyz - CENTRE_M, axis=1) - BALL_RADIUS_M) < 0.02
     on_ground = np.abs(model.xyz[:, 2]) < 0.05
     assert np.mean(on_ball | on_ground) > 0.9

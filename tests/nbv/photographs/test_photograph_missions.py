@@ -1,15 +1,14 @@
 """Missions over photographs: where they may look from, what they are measured by, and one from end to end."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from photographed_ball import CAMERA, CENTRE_M, places, spread, write_set
+from photographed_ball import CAMERA, spread, write_set
 from PIL import Image
+from scene_helpers import CENTRE_M, around
 
 from nbv import plugins
 from nbv.config import preset
@@ -42,17 +41,17 @@ def in_order(positions_m: np.ndarray, views) -> list[int]:
 def test_seeds_are_the_nearest_photographs_each_taken_once() -> None:
     # Two photographs near every second viewpoint, of which the nearer is taken; none is taken twice.
     north_first = 90.0 - np.arange(16) * 22.5
-    at = places(np.concatenate([north_first + 3.0, north_first + 5.0]), np.full(32, 25.0))
+    at = around(np.concatenate([north_first + 3.0, north_first + 5.0]), np.full(32, 25.0))
     chosen = in_order(at, viewpoints(at).seeds(RING))
     assert chosen == list(range(16))
-    crowded = places(north_first[[0] * 16] + np.arange(16) * 1.0, np.full(16, 25.0))
+    crowded = around(north_first[[0] * 16] + np.arange(16) * 1.0, np.full(16, 25.0))
     with pytest.raises(MissionFailure, match="seeds have a photograph within 20 degrees"):
         viewpoints(crowded).seeds(RING)
 
 
 def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
     azimuths = np.arange(0.0, 330.0, 5.0)  # a sector of 35 degrees is empty
-    at = places(azimuths, np.full(len(azimuths), 25.0))
+    at = around(azimuths, np.full(len(azimuths), 25.0))
     seeds = viewpoints(at).seeds(RING)
     assert 14 <= len(seeds) <= 16
     assert len({s.position_m for s in seeds}) == len(seeds)
@@ -64,7 +63,7 @@ def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
 
 
 def test_the_pool_is_what_is_left_within_the_altitudes() -> None:
-    at = np.concatenate([places(np.arange(0, 360, 30.0), np.full(12, e)) for e in (5.0, 20.0, 50.0)])
+    at = np.concatenate([around(np.arange(0, 360, 30.0), np.full(12, e)) for e in (5.0, 20.0, 50.0)])
     lowest, highest = (0.8 + 3.5 * np.sin(np.deg2rad(e)) for e in (10.0, 60.0))
     config = PAPER.with_values({"pool.min_altitude_m": lowest, "pool.max_altitude_m": highest})
     pool = viewpoints(at, config).candidates(config, at[0], at[[12, 13, 30]], 2)

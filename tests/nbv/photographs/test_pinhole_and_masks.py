@@ -1,7 +1,5 @@
 """Undistortion against the lens that distorted, and masks by their names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

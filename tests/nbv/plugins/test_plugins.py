@@ -8,7 +8,6 @@ import sys
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -23,6 +22,7 @@ from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionResult
 from nbv.random_streams import keyed_rng
 from nbv.rocks import load_coarse_rock
+from nbv.scorers import Scorer
 from nbv.types import GateDecision, Ranking
 from tuner.missions.job import MissionJob
 from tuner.missions.run_job import run_job
@@ -136,47 +136,15 @@ def test_a_bad_plug_in_is_one_line_before_anything_runs(package, parts, values, 
     assert said in str(error.value) and "\n" not in str(error.value)
 
 
-def failing(terms, pool, config):
-    raise MissionFailure("disk_full", "not me")
+def raises(error):
+    def planner(*_):
+        raise error
+
+    return planner
 
 
 def changing(terms, pool, config):
     pool.positions_m[0] = 0.0
-    return np.zeros(len(pool))
-
-
-class Changing(Gate):
-    def decide(self, state, pool, rankings):
-        rankings["covis"].scores[:] = 0.0
-        return GateDecision(rankings["covis"], "mine")
-
-
-def test_a_gate_that_changes_the_rankings_is_a_failed_mission(package):
-    plugins.register("gates", "changing", Changing)
-    mission = run_geometric_mission(short(**{"gate.kind": "changing"}), "slab")
-    assert (mission.status, mission.reason) == ("failed", "plugin_failed")
-    assert "must not change what it is given" in mission.message
-
-
-class Asking(Gate):
-    def decide(self, state, pool, rankings):
-        return GateDecision(rankings["predicted"], "asked for by name")
-
-
-class ChangingTerms(Gate):
-    def decide(self, state, pool, rankings):
-        rankings["predicted"].terms["main"][:] = 0.0
-        return GateDecision(rankings["predicted"], "mine")
-
-
-def test_a_gate_may_ask_for_the_ranking_of_any_scorer(package):
-    """Made when it is asked for, and as little to be written to as the others."""
-    plugins.register("gates", "asking", Asking)
-    mission = run_geometric_mission(short(**{"gate.kind": "asking"}), "slab")
-    assert {capture.scorer for capture in mission.trace} == {"predicted"}, mission.message
-    plugins.register("gates", "changing-terms", ChangingTerms)
-    mission = run_geometric_mission(short(**{"gate.kind": "changing-terms"}), "slab")
-    assert "must not change what it is given" in mission.message
 
 
 @pytest.mark.parametrize(
@@ -186,22 +154,59 @@ def test_a_gate_may_ask_for_the_ranking_of_any_scorer(package):
         (lambda terms, pool, config: pool.positions_m, "one number for each candidate"),
         (lambda terms, pool, config: None, "returned NaN or infinity|one number for each candidate"),
         (lambda terms, pool, config: 1 / 0, "ZeroDivisionError"),
-        (lambda terms, pool, config: sys.exit(3), "SystemExit: 3"),
-        (failing, "MissionFailure: not me"),
+        (raises(SystemExit(3)), "SystemExit: 3"),
+        (raises(MissionFailure("disk_full", "not me")), "MissionFailure: not me"),
         (changing, "must not change what it is given"),
     ],
 )
-def test_a_planner_that_fails_is_a_failed_mission(package, term, said):
-    from nbv.scorers import Scorer
-
+def test_a_scorer_that_fails_is_a_failed_mission(package, term, said):
     plugins.register("scorers", "bad", Scorer("bad", term, weights=lambda config: Weights()))
-    mission = run_geometric_mission(short(**{"gate.kind": "bad"}), "slab")
+    mission = flown("bad")
     assert (mission.status, mission.reason) == ("failed", "plugin_failed")
     assert any(part in mission.message for part in said.split("|"))
     raised = (
         f"plug-in {__name__} raised" in mission.message and f"({Path(__file__).name}, line" in mission.message
     )
     assert raised or "scorer 'bad'" in mission.message
+
+
+def flown(kind, **more):
+    return run_geometric_mission(short(**{"gate.kind": kind}), "slab", **more)
+
+
+def register_gate(name, decide):
+    plugins.register("gates", name, type(name, (Gate,), {"decide": decide}))
+
+
+def moving(gate, state, pool, rankings):
+    """Reaches the planner's own pool through the stack, as no copy can prevent."""
+    frame = sys._getframe()
+    while frame.f_code.co_name != "plan":
+        frame = frame.f_back
+    object.__setattr__(frame.f_locals["pool"], "positions_m", np.full((len(pool), 3), 0.05))
+    return GateDecision(rankings["covis"], "moved")
+
+
+@pytest.mark.parametrize(
+    ("decide", "said"),
+    [
+        (
+            lambda gate, state, pool, ranked: ranked["covis"].scores.fill(0.0),
+            "must not change what it is given",
+        ),
+        (
+            lambda gate, state, pool, ranked: ranked["predicted"].terms["main"].fill(0.0),
+            "must not change what",
+        ),
+        (lambda gate, state, pool, ranked: None, "returned NoneType, no"),
+        (moving, "to (0.05, 0.05, 0.05), out of the pool"),
+    ],
+)
+def test_a_gate_that_fails_is_a_failed_mission(package, decide, said):
+    register_gate("bad", decide)
+    mission = flown("bad")
+    assert (mission.reason, mission.costs["images"]) == ("plugin_failed", 24.0)
+    assert said in mission.message
 
 
 def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(package, tmp_path):
@@ -283,7 +288,7 @@ def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, sa
     monkeypatch.setattr(external, "ANSWER_S", 5.0)
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     external.bring(f"outside={sys.executable} {tmp_path / 'planner.py'}")
-    mission = run_geometric_mission(short(**{"gate.kind": "outside"}), "slab")
+    mission = flown("outside")
     assert said in mission.message and len(mission.message) < 600
     assert "planner.py" in mission.message or said in ("", "returned the shape (1,), not (")
     assert (mission.status == "failed") == bool(said)
@@ -301,43 +306,29 @@ def test_the_planners_of_the_examples_plan(package, monkeypatch, name):
     folder = name.replace("-", "_")
     monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs/examples" / folder)
     package("scorers", (name, f"gatetune_{folder}:PLANNER"))
-    mission = run_geometric_mission(short(**{"gate.kind": name}), "slab")
+    mission = flown(name)
     assert {capture.scorer for capture in mission.trace} == {name}, mission.message
     assert all(0.0 < capture.top[name]["main"] <= 1.0 for capture in mission.trace)
 
 
-class Wrong(Gate):
-    def decide(self, state, pool, rankings):
-        return None
-
-
-class Unbuilt(Wrong):
-    def __init__(self, *given):
-        raise OSError("no such map")
-
-
-class Undecided(Gate):
-    pass
-
-
-def test_what_a_gate_returns_or_raises_where_it_is_made_is_said(package, tmp_path):
-    plugins.register("gates", "wrong", Wrong)
-    mission = run_geometric_mission(short(**{"gate.kind": "wrong"}), "slab")
-    assert mission.reason == "plugin_failed"
-    assert mission.message.startswith("gate 'wrong' of ") and "returned NoneType, no" in mission.message
+def test_a_gate_that_is_none_or_cannot_be_made_is_said(package, tmp_path):
     with pytest.raises(UserError, match=r"gate 'undecided' of .* is no gate: a class without decide"):
-        plugins.register("gates", "undecided", Undecided)
-    plugins.register("gates", "unbuilt", Unbuilt)
+        plugins.register("gates", "undecided", type("Undecided", (Gate,), {}))
+    unbuilt = {"__init__": raises(OSError("no such map")), "decide": moving}
+    plugins.register("gates", "unbuilt", type("Unbuilt", (Gate,), unbuilt))
     config = short(**{"gate.kind": "unbuilt"})
     run_job(MissionJob("a", config, "slab", 0, tmp_path / "a", fidelity="geometric").to_dict())
     failed = MissionResult.load(tmp_path / "a")
     assert failed.reason == "plugin_failed" and "raised OSError: no such map (" in failed.message
 
 
+def last(gate, state, pool, rankings):
+    scores = np.arange(len(pool), dtype=float)
+    return GateDecision(Ranking("last", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
+
+
 class Reaching(Gate):
     """Moves every candidate into the rock: in what it is given, behind it, and in what it finds on the way to the planner."""
-
-    seen: ClassVar[list] = []
 
     def decide(self, state, pool, rankings):
         arrays = [pool.positions_m, rankings._pool.positions_m, state.visited_m, state.model.points_m]
@@ -349,47 +340,18 @@ class Reaching(Gate):
             ctypes.memset(array.ctypes.data, 0, array.nbytes)
         object.__setattr__(pool, "positions_m", np.zeros((len(pool), 3)))
         object.__setattr__(self.config.stop, "adaptive_budget", 10**6)
-        self.seen.append((self.rock_sha256, float(self.rng(state).random())))
-        scores = np.arange(len(pool), dtype=float)
-        return GateDecision(Ranking("reaching", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
-
-
-class Last(Gate):
-    def decide(self, state, pool, rankings):
-        scores = np.arange(len(pool), dtype=float)
-        return GateDecision(Ranking("last", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
+        return last(self, state, pool, rankings)
 
 
 def test_what_a_planner_does_to_its_copies_reaches_nobody(package, tmp_path):
     plugins.register("gates", "reaching", Reaching)
-    plugins.register("gates", "last", Last)
-    flown = {}
+    register_gate("last", last)
+    samples = []
     for kind in ("last", "reaching"):
-        mission = run_geometric_mission(
-            short(**{"gate.kind": kind}), "slab", directory=tmp_path / kind, keep="all"
-        )
-        assert mission.status == "ok", mission.message
-        assert len(mission.trace) == 2
-        flown[kind] = json.loads((tmp_path / kind / "flight.json").read_text())["samples"]
-    assert flown["reaching"] == flown["last"]
-
-
-class Moving(Gate):
-    """Reaches the planner's own pool through the stack, as no copy can prevent."""
-
-    def decide(self, state, pool, rankings):
-        frame = sys._getframe()
-        while frame.f_code.co_name != "plan":
-            frame = frame.f_back
-        object.__setattr__(frame.f_locals["pool"], "positions_m", np.full((len(pool), 3), 0.05))
-        return GateDecision(rankings["covis"], "moved")
-
-
-def test_what_is_flown_is_looked_up_again_in_the_pool(package):
-    plugins.register("gates", "moving", Moving)
-    mission = run_geometric_mission(short(**{"gate.kind": "moving"}), "slab")
-    assert (mission.reason, mission.costs["images"]) == ("plugin_failed", 24.0)
-    assert "to (0.05, 0.05, 0.05), out of the pool" in mission.message
+        mission = flown(kind, directory=tmp_path / kind, keep="all")
+        assert mission.status == "ok" and len(mission.trace) == 2, mission.message
+        samples.append(json.loads((tmp_path / kind / "flight.json").read_text())["samples"])
+    assert samples[0] == samples[1]
 
 
 def test_a_planner_tells_rocks_apart_without_knowing_which_they_are(package):

@@ -1,7 +1,5 @@
 """Rocks drawn from families: what the stated distribution promises."""
 
-from __future__ import annotations
-
 import pytest
 
 from nbv.errors import UserError

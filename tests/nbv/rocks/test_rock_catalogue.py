@@ -1,7 +1,5 @@
 """Naming, keeping and finding rocks."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

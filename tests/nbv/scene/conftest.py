@@ -1,7 +1,5 @@
 """A ball, baked once a session."""
 
-from __future__ import annotations
-
 import pytest
 from scene_helpers import SMALL_CAMERA, SMALL_GROUND, make_ball
 

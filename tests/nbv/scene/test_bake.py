@@ -1,7 +1,5 @@
 """The cache is an optimisation, never a source of different values."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -38,22 +36,10 @@ def test_the_second_build_reads_the_cache(ball, ball_scene, store, monkeypatch):
     monkeypatch.setattr("nbv.scene.bake.synthesise_ground", no_baking)
     monkeypatch.setattr("nbv.scene.bake.vertex_radiance", no_baking)
     assert same(build(ball, store), ball_scene)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"ambient": 0.2},
-        {"sun_irradiance": 0.5},
-        {"ground_seed": 1},
-        {"sun_direction": (1.0, 0.0, -1.0)},
-        {"sun_elevation_deg": 30.0},
-        {"sun_azimuth_deg": 10.0},
-    ],
-)
-def test_every_light_setting_is_part_of_the_key(ball, ball_scene, change):
-    other = build_scene(ball, dataclasses.replace(SceneConfig(), **change), SMALL_CAMERA, SMALL_GROUND)
-    assert not same(other, ball_scene)
+    for change in ({"ambient": 0.2}, {"sun_irradiance": 0.5}, {"ground_seed": 1}, {"sun_azimuth_deg": 10.0}):
+        other = dataclasses.replace(SceneConfig(), **change)
+        with pytest.raises(AssertionError, match="baked although"):
+            build_scene(ball, other, SMALL_CAMERA, SMALL_GROUND, store)
 
 
 def test_light_on_a_ball_is_lambert_s(ball, ball_scene):

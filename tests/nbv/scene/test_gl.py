@@ -1,19 +1,16 @@
 """Both backends show the same scene (skipped where there is no EGL)."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
-from scene_helpers import rock_in_picture
+from scene_helpers import CENTRE_M
 
 from nbv.errors import UserError
 from nbv.geometry.frames import look_at
 from nbv.scene import make_renderer
 
-CENTRE = np.array([0.0, 0.0, 0.8])
 POSES = [
-    look_at(np.array(p), CENTRE + np.array(off))
+    look_at(np.array(p), CENTRE_M + np.array(off))
     for p, off in [
         ((4.0, 0.0, 1.8), (0.0, 0.0, 0.0)),
         ((-2.0, 2.5, 3.0), (0.1, 0.3, 0.2)),
@@ -42,13 +39,6 @@ def test_backends_agree(raycast, ball_scene, opengl, pose):
     window = cv2.createHanningWindow(grey_a.shape[::-1], cv2.CV_32F)
     (dx, dy), _ = cv2.phaseCorrelate(grey_a, grey_b, window)
     assert np.hypot(dx, dy) < 0.15  # half a pixel would be a wrong principal point
-
-
-@pytest.mark.parametrize("pose", POSES, ids=["low", "middle", "high"])
-def test_the_rock_is_where_the_ray_caster_sees_it(ball_scene, opengl, pose):
-    a, b = (rock_in_picture(ball_scene, pose, backend) for backend in ("raycast", "gl"))
-    assert (a | b).sum() > 1000
-    assert (a & b).sum() / (a | b).sum() > 0.98
 
 
 def test_an_unknown_backend_is_a_user_error(ball_scene):

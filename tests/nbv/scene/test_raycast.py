@@ -1,43 +1,14 @@
 """Shapes against closed forms, light where the sun is, equal bits for equal input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_helpers import BALL_RADIUS_M, flagged, rock_in_picture
+from scene_helpers import CENTRE_M, around, closed_form, flagged, pixel_rays, rock_in_picture
 
-from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry.frames import intrinsic_matrix, invert_rigid, look_at
+from nbv.config import SceneConfig
+from nbv.geometry.frames import look_at
 from nbv.scene import make_renderer
-
-CENTRE = np.array([0.0, 0.0, BALL_RADIUS_M])
-
-
-def orbit(azimuth_deg: float, elevation_deg: float, radius_m: float = 4.0) -> np.ndarray:
-    a, e = np.radians([azimuth_deg, elevation_deg])
-    return CENTRE + radius_m * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-
-
-def pixel_rays(camera: CameraConfig) -> np.ndarray:
-    """(H, W, 3) camera-frame directions with z = 1 through pixel centres at half-integers."""
-    k = intrinsic_matrix(camera)
-    u, v = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-    return np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones_like(u)], axis=-1)
-
-
-def closed_form(camera: CameraConfig, camera_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """z-depth of the plane z = 0 and of the ball, inf where missed."""
-    world_from_camera = invert_rigid(camera_from_world)
-    origin = world_from_camera[:3, 3]
-    d = pixel_rays(camera) @ world_from_camera[:3, :3].T
-    with np.errstate(divide="ignore"):
-        ground = np.where(d[..., 2] < 0, -origin[2] / d[..., 2], np.inf)
-    a, b = (d * d).sum(-1), d @ (origin - CENTRE)
-    disc = b * b - a * ((origin - CENTRE) @ (origin - CENTRE) - BALL_RADIUS_M**2)
-    ball = np.where(disc > 0, (-b - np.sqrt(np.maximum(disc, 0))) / a, np.inf)
-    return ground, ball
 
 
 @settings(max_examples=12)
@@ -50,7 +21,7 @@ def closed_form(camera: CameraConfig, camera_from_world: np.ndarray) -> tuple[np
 )
 def test_rock_and_ground_are_where_the_closed_form_says(ball_scene, azimuth, elevation, radius, aside, roll):
     """Any pose, rolled and aimed off the rock: sphere and plane where each pixel's half-integer centre looks."""
-    pose = look_at(orbit(azimuth, elevation, radius), CENTRE + np.array(aside))
+    pose = look_at(around(azimuth, elevation, radius), CENTRE_M + np.array(aside))
     c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
     pose = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]) @ pose
     ground, ball = closed_form(ball_scene.camera, pose)
@@ -76,9 +47,9 @@ def test_a_pixel_looks_through_its_half_integer_centre(ball_scene):
 
 
 def test_rendering_is_bit_for_bit_repeatable(raycast, ball_scene):
-    pose = look_at(orbit(200, 25), CENTRE)
+    pose = look_at(around(200, 25, 4.0), CENTRE_M)
     first = raycast.rgb(pose)
-    raycast.rgb(look_at(orbit(10, 60), CENTRE))
+    raycast.rgb(look_at(around(10, 60, 4.0), CENTRE_M))
     for again in (raycast.rgb(pose), make_renderer(ball_scene, "raycast").rgb(pose)):
         assert np.array_equal(first, again)
 

@@ -1,7 +1,5 @@
 """The camera between scene and photograph, its lens included: each effect as its formula says."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

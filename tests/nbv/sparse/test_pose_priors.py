@@ -1,13 +1,11 @@
 """Telemetry that errs, as SfM meets it: a prior in the adjustment, and no reason to call a model wrong."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sparse_world import LabelledPoints, mission, ring_captures
+from sparse_world import LabelledPoints, mission, reported, ring_captures
 
 from nbv.config import TELEMETRY_LEVELS, SparseConfig, TelemetryConfig
 from nbv.errors import MissionFailure
@@ -20,15 +18,10 @@ SEEDS = ring_captures(16)
 CONFIG = SparseConfig(min_registered_seeds=8)
 
 
-def reported(noise_m: float) -> list[Capture]:
+def noisy(noise_m: float) -> list[Capture]:
     """The seeds as telemetry with so much noise along every axis reports them."""
     rng = np.random.default_rng(6)
-    captures = []
-    for seed in SEEDS:
-        pose = seed.camera_from_world.copy()
-        pose[:3, 3] -= pose[:3, :3] @ rng.normal(0, noise_m, 3)
-        captures.append(dataclasses.replace(seed, camera_from_world=pose))
-    return captures
+    return [reported(seed, rng.normal(0, noise_m, 3)) for seed in SEEDS]
 
 
 def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig) -> SparseReconstructor:
@@ -38,7 +31,7 @@ def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig) -> SparseR
 
 
 def test_half_a_metre_of_noise_is_no_wrong_model() -> None:
-    captures = reported(0.5)
+    captures = noisy(0.5)
     with pytest.raises(MissionFailure, match="differ from telemetry") as failure:
         bootstrapped(captures, TELEMETRY_LEVELS["exact"])
     assert failure.value.reason == "wrong_model"
@@ -47,7 +40,7 @@ def test_half_a_metre_of_noise_is_no_wrong_model() -> None:
 
 
 def test_priors_put_the_model_where_telemetry_says() -> None:
-    captures = reported(0.02)
+    captures = noisy(0.02)
     sparse = bootstrapped(captures, TELEMETRY_LEVELS["rtk"])
     own = camera_centers_m(camera_from_model_poses(sparse.reconstruction))  # COLMAP's frame, nothing aligned
     told = np.array([camera_centers_m(c.camera_from_world) for c in captures])

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sparse_world import ring_captures
+from sparse_world import moved, ring_captures
 
 from nbv.config import TELEMETRY_LEVELS
 from nbv.errors import MissionFailure
@@ -20,13 +20,6 @@ def in_model_frame(telemetry, scale, rotation, translation):
     poses[:, :3, :3] = telemetry[:, :3, :3] @ rotation.T
     poses[:, :3, 3] = scale * telemetry[:, :3, 3] - poses[:, :3, :3] @ translation
     return poses
-
-
-def move(pose, offset_m):
-    """The same orientation, its centre moved by ``offset_m``."""
-    moved = pose.copy()
-    moved[:3, 3] -= pose[:3, :3] @ np.asarray(offset_m, float)
-    return moved
 
 
 @settings(max_examples=30)
@@ -47,7 +40,7 @@ def test_undoes_any_similarity(seed, scale):
 def test_names_the_few_cameras_that_disagree(wrong):
     model = TELEMETRY.copy()
     for index in wrong:
-        model[index] = move(model[index], (1.0, -0.7, 0.4 + 0.1 * index))
+        model[index] = moved(model[index], (1.0, -0.7, 0.4 + 0.1 * index))
     model = in_model_frame(model, 2.5, Rotation.from_euler("xyz", [1, 2, 3]).as_matrix(), [3.0, 1.0, 2.0])
     alignment = align_cameras(model, TELEMETRY, 0.1)
     assert tuple(alignment.outliers) == wrong
@@ -81,7 +74,7 @@ def test_collapsed_and_tiny_models():
     same = np.repeat(TELEMETRY[:1], 24, axis=0)
     assert "collapsed" in fails(same)
     assert "only 2" in fails(TELEMETRY[:2], TELEMETRY[:2])
-    line = np.array([move(TELEMETRY[0], (i, 0, 0)) for i in range(5)])
+    line = np.array([moved(TELEMETRY[0], (i, 0, 0)) for i in range(5)])
     assert "line" in fails(line, line)
 
 

@@ -1,7 +1,5 @@
 """Relief, neighbours and burial: heights as asked, nothing in the crop, nothing of the rock below ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -66,32 +64,6 @@ def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
     counts = np.bincount(trimesh.Trimesh(buried.vertices_m, buried.faces, process=False).edges_unique_inverse)
     rim = np.flatnonzero(np.abs(buried.vertices_m[:, 2]) < 1e-12)
     assert set(counts.tolist()) == {1, 2} and (counts == 1).sum() == len(rim)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"ground.relief_m": -0.1}, r"ground\.relief_m is -0\.1; it must be between 0 and 0\.2"),
-        ({"ground.neighbours": -1}, r"ground\.neighbours is -1; it must be between 0 and 12"),
-        (
-            {"ground.neighbour_gap_m": [0.0, 1.0]},
-            r"ground\.neighbour_gap_m is \(0\.0, 1\.0\); it must be between 0\.05 and 3",
-        ),
-        (
-            {"ground.neighbour_height_m": [1.0, 0.5]},
-            r"neighbour_height_m is \(1\.0, 0\.5\); it must be the least before",
-        ),
-        ({"ground.burial_m": -0.2}, r"ground\.burial_m is -0\.2; it must be 0 or more"),
-        ({"wind.gust_m_s": -1}, r"wind\.gust_m_s is -1\.0; it must be 0 or more"),
-        (
-            {"wind.mean_speed_m_s": 5},
-            r"wind\.mean_speed_m_s 5 .* more than the vehicle can hold \(flight\.max_",
-        ),
-    ],
-)
-def test_ground_and_wind_that_cannot_be(values: dict, message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        MissionConfig().with_values(values)
 
 
 def test_a_rock_that_is_buried_whole_is_refused(rock: Rock) -> None:

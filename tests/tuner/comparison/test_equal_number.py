@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from photographed_ball import places, write_set
+from photographed_ball import write_set
+from scene_helpers import around
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.campaign.rock_problem import where_photographed
@@ -99,7 +100,7 @@ def test_orbits_over_photographs_fly_where_these_were_taken(
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
     tuned = BASE.with_values({"seed.count": 16, "stop.adaptive_budget": 8})
     elevations_deg = np.repeat([30.0, 36.0, 42.0, 48.0], 5)
-    write_set("ball", places(np.linspace(0.0, 342.0, 20), elevations_deg), rendered=False)
+    write_set("ball", around(np.linspace(0.0, 342.0, 20), elevations_deg), rendered=False)
     found, notes = where_photographed(orbits_at_number(tuned, ()) | {"tuned": tuned}, ["ball"])
     number = photographs(tuned)
     ring, two = found[f"orbit-middle-{number}"].seed, found[f"orbit-two-{number}"].seed
