@@ -1,7 +1,5 @@
 """What all tests share: a home of their own."""
 
-import os
-
 import pytest
 from hypothesis import settings
 
@@ -14,10 +12,6 @@ settings.load_profile("untimed")
 def gatetune_home(tmp_path_factory):
     """Rocks and caches of one worker's tests, empty at their start: two workers make sets of photographs of one name."""
     home = tmp_path_factory.getbasetemp() / "gatetune-home"
-    before = os.environ.get("GATETUNE_HOME")
-    os.environ["GATETUNE_HOME"] = str(home)
-    yield home
-    if before is None:
-        os.environ.pop("GATETUNE_HOME")
-    else:
-        os.environ["GATETUNE_HOME"] = before
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GATETUNE_HOME", str(home))
+        yield home

@@ -1,5 +1,8 @@
 """Campaigns of fake missions: settings that each test changes where it cares, and a flight to the end."""
 
+import os
+import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import synthetic
@@ -7,6 +10,7 @@ from in_process import InProcessExecutor
 
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 
@@ -26,7 +30,17 @@ def settings(**changes: object) -> CampaignSettings:
         "sampler": "gp",
         "fidelity": FIDELITY,
     }
-    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+    return CampaignSettings(**{**fields, **changes})
+
+
+def stop_after(missions: int) -> Callable[[CampaignEvent], None]:
+    """A listener that ends a campaign after so many missions, as Ctrl-C does."""
+
+    def stop(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == missions:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return stop
 
 
 def run(directory: Path, **changes: object) -> Campaign:

@@ -43,13 +43,6 @@ def rock_shift(rock: str) -> tuple[float, float]:
     return float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.7, 1.4))
 
 
-def note_flight(directory: Path | None) -> None:
-    """One line per flight: shows repeats."""
-    if directory is not None:
-        with (directory / "run.txt").open("a") as file:
-            file.write("run\n")
-
-
 def well_flown(
     config: MissionConfig, rock: str, replicate: int, metrics: dict[str, Any], images: float = 32.0
 ) -> MissionResult:
@@ -97,7 +90,9 @@ def fake_mission(
     offset, scale = rock_shift(rock)
     noise = NOISE_SD * float(draw("noise", rock, replicate, config.digest()).normal())
     score = offset + scale * (truth(config) + noise)
-    note_flight(directory)
+    if directory is not None:
+        with (directory / "run.txt").open("a") as file:  # a line per flight: shows repeats
+            file.write("run\n")
     if "FAKE_FLIGHTS" in os.environ:
         with Path(os.environ["FAKE_FLIGHTS"]).open("a") as file:
             file.write(f"{rock} {replicate} {config.digest()}\n")

@@ -11,7 +11,7 @@ from tuner.missions.run_job import run_job
 class InProcessExecutor(Executor):
     """One mission at a time in this process, without any protection: for debugging and tests."""
 
-    capacity = 1  # type: ignore[assignment]
+    capacity = 1
 
     def __init__(self) -> None:
         self._queue: collections.deque[MissionJob] = collections.deque()

@@ -1,6 +1,7 @@
 """Evaluations with known outcomes: complete metrics, made from a level per strategy, without running a mission."""
 
 import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,23 +25,14 @@ def made_metrics(quality: float) -> dict[str, object]:
         "f_score_80mm": quality + 11,
         "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
     }
-    centers = [15.0 + 30 * k for k in range(12)]
-    return {
-        "whole": surface,
-        "observable": {**surface, "f_score_48mm": quality + 3},
-        "sector_centers_deg": centers,
-    }
+    observable = {**surface, "f_score_48mm": quality + 3}
+    return {"whole": surface, "observable": observable, "sector_centers_deg": [*np.arange(15.0, 360, 30)]}
 
 
 def made_trial(strategy: str, rock: str, replicate: int, *, reason: str = "", **record: Any) -> Trial:
     """A mission of an evaluation, and what its record says."""
-    return Trial(
-        strategy=strategy,
-        rock=rock,
-        replicate=replicate,
-        reason=reason,
-        record=Record(**{"status": "ok", **record}),
-    )
+    said = Record(**{"status": "ok", **record})
+    return Trial(strategy=strategy, rock=rock, replicate=replicate, reason=reason, record=said)
 
 
 def made_run(
@@ -49,15 +41,12 @@ def made_run(
     replicates: int = 3,
     noise: float = 1.0,
     failed: tuple[tuple[str, str, int], ...] = (),
+    images: Mapping[str, float] | None = None,
 ) -> EvaluationRun:
     """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none."""
     base = preset("campaign")
-    strategies = {
-        name: base.with_values({"gate.budget_fraction": 0.1})
-        if name == "tuned"
-        else base.with_values({"gate.kind": name})
-        for name in levels
-    }
+    own: dict[str, dict[str, Any]] = {"tuned": {"gate.budget_fraction": 0.1}}
+    strategies = {name: base.with_values(own.get(name, {"gate.kind": name})) for name in levels}
     plan = EvaluationPlan(strategies, rocks, replicates)
     records = []
     for name, level in levels.items():
@@ -65,21 +54,13 @@ def made_run(
             for k in range(replicates):
                 rng = np.random.default_rng(zlib.crc32(f"{name} {rock} {k}".encode()))
                 if (name, rock, k) in failed:
-                    ended = {
-                        "status": "failed",
-                        "message": "no seed model",
-                        "measured": {},
-                    }
+                    records.append(made_trial(name, rock, k, reason="seed_model_failed", status="failed"))
                 else:
-                    quality = level + 4 * r + noise * rng.normal()
+                    metrics = made_metrics(level + 4 * r + noise * rng.normal())
                     costs = {
-                        "images": 32.0,
+                        "images": (images or {}).get(name, 32.0),
                         "path_length_m": 61.0 + r,
                         "flight_time_s": 190.0,
-                        "wall_s": 75.0,
                     }
-                    measured = {"metrics": made_metrics(quality), "costs": costs}
-                    ended = {"status": "ok", "measured": measured}
-                reason = "" if ended["status"] == "ok" else "seed_model_failed"
-                records.append(made_trial(name, rock, k, reason=reason, **ended))
+                    records.append(made_trial(name, rock, k, measured={"metrics": metrics, "costs": costs}))
     return EvaluationRun(plan, records, True, 1.0)

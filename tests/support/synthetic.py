@@ -66,19 +66,11 @@ def random_design(
 ) -> list[Observation]:
     """Rocks in turn, then replicates in turn."""
     rng = np.random.default_rng(seed)
-    return [
-        observe(
-            i,
-            SPACE.from_unit(rng.random(2)),
-            ROCKS[i % len(ROCKS)],
-            noise_sd,
-            rng,
-            (i // len(ROCKS)) % replicates,
-            block_sd,
-            seed,
-        )
-        for i in range(count)
-    ]
+    found = []
+    for i in range(count):
+        values, replicate = SPACE.from_unit(rng.random(2)), (i // len(ROCKS)) % replicates
+        found.append(observe(i, values, ROCKS[i % len(ROCKS)], noise_sd, rng, replicate, block_sd, seed))
+    return found
 
 
 def sampler_settings(seed: int, initial: int = 6) -> SamplerSettings:

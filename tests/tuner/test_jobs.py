@@ -1,7 +1,3 @@
-"""The three jobs from Python, and the names that stay."""
-
-from __future__ import annotations
-
 import importlib
 import inspect
 import re
@@ -24,57 +20,36 @@ def stable_names() -> list[str]:
     return [name for row in rows for name in re.findall(r"`((?:tuner|nbv)\.[\w.]+)`", row.split("|")[1])]
 
 
-def found(name: str) -> Any:
-    module, _, attribute = name.rpartition(".")
-    return getattr(importlib.import_module(module), attribute)
-
-
 def test_every_exported_name_is_on_the_page() -> None:
     assert {f"tuner.{name}" for name in tuner.__all__} <= set(stable_names())
 
 
 @pytest.mark.parametrize("name", stable_names())
-def test_a_stable_name_is_documented_and_typed(name: str) -> None:
-    thing = found(name)
-    assert len(inspect.getdoc(thing) or "") > 20
-    signature = inspect.signature(thing)
-    untyped = [p.name for p in signature.parameters.values() if p.annotation is inspect.Parameter.empty]
-    assert not untyped
-    assert inspect.isclass(thing) or signature.return_annotation is not inspect.Signature.empty
+def test_a_stable_name_is_there_and_documented(name: str) -> None:
+    module, _, attribute = name.rpartition(".")
+    assert inspect.getdoc(getattr(importlib.import_module(module), attribute))
 
 
-EVENTS: list[tuple[str, float | None]] = []
+EVENTS: list[float | None] = []
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
-    return tuner.tune(
-        tmp_path_factory.mktemp("jobs") / "first",
-        rocks=["slab"],
-        space="gate_and_weights",
-        budget=3,
-        overrides=SMALL,
-        sampler="sobol",
-        fidelity="geometric",
-        learn_from=["nothing"],
-        workers=1,
-        on_event=lambda e: EVENTS.append((e.kind, e.trial.raw)) if e.kind == "finished" and e.trial else None,
-    )
+    def hear(event: Any) -> None:
+        if event.kind == "finished":
+            EVENTS.append(event.trial.raw)
+
+    asked = {"space": "gate_and_weights", "budget": 3, "overrides": SMALL, "learn_from": ["nothing"]}
+    how = {"sampler": "sobol", "fidelity": "geometric", "workers": 1, "on_event": hear}
+    return tuner.tune(tmp_path_factory.mktemp("jobs") / "first", rocks=["slab"], **asked, **how)
 
 
-def test_a_callback_hears_of_every_mission(campaign: tuner.Campaign) -> None:
-    assert [("finished", trial.raw) for trial in campaign.trials()] == EVENTS
-
-
-def test_a_campaign_becomes_a_frame(campaign: tuner.Campaign) -> None:
-    frame = tuner.frame(campaign)
-    trials = campaign.trials()
-    assert isinstance(frame, pd.DataFrame)
+def test_a_campaign_becomes_a_frame_and_a_callback_hears_of_every_mission(campaign: tuner.Campaign) -> None:
+    frame, trials = tuner.frame(campaign), campaign.trials()
+    assert isinstance(frame, pd.DataFrame) and [trial.raw for trial in trials] == EVENTS
     assert list(frame["value"]) == [trial.raw for trial in trials]
     assert list(frame["config.gate.d95_m"]) == [trial.values["gate.d95_m"] for trial in trials]
-    assert frame["metrics.observable.f_score_48mm"].equals(
-        frame["value"].rename("metrics.observable.f_score_48mm")
-    )
+    assert list(frame["metrics.observable.f_score_48mm"]) == list(frame["value"])
     assert (frame["costs.images"] == 26).all()
 
 

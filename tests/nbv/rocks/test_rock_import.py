@@ -50,7 +50,7 @@ def test_texture_is_not_mirrored_and_is_linear(tmp_path):
     rock = small(write_box_obj(tmp_path))
     facts = describe(rock)
     assert facts["boundary_edges"] == 0  # the 24 vertices became 8
-    assert facts.mean_edge_m < 0.006 * 1.2
+    assert facts["mean_edge_m"] < 0.006 * 1.2
 
     def linear(v):
         return ((v + 0.055) / 1.055) ** 2.4 if v > 0.04045 else v / 12.92

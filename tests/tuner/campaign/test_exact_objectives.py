@@ -1,9 +1,6 @@
 """Campaigns whose cost the configuration decides: exact in proposals, recommendation and front."""
 
-from __future__ import annotations
-
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +11,10 @@ import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
-from tuner.report.campaign_page import write_campaign_report
 
 PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
 run = functools.partial(
-    fake_campaigns.run,
-    space=photograph_missions.SPACE,
-    fidelity="saturating",
-    replicates=2,
+    fake_campaigns.run, space=photograph_missions.SPACE, fidelity="saturating", replicates=2
 )
 
 
@@ -43,10 +36,6 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     assert best.improvement == 32.0 - best.mean and best.improvement_sd == best.sd == 0.0
     assert best.improvement_interval_95 == (best.improvement, best.improvement)
     assert best.values in [t.values for t in fewest.trials()]  # run
-    saved = json.loads((fewest.directory / "recommendation.json").read_text())
-    assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.problem.config(
-        best.values
-    )
 
 
 def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
@@ -63,16 +52,13 @@ def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
         for trial, mission in zip(study.trials, fewest.trials(), strict=True)
         if mission.second is not None
     )
-    page = write_campaign_report(fewest).read_text()
-    assert "study.best_trial is the best single mission that met the constraint" in page
 
 
 def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=12)
     evaluated = [count(t.values) for t in campaign.trials()]
-    assert (
-        evaluated[:4] == [32.0] * 4 and max(evaluated[4:]) <= 24.0
-    )  # the default is what all is compared with
+    # The default is what all is compared with.
+    assert evaluated[:4] == [32.0] * 4 and max(evaluated[4:]) <= 24.0
     best = campaign.recommendation()
     assert best is not None and not best.exact and best.limit is not None and best.limit.exact
     assert best.limit.kept and best.limit.mean == count(best.values) <= 24.0 and best.limit.sd == 0.0

@@ -1,7 +1,5 @@
 """Run directories that somebody else made: an archive or a clone keeps links, a disk flips bits, names hold what steers a terminal."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import json
@@ -85,9 +83,8 @@ def test_every_name_a_link_in_turn(
     for absent in ABSENT[:3]:
         (outside / absent).write_text("outside\n")
     before = content(outside)
-    for name in [n for n in content(made) if not n.startswith(("missions/0001", "missions/0002"))] + [
-        *ABSENT
-    ]:
+    names = [n for n in content(made) if not n.startswith(("missions/0001", "missions/0002"))]
+    for name in (*names, *ABSENT):
         run = shutil.copytree(made, tmp_path / "theirs" / "run")
         with (run / "study.journal").open("a") as journal:
             journal.write("touch owned\n{")  # as the exploit had it; also the torn end of a killed process
@@ -139,21 +136,14 @@ def test_what_is_written_goes_nowhere_else(kind: str, tmp_path: Path) -> None:
     assert outside.read_text() == "outside"
 
 
-def journal_of(campaign: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (campaign / "study.journal").read_text().splitlines()]
-
-
 def test_a_mission_flies_where_its_number_says(made: Path, tmp_path: Path) -> None:
     """Whatever the ledger calls its directory or rock; its checksum has no key."""
     run = Path(shutil.copytree(made, tmp_path / "run"))
     ledger = Campaign.open(run).ledger
     params = dict(ledger.trials()[2].values)
-    for name, value in (
-        ("directory", "../../outside"),
-        ("directory", str(tmp_path / "outside")),
-        ("rock", "../x"),
-    ):
-        records = journal_of(made)
+    outside = str(tmp_path / "outside")
+    for name, value in (("directory", "../../outside"), ("directory", outside), ("rock", "../x")):
+        records = [json.loads(line) for line in (made / "study.journal").read_text().splitlines()]
         last = max(k for k, record in enumerate(records) if record["op_code"] == 4)
         entry = {**records[last]["user_attrs"], name: value}
         entry[CHECKSUM] = ledger._checksum(2, params, entry)
@@ -218,7 +208,6 @@ def test_a_server_stopped_while_it_imports_ends_with_its_coordinator() -> None:
         "executor.begin(); print(executor._server.pid, flush=True); time.sleep(600)"
     )
     coordinator = subprocess.Popen([sys.executable, "-c", begin], stdout=subprocess.PIPE, text=True)
-    assert coordinator.stdout is not None
     server = psutil.Process(int(coordinator.stdout.readline()))
     server.suspend()
     coordinator.kill()
@@ -260,9 +249,9 @@ def test_a_confirmation_flies_replicates_that_the_campaign_has_not(made: Path) -
     """A configuration that has run all of them gets fresh numbers."""
     campaign = Campaign.open(made, read_only=True)
     trials = campaign.trials()
-    campaign.ledger.trials = lambda: [dataclasses.replace(trials[0], replicate=6), *trials]  # type: ignore[method-assign]
+    campaign.ledger.trials = lambda: [dataclasses.replace(trials[0], replicate=6), *trials]
     best = dataclasses.replace(campaign.recommended(), values=trials[1].values)
-    campaign.recommended = lambda: best  # type: ignore[method-assign]
+    campaign.recommended = lambda: best
     found = confirmation(campaign)
     assert found is not None and found.plan.first_replicate == 7
 

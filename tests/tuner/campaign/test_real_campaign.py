@@ -1,4 +1,4 @@
-"""One tiny campaign on real photogrammetry, interrupted with Ctrl-C, resumed, then evaluated: jobs 1 and 2."""
+"""One tiny campaign on real photogrammetry, interrupted with Ctrl-C and resumed."""
 
 import json
 import os
@@ -28,7 +28,7 @@ def finished(folder):
     return sorted(path.parent.name for path in (folder / "runs/tiny/missions").glob("*/mission.json"))
 
 
-def test_interrupt_resume_evaluate(tmp_path):
+def test_interrupt_and_resume(tmp_path):
     process = subprocess.Popen(
         [*GATETUNE, *START.split()],
         cwd=tmp_path,
@@ -60,13 +60,3 @@ def test_interrupt_resume_evaluate(tmp_path):
     recommendation = json.loads((tmp_path / "runs/tiny/recommendation.json").read_text())
     assert recommendation["observations"] >= 4
     assert set(recommendation["values"]) == {"gate.budget_fraction", "gate.d95_m"}
-
-    # Job 2 refuses the training rock, then runs a held-out one.
-    refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
-    assert refused.returncode == 2
-    assert "tuned on" in refused.stderr
-    against = "--rock mushroom --replicates 1 --against covis"
-    run = gatetune(tmp_path, "evaluate", "runs/tiny", *against.split())
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert "F-score" in run.stdout
-    assert "Completeness" in (tmp_path / "runs/tiny/evaluation/report.html").read_text()

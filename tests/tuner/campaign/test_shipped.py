@@ -1,7 +1,3 @@
-"""Missions that come with the program: of the rocks and the space they should be of, and still what a mission gives."""
-
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -35,10 +31,8 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
     """Fails when missions have changed: then run the campaign again (research/ship_missions.py)."""
     space = load_search_space(name)
-    earlier, config = (
-        shipped_missions(space, Objective()),
-        CampaignSettings(space=space, rocks=("x",)).problem.config,
-    )
+    earlier = shipped_missions(space, Objective())
+    config = CampaignSettings(space=space, rocks=("x",)).problem.config
     on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]
     best = max(on_one_rock, key=lambda o: o.raw or 0.0)
     for each in (on_one_rock[0], best):
@@ -54,16 +48,12 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
     other = dataclasses.replace(FULL, parameters=FULL.parameters[:-1])
     narrow = dataclasses.replace(FULL.parameters[0], high=0.9)
     narrower = dataclasses.replace(FULL, parameters=(narrow, *FULL.parameters[1:]))
-    for space, objective in (
-        (narrower, Objective()),
-        (load_search_space("gate"), Objective()),
-        (other, Objective()),
-        (FULL, Objective("observable.f_score_16mm")),
-        (FULL, Objective(direction="minimise")),
-    ):
+    asked = [(space, Objective()) for space in (narrower, other, load_search_space("gate"))]
+    asked += [(FULL, Objective("observable.f_score_16mm")), (FULL, Objective(direction="minimise"))]
+    for space, objective in asked:
         assert sources_by_default(space, objective, "gp", None) == ()
         with pytest.raises(
-            UserError, match=f"for search space '{space.name}'.* leave `--learn-from shipped` out"
+            UserError, match=f"for search space '{space.name}'.* leave `--learn-from shipped`"
         ):
             shipped_missions(space, objective)
 

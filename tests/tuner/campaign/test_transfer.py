@@ -1,7 +1,3 @@
-"""Campaigns that learn from earlier ones."""
-
-from __future__ import annotations
-
 import dataclasses
 import functools
 import shutil
@@ -10,12 +6,10 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 import synthetic
-from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
 from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
@@ -23,8 +17,6 @@ from tuner.report.campaign_page import write_campaign_report
 
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))
-
-
 run = functools.partial(fake_campaigns.run, budget=24)
 
 
@@ -34,7 +26,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 
 def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
-    s = CampaignSettings(name="new", space=space, rocks=("c",), budget=5, fidelity=FIDELITY)
+    s = fake_campaigns.settings(space=space, rocks=("c",))
     return list(learn_from([str(campaign.directory)], s.problem, s.objective).observations)
 
 
@@ -59,10 +51,8 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
 
 @pytest.mark.slow
 def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: Path) -> None:
-    evaluated = earlier.history()
-    assert [(o.values, o.outcome) for o in learned(earlier, synthetic.SPACE)] == [
-        (o.values, o.outcome) for o in evaluated
-    ]
+    evaluated, known = earlier.history(), learned(earlier, synthetic.SPACE)
+    assert [(o.values, o.outcome) for o in known] == [(o.values, o.outcome) for o in evaluated]
     # From one parameter to two: the second has the value at which it was held.
     small = run(tmp_path / "small", space=ONE_PARAMETER, sampler="sobol")
     moved = learned(small, synthetic.SPACE)
@@ -71,9 +61,8 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
     # From two to one: only the missions that have the other at its default, here the first two.
     with pytest.raises(UserError, match="2 of its 24 missions are configurations of search space 'one'"):
         learned(earlier, ONE_PARAMETER)
-    narrow = dataclasses.replace(
-        synthetic.SPACE, name="narrow", parameters=(dataclasses.replace(FRACTION, high=0.4), D95)
-    )
+    low = dataclasses.replace(FRACTION, high=0.4)
+    narrow = dataclasses.replace(synthetic.SPACE, name="narrow", parameters=(low, D95))
     inside = sum(o.values["gate.budget_fraction"] <= 0.4 for o in evaluated)
     assert 0 < inside < 20
     with pytest.raises(UserError, match=f"{inside} of its 24 missions"):
@@ -84,22 +73,12 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
 def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="nowhere"):
         run(tmp_path / "run", learn_from=(str(tmp_path / "nowhere"),))
+    same = earlier.directory / ".." / earlier.directory.name
     with pytest.raises(UserError, match="is named twice to learn from"):
-        run(
-            tmp_path / "run",
-            learn_from=(str(earlier.directory), str(earlier.directory / ".." / earlier.directory.name)),
-        )
+        run(tmp_path / "run", learn_from=(str(earlier.directory), str(same)))
     assert not (tmp_path / "run").exists()
     with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not tpe"):
-        CampaignSettings(
-            name="x",
-            space=synthetic.SPACE,
-            rocks=("c",),
-            budget=5,
-            fidelity=FIDELITY,
-            sampler="tpe",
-            learn_from=(str(earlier.directory),),
-        )
+        fake_campaigns.settings(sampler="tpe", learn_from=(str(earlier.directory),))
 
 
 @pytest.mark.slow

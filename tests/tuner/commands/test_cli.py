@@ -1,5 +1,3 @@
-"""The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
-
 import errno
 import json
 import re
@@ -19,48 +17,54 @@ from tuner.cli import main
 from tuner.commands import console
 from tuner.missions.registry import mission_kind
 
-RUN = ["campaign", "run", "--rock", "boulder"]
+RUN = "campaign run --rock boulder"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "arguments, says",
+    "command, says",
     [
-        (["campaign", "run", "--space", "no-such-space"], "no-such-space"),
-        ([*RUN, "--budget", "0"], "budget"),
-        ([*RUN, "--replicates", "0"], "replicates"),
-        ([*RUN, "--workers", "0"], "workers"),
-        ([*RUN, "--sampler", "magic"], "magic"),
-        ([*RUN, "--preset", "nope"], "nope"),
-        ([*RUN, "--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
-        ([*RUN, "--set", "stop.adaptive_budget"], "PATH=VALUE"),
-        ([*RUN, "--set", "stop.adaptive_budget=many"], "stop.adaptive_budget"),
-        ([*RUN, "--metric", "observable.surprise"], "direction: maximise"),
-        (["campaign", "run", "nowhere.yaml"], "nowhere.yaml"),
-        (["campaign", "run", "--rock", "bouldr"], "boulder"),
-        (["campaign", "run", "--rock", "mushroom"], "held out"),
-        (["campaign", "run", "--rock", "slab-20000"], "held out"),
-        (["rocks", "show", "pebble-3"], "pebble-3"),
-        (["campaign", "resume", "nowhere"], "nowhere"),
-        (["campaign", "status", "nowhere"], "nowhere"),
-        (["evaluate", "nowhere"], "nowhere"),
-        (["reproduce", "--rock", "bouldr"], "boulder"),
-        (["reproduce", "--strategy", "covi"], "covis"),
-        (["mission", "run", "--rock", "bouldr"], "boulder"),
-        (["mission", "run", "--rock", "boulder", "--gate", "hyb"], "hyb-h"),
-        (["mission", "run", "--rock", "boulder", "--set", "gate.budget_fraction=1.5"], "between 0 and 1"),
-        (["mission", "explain", "nowhere"], "nowhere"),
-        (["rocks", "show", "nowhere.obj"], "nowhere.obj"),
-        (["rocks", "show", "boulder", "--image", "nowhere/boulder.png"], "nowhere/boulder.png"),
+        ("campaign run --space no-such-space", "no-such-space"),
+        (f"{RUN} --budget 0", "budget"),
+        (f"{RUN} --budget 1000000000", "the limit is 100000 (GATETUNE_LIMITS=10 raises"),
+        (f"{RUN} --replicates 0", "replicates"),
+        (f"{RUN} --replicates 1000000000", "the limit is 10000 (GATETUNE_LIMITS=10 raises"),
+        (f"{RUN} --workers 0", "workers"),
+        (f"{RUN} --sampler magic", "magic"),
+        (f"{RUN} --preset nope", "nope"),
+        (f"{RUN} --name ../../x", "'../../x' must be a folder name without '/'"),
+        (f"{RUN} --seed {2**70}", "below 2**63"),
+        (f"{RUN} --set stop.adaptive_budgit=4", "stop.adaptive_budget"),
+        (f"{RUN} --set stop.adaptive_budget", "PATH=VALUE"),
+        (f"{RUN} --set stop.adaptive_budget=many", "stop.adaptive_budget"),
+        (f"{RUN} --set stop.adaptive_budget=2001-99-99", "must be a whole number"),
+        (f"{RUN} --set stop.adaptive_budget={'[' * 2000}", "--set"),
+        (f"{RUN} --metric observable.surprise", "direction: maximise"),
+        ("campaign run nowhere.yaml", "nowhere.yaml"),
+        ("campaign run --rock bouldr", "boulder"),
+        ("campaign run --rock mushroom", "held out"),
+        ("campaign run --rock slab-20000", "held out"),
+        ("campaign resume nowhere", "nowhere"),
+        ("campaign status nowhere", "nowhere"),
+        ("campaign status [/]", "[/] holds no campaign"),
+        (f"campaign status {'x' * 5000}", "File name too long"),
+        ("evaluate nowhere --replicates 1000000000", "nowhere"),
+        ("reproduce --rock bouldr", "boulder"),
+        ("reproduce --strategy covi", "covis"),
+        ("mission run --rock bouldr", "boulder"),
+        ("mission run --rock boulder --gate hyb", "hyb-h"),
+        ("mission run --rock boulder --set gate.budget_fraction=1.5", "between 0 and 1"),
+        ("mission explain nowhere", "nowhere"),
+        ("rocks show pebble-3", "pebble-3"),
+        ("rocks show nowhere.obj", "nowhere.obj"),
+        ("rocks show boulder --image nowhere/boulder.png", "nowhere/boulder.png"),
+        ("rocks show ~nobody-is-called-so/rock.ply", "no home folder"),
+        (f"rocks show {'x' * 5000}", "unknown rock"),
+        ("rocks show a\udcff.ply", "not UTF-8"),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, says):
-    code, _, err = gatetune(*arguments)
-    assert code == 2
-    assert err.startswith("error:")
-    assert says in err
-    assert len(err.strip().splitlines()) == 1
-    assert "Traceback" not in err
+def test_a_mistake_is_one_line_and_runs_nothing(gatetune, tmp_path, command, says):
+    assert says in gatetune.refused(*command.split(" "))
     assert not any((tmp_path / "runs").rglob("*.json"))
 
 
@@ -78,11 +82,8 @@ def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, sa
 )
 def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
     (tmp_path / "mine.yaml").write_text(text)
-    code, _, err = gatetune("campaign", "run", "mine.yaml", "--rock", "boulder")
-    assert code == 2
-    assert says in err
-    assert len(err.strip().splitlines()) == 1
-    assert not any((tmp_path / "runs").rglob("*.json"))
+    assert says in gatetune.refused("campaign", "run", "mine.yaml", "--rock", "boulder")
+    assert not (tmp_path / "runs").exists()
 
 
 def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
@@ -92,16 +93,14 @@ def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monke
         "second: costs.flight_time_s\nlimit: 300\n"
     )
     options = "--budget 30 --rock boulder --set stop.adaptive_budget=4"
-    code, out, err = gatetune("campaign", "run", "mine.yaml", *options.split())
-    assert code == 0, err
+    out = gatetune.ok("campaign", "run", "mine.yaml", *options.split())
     assert out.splitlines()[0] == "campaign mine in runs/mine"
     found = yaml.safe_load((tmp_path / "runs/mine/campaign.yaml").read_text())["settings"]
     assert (found["budget"], found["rocks"], found["in_step"], found["replicates"]) == (30, ["boulder"], 2, 2)
     assert found["overrides"] == {"gate.kind": "hyb-o", "stop.adaptive_budget": 4}
     assert found["second"] == {"metric": "costs.flight_time_s", "direction": "minimise"}
     # Another campaign's file will do, and changes what is asked to.
-    code, _, err = gatetune("campaign", "run", "runs/mine/campaign.yaml", "--name", "again", "--seed", "7")
-    assert code == 0, err
+    gatetune.ok("campaign", "run", "runs/mine/campaign.yaml", "--name", "again", "--seed", "7")
     again = yaml.safe_load((tmp_path / "runs/again/campaign.yaml").read_text())["settings"]
     assert again == {**found, "name": "again", "seed": 7}
 
@@ -111,30 +110,6 @@ def test_the_first_line_waits_for_nothing_slow_to_load():
     program = "import sys, tuner.cli, tuner.campaign.settings_file; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not heavy & set(found.stdout.split())
-
-
-@pytest.mark.parametrize(
-    "arguments, says",
-    [
-        (["campaign", "status", "[/]"], "[/] holds no campaign"),
-        ([*RUN, "--name", "../../x"], "'../../x' must be a folder name without '/'"),
-        ([*RUN, "--seed", str(2**70)], "below 2**63"),
-        ([*RUN, "--replicates", "1000000000"], "the limit is 10000 (GATETUNE_LIMITS=10 raises"),
-        ([*RUN, "--budget", "1000000000"], "the limit is 100000 (GATETUNE_LIMITS=10 raises"),
-        ([*RUN, "--set", "stop.adaptive_budget=2001-99-99"], "must be a whole number"),
-        ([*RUN, "--set", "stop.adaptive_budget=" + "[" * 2000], "--set"),
-        (["rocks", "show", "~nobody-is-called-so/rock.ply"], "no home folder"),
-        (["rocks", "show", "x" * 5000], "unknown rock"),
-        (["campaign", "status", "x" * 5000], "File name too long"),
-        (["rocks", "show", "a\udcff.ply"], "not UTF-8"),
-        (["evaluate", "nowhere", "--replicates", "1000000000"], "nowhere"),
-    ],
-)
-def test_an_odd_argument_is_one_line(gatetune, tmp_path, arguments, says):
-    code, _, err = gatetune(*arguments)
-    assert code == 2 and says in err, err
-    assert len(err.strip().splitlines()) == 1
-    assert not (tmp_path / "runs").exists()
 
 
 def test_what_nobody_foresaw_is_one_line_and_a_log(gatetune, monkeypatch, gatetune_home):
@@ -152,9 +127,8 @@ def test_what_nobody_foresaw_is_one_line_and_a_log(gatetune, monkeypatch, gatetu
 
 def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
-    assert gatetune(*RUN, "--name", "[bold]x[]")[0] == 0
-    code, out, err = gatetune("campaign", "status", "runs/[bold]x[]")
-    assert code == 0 and "[bold]x[]: 0 of 64 missions" in out, err
+    gatetune.ok(*RUN.split(), "--name", "[bold]x[]")
+    assert "[bold]x[]: 0 of 64 missions" in gatetune.ok("campaign", "status", "runs/[bold]x[]")
 
 
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
@@ -165,15 +139,14 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     for arguments in (["run", "mine.yaml"], ["resume", "runs/campaign"], ["status", "runs/campaign"]):
         monkeypatch.setattr(plugins.registry, "_registered", {})
         sys.modules.pop("foreign", None)
-        code, _, err = gatetune("campaign", *arguments)
-        assert code == 2 and "unknown fidelity 'foreign'" in err and "--plugin" in err
-        code, _, err = gatetune("--plugin", "foreign.py", "campaign", *arguments)
-        assert code == 0, err
+        said = gatetune.refused("campaign", *arguments)
+        assert "unknown fidelity 'foreign'" in said and "--plugin" in said
+        gatetune.ok("--plugin", "foreign.py", "campaign", *arguments)
 
 
 def test_a_drawn_rock_is_named(gatetune):
-    code, out, _ = gatetune("rocks", "show", "overhang-3", "--json")
-    assert code == 0 and json.loads(out)["name"] == "overhang-3" and json.loads(out)["split"] == "train"
+    rock = json.loads(gatetune.ok("rocks", "show", "overhang-3", "--json"))
+    assert (rock["name"], rock["split"]) == ("overhang-3", "train")
 
 
 def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
@@ -181,16 +154,10 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
     rock = trimesh.creation.icosphere(subdivisions=3)
     rock.vertices *= 1 + 0.1 * np.sin(5 * rock.vertices[:, :1])
     rock.export(path)
-    code, out, err = gatetune("rocks", "import", path, "--name", "my-stone", "--split", "held-out")
-    assert code == 0, err
-    assert "my-stone" in out
-    assert "my-stone" in gatetune("rocks", "list", "--split", "held-out")[1]
-    code, out, _ = gatetune("rocks", "show", "my-stone")
-    assert code == 0
-    assert "1.6" in out
-    code, _, err = gatetune("rocks", "import", path, "--name", "my-stone")
-    assert code == 2
-    assert "my-stone" in err
+    assert "my-stone" in gatetune.ok("rocks", "import", path, "--name", "my-stone", "--split", "held-out")
+    assert "my-stone" in gatetune.ok("rocks", "list", "--split", "held-out")
+    assert "1.6" in gatetune.ok("rocks", "show", "my-stone")
+    assert "my-stone" in gatetune.refused("rocks", "import", path, "--name", "my-stone")
 
 
 @pytest.mark.parametrize(
@@ -198,8 +165,7 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
 )
 def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, evaluated):
     monkeypatch.setattr("nbv.dense.reconstruct.patchmatch_runs", lambda: cuda)
-    code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
-    assert code == 0, err
+    out = gatetune.ok("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert re.search(rf"backend: {evaluated} ", out)
 
 
@@ -257,12 +223,10 @@ def test_an_interruption_is_one_line(gatetune, monkeypatch):
 
 
 def test_this_machine_can_fly(gatetune):
-    code, out, err = gatetune("doctor")
-    assert code == 0, out + err
+    out = gatetune.ok("doctor")
     assert out.splitlines()[-1] == "missions can be run here"
     assert "BAD" not in out and "store holds" in out
 
 
 def test_the_version(gatetune):
-    code, out, _ = gatetune("--version")
-    assert code == 0 and out.strip() == f"gatetune {metadata.version('gatetune')}"
+    assert gatetune.ok("--version").strip() == f"gatetune {metadata.version('gatetune')}"

@@ -1,5 +1,3 @@
-"""What earned a gain: the steps add up to it, and strategies that took the same photographs are found."""
-
 import itertools
 
 import pytest
@@ -14,16 +12,11 @@ LEVELS = {"hyb-h": 90.0, TUNED_POOL_HYB_H: 92.0, TUNED_WEIGHTS: 92.5, TUNED: 93.
 
 
 def records(levels, photographs=lambda name, k: f"{name} {k}"):
-    return [
-        made_trial(
-            name,
-            rock,
-            k,
-            photographs=photographs(name, k),
-            measured={"metrics": {"observable": {"f_score_48mm": level + 0.1 * k}}, "costs": {}},
-        )
-        for (name, level), rock, k in itertools.product(levels.items(), ("a", "b", "c"), (0, 1))
-    ]
+    found = []
+    for (name, level), rock, k in itertools.product(levels.items(), ("a", "b", "c"), (0, 1)):
+        measured = {"metrics": {"observable": {"f_score_48mm": level + 0.1 * k}}, "costs": {}}
+        found.append(made_trial(name, rock, k, photographs=photographs(name, k), measured=measured))
+    return found
 
 
 @pytest.mark.parametrize(
@@ -45,10 +38,8 @@ def test_steps_add_up_to_the_gain(changed, strategies, steps):
 
 
 def test_the_same_photographs_everywhere_are_found_and_once_is_not_enough():
-    names = ["covis", "b-aware", "hyb-h"]
-    everywhere = records(
-        dict.fromkeys(names, 90.0), lambda name, k: "one" if name != "covis" else f"covis {k}"
-    )
-    assert same_photographs(everywhere, names) == {"hyb-h": "b-aware"}
-    once = records(dict.fromkeys(names, 90.0), lambda name, k: "one" if k == 0 else name)
-    assert same_photographs(once, names) == {}
+    levels = dict.fromkeys(["covis", "b-aware", "hyb-h"], 90.0)
+    everywhere = records(levels, lambda name, k: "one" if name != "covis" else f"covis {k}")
+    assert same_photographs(everywhere, [*levels]) == {"hyb-h": "b-aware"}
+    once = records(levels, lambda name, k: "one" if k == 0 else name)
+    assert same_photographs(once, [*levels]) == {}

@@ -1,9 +1,4 @@
-"""How few photographs would have done: what is run, what is read from it, and the command."""
-
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,14 +26,9 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
     """Missions with these qualities and numbers of photographs."""
 
     def trial(strategy: str, k: int, quality: float, count: int) -> Trial:
-        measured: dict[str, Any] = {
-            "metrics": {
-                "observable": {"f_score_48mm": quality},
-                "reference": {"ceiling": {"f_score_48mm": 99.0}},
-                "taken": names[:count],
-            },
-            "costs": {"images": float(count), "registered_images": count - 1.0},
-        }
+        found = {"observable": {"f_score_48mm": quality}, "reference": {"ceiling": {"f_score_48mm": 99.0}}}
+        costs = {"images": float(count), "registered_images": count - 1.0}
+        measured = {"metrics": {**found, "taken": names[:count]}, "costs": costs}
         return made_trial(strategy, "ball", k, status="ok" if quality else "failed", measured=measured)
 
     records = [trial(s, k, *found) for s, several in values.items() for k, found in enumerate(several)]
@@ -53,15 +43,11 @@ def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp
         "ring-20": [(80.0, 20), (70.0, 20), (75.0, 20)],
         "ring-24": [(88.0, 24), (87.8, 23), (88.1, 24)],
         "random-20": [(72.0, 20), (0.0, 20), (36.0, 20)],
-        "tuned-20": [
-            (74.2, 20),
-            (98.2, 20),
-            (98.5, 20),
-        ],  # two missions of three would have done, the plan would not
+        # Two missions of three would have done, the plan would not.
+        "tuned-20": [(74.2, 20), (98.2, 20), (98.5, 20)],
     }
     found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, evaluated, names), 95.0)
     assert found.asked_quality == pytest.approx(85.5)
-    assert found.smallest is not None
     assert (found.smallest.way, found.smallest.replicate) == ("ring", 0)  # the median, not the best
     assert found.smallest.taken == tuple(names[:24])
     random = found.curves["random"][0]

@@ -1,5 +1,3 @@
-"""Controls run as many photographs as the tuned configuration."""
-
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,6 @@ from tuner.problem.baselines import (
     baseline_configs,
     controls_at_equal_number,
     ending_at,
-    label,
     orbits_at_number,
     photographs,
     tuned_configs,
@@ -35,7 +32,6 @@ def test_every_control_has_the_tuned_number_beside_the_default_plan() -> None:
     assert {photographs(config) for config in found.values()} == {number}
     pool = tuned_configs(tuned, BASE)["random-tuned-pool"]
     assert (photographs(pool), pool.pool) == (number, tuned.pool)
-    assert label(f"hyb-h-{number}") == f"Hyb-H, {number}"
     evaluated = {"tuned": tuned, "hyb-h": BASE, **found}
     assert controls_at_equal_number(evaluated) == (f"hyb-h-{number}", f"random-{number}")
 
@@ -46,15 +42,10 @@ def test_an_orbit_flies_the_whole_number() -> None:
     found = at_equal_number(baseline_configs(["hyb-h", "orbit", "orbit-two"], BASE), tuned, "hyb-h")
     assert list(found) == ["hyb-h", "hyb-h-26", "orbit-26", "orbit-two-26"]
     one, two = found["orbit-26"], found["orbit-two-26"]
-    assert [c.seed.total for c in (one, two)] == [26, 26] and [c.adaptive_budget for c in (one, two)] == [
-        0,
-        0,
-    ]
+    assert [(c.seed.total, c.adaptive_budget) for c in (one, two)] == [(26, 0)] * 2
     assert one.seed.upper_count == 0 and two.seed.upper_count == 10
     assert (two.seed.lowest_deg, two.seed.upper_deg, two.seed.radius_m) == (10.0, 35.0, 3.5)
-    assert "orbit-26" in controls_at_equal_number({"tuned": tuned, **found}) and label(
-        "orbit-two-26"
-    ).endswith("two rings, 26")
+    assert "orbit-26" in controls_at_equal_number({"tuned": tuned, **found})
 
 
 @pytest.mark.parametrize(("number", "shared_out"), [(8, (6, 2)), (20, (15, 5))])

@@ -1,12 +1,7 @@
-"""What an evaluation says of a campaign with a limit, and of one whose objective is a cost."""
-
-from dataclasses import replace
-
 import pytest
-from made_evaluations import made_run, made_trial
+from made_evaluations import made_run
 
 from tuner.comparison.result import ComparisonFacts
-from tuner.comparison.run import EvaluationRun
 from tuner.comparison.verdict import Kind, Verdict
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
@@ -16,26 +11,11 @@ F = Objective("observable.f_score_48mm")
 FEWEST = Goal(IMAGES, F, 98.0)
 
 
-def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
-    """Tuned with 26 photographs, the others with 32; ``observable`` F-scores are 3 higher than the levels."""
-    levels = {"tuned": tuned, "hyb-h": 97.0, "random": 95.0}
-    made = made_run(levels, **{"noise": 0.1, **changes})  # type: ignore[arg-type]
-    records = [
-        made_trial(
-            r.strategy,
-            r.rock,
-            r.replicate,
-            measured={"metrics": r.metrics, "costs": {**r.costs, "images": 26.0}},
-        )
-        if r.strategy == "tuned"
-        else r
-        for r in made.records
-    ]
-    return replace(made, records=records)
-
-
 def verdicts(tuned: float = 97.0, asked: Goal = FEWEST, **changes: object) -> list[Verdict]:
-    return ComparisonFacts(run(tuned, **changes), "hyb-h", asked).verdicts
+    """Of tuned with 26 photographs, others with 32; ``observable`` F-scores are 3 higher than the levels."""
+    levels = {"tuned": tuned, "hyb-h": 97.0, "random": 95.0}
+    made = made_run(levels, images={"tuned": 26.0}, **{"noise": 0.1, **changes})
+    return ComparisonFacts(made, "hyb-h", asked).verdicts
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:

@@ -1,5 +1,3 @@
-"""Missions as a function for an optimiser of one's own, and what the page shows of it."""
-
 import math
 import re
 from pathlib import Path
@@ -27,9 +25,8 @@ def test_it_is_the_mean_of_the_missions():
 
 def test_bounds_and_names_are_those_of_the_space():
     f = tuner.objective("plan_and_gate", ["slab"])
-    for p, name, (low, high), ax in zip(
-        f.settings.space.parameters, f.names, f.bounds, f.ax_parameters(), strict=True
-    ):
+    parameters = f.settings.space.parameters
+    for p, name, (low, high), ax in zip(parameters, f.names, f.bounds, f.ax_parameters(), strict=True):
         assert name == p.path == ax["name"] and name in f.optuna_distributions()
         if p.kind == "categorical":
             assert (low, high) == (0, len(p.choices) - 1) and ax["values"] == list(p.choices)
@@ -51,12 +48,8 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
     with pytest.raises(UserError, match="there are 2 parameters"):
         f([1.0])
     plan = tuner.objective("plan_and_gate", ["slab"])
-    for wrong in (
-        [math.nan] * len(plan.names),
-        {"seed.count": 10**9},
-        {"seed.count": "x"},
-        [99.0] * len(plan.names),
-    ):
+    many = len(plan.names)
+    for wrong in ([math.nan] * many, [99.0] * many, {"seed.count": 10**9}, {"seed.count": "x"}):
         with pytest.raises(UserError, match=r"outside of the search space: "):
             plan(wrong)
 

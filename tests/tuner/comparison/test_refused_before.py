@@ -1,5 +1,3 @@
-"""What cannot run in the comparison that a campaign is to end in is refused before its first mission, by name."""
-
 from pathlib import Path
 from typing import Any
 

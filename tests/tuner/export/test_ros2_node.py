@@ -22,24 +22,20 @@ NODE = Path(__file__).resolve().parents[3] / "docs/examples/ros2_planner_node.py
 class Node:
     def __init__(self, name):
         self.published, self.heard, self.parameters, self.logger = {}, {}, {}, MagicMock()
+        self.get_parameter, self.get_logger, self.get_clock = (
+            self.parameters.get,
+            lambda: self.logger,
+            MagicMock(),
+        )
 
     def declare_parameter(self, name, default):
         self.parameters[name] = SimpleNamespace(value=default)
-
-    def get_parameter(self, name):
-        return self.parameters[name]
 
     def create_subscription(self, kind, topic, callback, depth):
         self.heard[topic] = callback
 
     def create_publisher(self, kind, topic, depth):
         return SimpleNamespace(publish=self.published.setdefault(topic, []).append)
-
-    def get_logger(self):
-        return self.logger
-
-    def get_clock(self):
-        return MagicMock()
 
 
 @pytest.fixture

@@ -1,9 +1,4 @@
-"""Missions on a real Dask scheduler's workers, some of which die."""
-
-from __future__ import annotations
-
 import collections
-import contextlib
 import gc
 import io
 import json
@@ -78,10 +73,25 @@ class Cluster:
     def address(self) -> str:
         return str(json.loads(self._file.read_text())["address"])
 
-    def close(self) -> None:
+    def __enter__(self) -> "Cluster":
+        return self
+
+    def __exit__(self, *_: object) -> None:
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
+
+
+def wait_for(happened: Callable[[], Any], within_s: float = 20.0) -> Any:
+    deadline = time.monotonic() + within_s
+    while not (found := happened()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return found
+
+
+def tasks(dask_scheduler: Any) -> list[str]:
+    return list(dask_scheduler.tasks)
 
 
 def test_links_that_a_mission_left_do_not_come_back(tmp_path: Path) -> None:
@@ -105,32 +115,28 @@ def test_no_file_of_a_mission_lands_outside_its_directory(tmp_path: Path) -> Non
 def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tuner.missions.cluster.executor._RECONNECT_S", 0.5)
     monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 15.0)
-    cluster = Cluster(tmp_path, 2)
     directory = tmp_path / "run"
     begin_campaign(directory, settings(sampler="sobol", budget=MISSIONS, rocks=("slow", "slow-2")))
-    script = [sys.executable, "-c", COORDINATOR, str(directory), cluster.address, str(cluster.workers[0].pid)]
-    # Its worker, then the coordinator itself are killed.
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
-    assert sum(t.state == "complete" for t in Campaign.open(directory, read_only=True).trials()) == 6
+    with Cluster(tmp_path, 2) as cluster:
+        # Its worker, then the coordinator itself are killed.
+        named = [str(directory), cluster.address, str(cluster.workers[0].pid)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        ended = subprocess.run([sys.executable, "-c", COORDINATOR, *named], env=environment, timeout=60)
+        assert ended.returncode == -signal.SIGKILL
+        assert sum(t.state == "complete" for t in Campaign.open(directory, read_only=True).trials()) == 6
 
-    def end_scheduler(event: CampaignEvent) -> None:
-        if event.kind == "finished" and event.finished == 9:
-            cluster.scheduler.kill()
+        def end_scheduler(event: CampaignEvent) -> None:
+            if event.kind == "finished" and event.finished == 9:
+                cluster.scheduler.kill()
 
-    campaign = Campaign.open(directory)
-    with (
-        dask_executor("dask", cluster.address, 1, 60.0) as executor,
-        pytest.raises(UserError, match="scheduler is gone"),
-    ):
-        run_campaign(campaign, executor, end_scheduler)
-    cluster.close()
-    cluster = Cluster(tmp_path, 1)
-    try:
-        with dask_executor("dask", cluster.address, 1, 60.0) as executor:
-            assert run_campaign(campaign, executor).stopped == "budget"
-    finally:
-        cluster.close()
+        campaign = Campaign.open(directory)
+        with (
+            dask_executor("dask", cluster.address, 1, 60.0) as executor,
+            pytest.raises(UserError, match="scheduler is gone"),
+        ):
+            run_campaign(campaign, executor, end_scheduler)
+    with Cluster(tmp_path, 1) as cluster, dask_executor("dask", cluster.address, 1, 60.0) as executor:
+        assert run_campaign(campaign, executor).stopped == "budget"
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * MISSIONS
     # The missions' own record: all ran, and again only what was in the air at one of the three ends.
@@ -147,23 +153,14 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
     write_rock(own, tmp_path / "own.npz")
-    cluster = Cluster(tmp_path, 1)
-    try:
+    with Cluster(tmp_path, 1) as cluster:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
             gc.disable()
-            assert (
-                run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])[
-                    "0000"
-                ].record.status
-                == "ok"
-            )
-            deadline = (
-                time.monotonic() + 5
-            )  # a scheduler runs anew what it believes wanted, should a worker be lost
-            while wanted := executor._client.run_on_scheduler(
-                lambda dask_scheduler: [key for key in dask_scheduler.tasks if not key.startswith("rock-")]
-            ):
-                assert time.monotonic() < deadline, wanted
+            ended = run_jobs(executor, [job(tmp_path, str(tmp_path / "own.npz"), fidelity="fake-on-rocks")])
+            assert ended["0000"].record.status == "ok"
+            # A scheduler runs anew what it believes wanted, should a worker be lost.
+            look = executor._client.run_on_scheduler
+            wait_for(lambda: not [key for key in look(tasks) if not key.startswith("rock-")], within_s=5.0)
             gc.enable()
             there = tmp_path / "worker-home/rocks/received" / f"{own.sha256}.npz"
             assert json.loads((tmp_path / "0000" / "mission.json").read_text())["rock"] == str(there)
@@ -174,8 +171,6 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
                 run_jobs(executor, [job(tmp_path, "boulder", 3)])
         with pytest.raises(UserError, match=r"on the scheduler and 2\.7\.18 here"):
             dask_executor("dask", cluster.address, 1, 60.0)
-    finally:
-        cluster.close()
 
 
 @pytest.mark.parametrize(
@@ -194,22 +189,11 @@ def test_addresses_that_are_refused(address: str, said: str, monkeypatch: pytest
 
 
 def test_a_scheduler_that_others_reach_is_refused(tmp_path: Path) -> None:
-    cluster = Cluster(tmp_path, 0, host="0.0.0.0")
-    try:
+    with Cluster(tmp_path, 0, host="0.0.0.0") as cluster:
         reached = f"tcp://127.0.0.1:{cluster.address.rpartition(':')[2]}"
         with pytest.raises(UserError, match="without TLS; start it"):
             dask_executor("dask", reached, 1, 60.0)
         dask_executor("dask", reached, 1, 60.0, unencrypted=True).close()
-    finally:
-        cluster.close()
-
-
-def wait_for(happened: Callable[[], Any]) -> Any:
-    deadline = time.monotonic() + 20
-    while not (found := happened()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return found
 
 
 def states(dask_scheduler: Any) -> list[tuple[str, list[str]]]:
@@ -219,8 +203,7 @@ def states(dask_scheduler: Any) -> list[tuple[str, list[str]]]:
 def test_a_result_that_its_worker_loses_is_not_flown_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cluster = Cluster(tmp_path, 2)
-    with contextlib.closing(cluster), dask_executor("dask", cluster.address, 1, 60.0) as executor:
+    with Cluster(tmp_path, 2) as cluster, dask_executor("dask", cluster.address, 1, 60.0) as executor:
         look = executor._client.run_on_scheduler
         # The coordinator has the result, and is cut off before the scheduler hears so.
         send = executor._client._send_to_scheduler

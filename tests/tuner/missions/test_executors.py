@@ -1,7 +1,3 @@
-"""Missions in processes of their own."""
-
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -9,7 +5,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import fake_missions  # noqa: F401  registers the fidelity
@@ -39,37 +34,23 @@ def run_jobs(executor: Executor, jobs: list[MissionJob]) -> dict[str, Trial]:
     return ended
 
 
-def hang_until(happens: Callable[[int], object], executor: LocalProcessExecutor, tmp_path: Path) -> Trial:
-    """A mission whose first flight hangs, and what ``happens`` to the mission server then."""
+@pytest.mark.parametrize("happens", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_mission_is_flown_again_when_its_server_ends_or_stands_still(
+    happens: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While its first flight hangs."""
+    monkeypatch.setattr(executors, "_SILENCE_LIMIT_AFTER_KILL_S", 2.0)
 
     def meanwhile() -> None:
         while not (tmp_path / "0000" / "once.txt").exists():
             time.sleep(0.02)
-        assert executor._server is not None
-        happens(executor._server.pid)
+        os.kill(executor._server.pid, happens)
 
-    thread = threading.Thread(target=meanwhile)
-    thread.start()
-    trial = run_jobs(executor, [job(tmp_path, "once-hang")])["0000"]
-    thread.join()
-    return trial
-
-
-def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake",)) as executor:
-        assert (
-            hang_until(lambda server: os.kill(server, signal.SIGKILL), executor, tmp_path).record.status
-            == "ok"
-        )
-
-
-def test_a_server_that_stands_still_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "_SILENCE_LIMIT_AFTER_KILL_S", 2.0)
-    with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
-        assert (
-            hang_until(lambda server: os.kill(server, signal.SIGSTOP), executor, tmp_path).record.status
-            == "ok"
-        )
+    with LocalProcessExecutor(1, 2.0 if happens == signal.SIGSTOP else 600.0, preload=("fake",)) as executor:
+        thread = threading.Thread(target=meanwhile)
+        thread.start()
+        assert run_jobs(executor, [job(tmp_path, "once-hang")])["0000"].record.status == "ok"
+        thread.join()
 
 
 COORDINATOR = """

@@ -1,44 +1,23 @@
-"""Every fidelity can be found by its name and is called alike."""
-
-from __future__ import annotations
-
-import inspect
-
 import fake_missions
 import pytest
 
 from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.geometric import run_geometric_mission
 from tuner.comparison.curves import Suite, comparison_plans, drawn_targets
-from tuner.missions.registry import FIDELITIES, MissionKind, kind_on, mission_function, mission_kind
+from tuner.missions.registry import MissionKind, mission_function, mission_kind
 from tuner.report.labels import measure_text
 
 
-@pytest.mark.parametrize("name", [name for name in FIDELITIES.built_in if name != "external"])
-def test_registered_fidelities_have_one_signature(name: str) -> None:
-    assert inspect.signature(mission_function(name)) == inspect.signature(run_geometric_mission)
-
-
 def test_a_fidelity_of_ones_own_is_a_plug_in() -> None:
-    assert mission_function("fake") is fake_missions.fake_mission
+    assert mission_kind("fake") == MissionKind(fake_missions.fake_mission)
+    assert mission_kind("of-yesterday").targets == "own"
 
 
 @pytest.mark.parametrize("name", ["photogrametric", "fake_missions:fake_mission"])
 def test_unknown_fidelities_are_refused_with_a_remedy(name: str) -> None:
-    with pytest.raises(
-        UserError, match=f"unknown fidelity '{name}'; there are photogrammetric, geometric, .*--plugin"
-    ):
+    with pytest.raises(UserError, match=f"unknown fidelity '{name}'; there are photogrammetric, .*--plugin"):
         mission_function(name)
-
-
-def test_a_function_has_the_defaults_of_a_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins.registry, "_registered", {})
-    plugins.register("fidelities", "flown", fake_missions.fake_mission)
-    kind = mission_kind("flown")
-    assert kind == MissionKind(fake_missions.fake_mission) and kind.function is fake_missions.fake_mission
-    assert kind_on("slab", "flown") == kind and mission_kind("of-yesterday").targets == "own"
 
 
 def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """Planners that end, hang, flood or forge: each fails alone, is named, and leaves nothing; the others' missions are what they are."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -75,14 +73,8 @@ FAIL = {
     "returns details of 50 MB": "returned details of 50000008 bytes",
     "makes the pool writable": "cannot set WRITEABLE flag to True of this array (FILE, line 16)",
 }
-GO_ON = (
-    "changes directory",
-    "deletes its directory",
-    "prints 100 MB in one",
-    "writes through ctypes",
-    "replaces the pool's positions",
-    "starts a thread",
-)
+GO_ON = ("changes directory", "deletes its directory", "prints 100 MB in one", "writes through ctypes")
+GO_ON += ("replaces the pool's positions", "starts a thread")
 AWAY = {
     "import, not in the command: hangs": "the limit of a mission (--timeout-s) at FILE, line 10; see",
     "import, not in the command: os._exit(0)": "came to no end in 2 attempts in FILE (worker_died: exit 0",
@@ -111,9 +103,8 @@ def test_each_hostile_planner_fails_alone_and_is_named(bring: Path) -> None:
     for number, (each, expected) in enumerate(zip(jobs, said, strict=True)):
         trial, text = recorded[each.id], expected.replace("FILE", f"planner_{number}.py")
         assert trial is not None and not trial.infrastructure_failure, each.id
-        assert text in trial.record.message and trial.record.status == ("failed" if expected else "ok"), (
-            trial.record.message
-        )
+        assert trial.record.status == ("failed" if expected else "ok"), trial.record.message
+        assert text in trial.record.message
         assert (each.directory / WORKER_LOG).stat().st_size < 3 * LOG_BYTES < 1_000_000
 
 
@@ -128,13 +119,12 @@ def test_nothing_outlives_a_killed_server(bring: Path) -> None:
         for each in hanging:
             executor.submit(each)
         server = psutil.Process(executor._server.pid)
-        while (
-            len([p for p in server.children(recursive=True) if p.name() == "sleep"]) < 1
-            or len([p for p in server.children(recursive=True) if "program_1.py" in " ".join(p.cmdline())])
-            < 1
+        below: list[psutil.Process] = []
+        while not (
+            "sleep" in {p.name() for p in below} and any("program_1.py" in str(p.cmdline()) for p in below)
         ):
             executor.wait_any(0.1)
-        below = server.children(recursive=True)
+            below = server.children(recursive=True)
         assert len(below) == 7, "a keeper, a mission and a program each, and a child of one"
         server.kill()
         assert not psutil.wait_procs(below, timeout=5.0)[1]
@@ -147,7 +137,7 @@ def test_missions_lost_together_are_run_again_alone_and_only_then_charged(bring:
     class Server(Executor):
         """Two missions at a time; whenever the bad one is among them all are lost."""
 
-        capacity = 2  # type: ignore[assignment]
+        capacity = 2
         running: tuple[MissionJob, ...] = ()
         batches: tuple[list[str], ...] = ()
 
@@ -196,11 +186,8 @@ REFUSED = {
 
 
 def test_a_module_that_ends_or_hangs_the_process_is_refused_in_one_line(tmp_path: Path) -> None:
-    tops = {
-        **TOPS,
-        "hangs": DECISIONS["hangs"],
-        "": "os.chdir('/'); sys.stdout = None; os.environ['A'] = 'b'",
-    }
+    good = "os.chdir('/'); sys.stdout = None; os.environ['A'] = 'b'"
+    tops = {**TOPS, "hangs": DECISIONS["hangs"], "": good}
     files = []
     for number, name in enumerate([*REFUSED, ""]):
         files.append(tmp_path / f"planner_{number}.py")

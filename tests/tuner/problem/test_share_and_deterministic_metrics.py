@@ -1,7 +1,3 @@
-"""The share of rocks that reach a quality; costs that the configuration decides, and when a mission says otherwise."""
-
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any
@@ -15,11 +11,7 @@ from nbv.config import preset
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint
 from tuner.campaign.settings_file import resolved_settings
-from tuner.problem.deterministic_metrics import (
-    DeterministicMetric,
-    DeterministicMetrics,
-    photographs_metric,
-)
+from tuner.problem.deterministic_metrics import DeterministicMetric, DeterministicMetrics, photographs_metric
 from tuner.problem.goal import asked_goal
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
@@ -29,10 +21,18 @@ from tuner.problem.share import ShareEstimate
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.surrogate.model import InstanceMeanGP
 
+PHOTOGRAPHS = Objective("costs.images", "minimise")
 TEXT = "photographs@P(f_score>=98)>=0.95"
 
 
-def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
+def test_the_text_says_metric_cost_and_limit_and_is_said_back() -> None:
+    assert asked_goal("f_score").second is None
+    cheap = asked_goal("completeness@energy<=9")
+    assert cheap.second == Objective("costs.energy_wh", "minimise") and cheap.limit == 9.0
+    best = asked_goal("observable.f_score_16mm@photographs<=21")
+    assert (best.objective.metric, best.second, best.limit) == ("observable.f_score_16mm", PHOTOGRAPHS, 21.0)
+    least = asked_goal("photographs@f_score >= 97.5")
+    assert least.objective == PHOTOGRAPHS and least.second == Objective() and least.limit == 97.5
     asked = asked_goal(" photographs @ P( f_score >= 98 ) >= 0.95 ")
     assert asked.objective.metric == "costs.images"
     assert asked.second is not None and asked.second.is_share
@@ -51,9 +51,17 @@ def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
         ("photographs@P(f_score)>=0.95", r"the share of rocks that reach 98 is P\(f_score>=98\)"),
         ("photographs@P(f_score>=x)>=0.95", r"the share of rocks that reach 98 is P\(f_score>=98\)"),
         ("f_score@P(photographs>=20)>=0.95", "less of costs.images is better"),
+        ("f_score@photographs>=21", "costs.images is minimised; write <="),
+        ("photographs@f_score<=97", "is maximised; write >="),
+        ("f_score@f_score>=9", "the same metric twice"),
+        ("f_score@photographs<=1e", "'1e' is not a number"),
+        ("f_score at 21", "is not understood; write f_score, f_score@photographs<=21"),
+        ("f_score@photographs", "is not understood; write f_score, f_score@photographs<=21"),
+        ("f_score@costs.beauty<=1", "no cost 'costs.beauty'; there are costs.images"),
+        ("f_score@beauty<=1", "more or less of 'beauty' is better"),
     ],
 )
-def test_what_is_no_share_is_said_in_one_line(text: str, says: str) -> None:
+def test_what_is_no_objective_is_said_in_one_line(text: str, says: str) -> None:
     with pytest.raises(UserError, match=says) as error:
         asked_goal(text)
     assert "\n" not in str(error.value)
@@ -91,35 +99,24 @@ def test_a_belief_is_that_of_the_rocks_flown() -> None:
 ONE = SearchSpace("one", (Parameter("seed.count", "int", 8, 40, "linear", (), 24),), {})
 
 
-def evaluated(counts_and_shares: dict[int, float], rocks: int, seed: int) -> list[Observation]:
-    """``rocks`` fresh rocks at each number of photographs; each succeeds with the share as its probability."""
-    rng, found = np.random.default_rng(seed), []
-    for count, share in counts_and_shares.items():
-        for _ in range(rocks):
-            number = len(found)
-            outcome = 100.0 * (rng.random() < share)
-            found.append(Observation(number, {"seed.count": count}, "any-slab", number, outcome, outcome))
-    return found
-
-
-def test_where_all_succeed_many_rocks_are_believed_and_few_are_not() -> None:
-    for rocks, kept in ((4, False), (60, True)):
-        missions = evaluated({12: 0.2, 36: 1.0}, rocks, 0)
-        constraint = Constraint(InstanceMeanGP(ONE, missions, [Instance("any-slab")]), 95.0, is_share=True)
-        assert constraint.keeps([{"seed.count": 36}]) == [kept]
-        assert constraint.keeps([{"seed.count": 12}]) == [False]
-
-
-PHOTOGRAPHS = Objective("costs.images", "minimise")
+@pytest.mark.parametrize(("rocks", "kept"), [(4, False), (60, True)])
+def test_where_all_succeed_many_rocks_are_believed_and_few_are_not(rocks: int, kept: bool) -> None:
+    """Fresh rocks at two numbers of photographs; of 12 a fifth succeeds."""
+    rng, missions = np.random.default_rng(0), list[Observation]()
+    for number in range(2 * rocks):
+        count, share = (12, 0.2) if number < rocks else (36, 1.0)
+        outcome = 100.0 * (rng.random() < share)
+        missions.append(Observation(number, {"seed.count": count}, "any-slab", number, outcome, outcome))
+    constraint = Constraint(InstanceMeanGP(ONE, missions, [Instance("any-slab")]), 95.0, is_share=True)
+    assert constraint.keeps([{"seed.count": 36}, {"seed.count": 12}]) == [kept, False]
 
 
 SPACE = load_search_space("photographs")
 
 
 def photographs(**base: Any) -> DeterministicMetric | None:
-    space = dataclasses.replace(
-        SPACE, base={**SPACE.base, **{k.replace("__", "."): v for k, v in base.items()}}
-    )
+    fixed = {name.replace("__", "."): value for name, value in base.items()}
+    space = dataclasses.replace(SPACE, base={**SPACE.base, **fixed})
     asked = fake_campaigns.settings(space=space, objective=PHOTOGRAPHS, second=Objective(), limit=98.0)
     return asked.goal.exact.first
 
@@ -135,20 +132,10 @@ def test_photographs_are_seeds_and_planned_views() -> None:
     assert cut is not None and cut.of(values) == 26.0 and cut.of(most) == 30.0
 
 
-@pytest.mark.parametrize("base", [{"stop__criterion": "both"}, {"stop__criterion": "predicted"}])
-def test_what_a_mission_may_cut_short_is_not_known(base: dict[str, Any]) -> None:
-    assert photographs(**base) is None
-
-
-def test_flight_time_and_a_tuned_stopping_rule_are_not_known() -> None:
-    rule = space_from_dict(
-        {
-            "name": "rule",
-            "base": {"gate.kind": "hyb-h"},
-            "parameters": {"stop.criterion": {"kind": "categorical", "choices": ["budget", "both"]}},
-        },
-        "test_exact_costs.py",
-    )
+def test_what_a_mission_may_cut_short_and_flight_time_are_not_known() -> None:
+    assert photographs(stop__criterion="both") is None is photographs(stop__criterion="predicted")
+    stop = {"stop.criterion": {"kind": "categorical", "choices": ["budget", "both"]}}
+    rule = space_from_dict({"name": "rule", "base": {"gate.kind": "hyb-h"}, "parameters": stop}, "test")
     base = preset("campaign")
     for space, objective in ((rule, PHOTOGRAPHS), (SPACE, Objective("costs.flight_time_s", "minimise"))):
         make = functools.partial(space.config, base)

@@ -1,7 +1,3 @@
-"""The three pages in a real browser: no error in its console, and nothing wider than a telephone or a desk's window."""
-
-from __future__ import annotations
-
 from pathlib import Path
 
 import fake_campaigns

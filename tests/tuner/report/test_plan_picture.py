@@ -1,7 +1,3 @@
-"""The picture of a plan, every photograph once from above and once from the side, and labels that tell apart."""
-
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -10,22 +6,22 @@ from nbv.config import preset
 from tuner.report.answer import plan_words
 from tuner.report.figures import plan_figure
 
-ORBIT = {
-    "seed.count": 25,
-    "seed.lowest_deg": 10.0,
-    "seed.span_deg": 25.0,
-    "seed.upper_share": 0.36,
-    "seed.radius_m": 3.5,
-    "stop.adaptive_budget": 0,
-}
-
 
 def test_an_orbit_is_drawn_and_said() -> None:
-    config = preset("campaign").with_values(ORBIT)
+    seeds = {
+        "count": 25,
+        "rings": 1,
+        "lowest_deg": 10.0,
+        "span_deg": 25.0,
+        "upper_share": 0.36,
+        "radius_m": 3.5,
+    }
+    orbit = {"stop.adaptive_budget": 0, **{f"seed.{name}": value for name, value in seeds.items()}}
+    config = preset("campaign").with_values(orbit)
     assert plan_words(config) == "16 photographs at 10° and 9 at 35°"
     above, beside = plan_figure(config).axes
-    pool, seeds = above.lines
-    east, north = seeds.get_data()
+    pool, seeds_drawn = above.lines
+    east, north = seeds_drawn.get_data()
     assert len(east) == 25 and not len(pool.get_xdata())
     assert len({round(up, 3) for up in beside.lines[1].get_ydata()}) == 2  # two rings, two heights
     lower, upper = math.hypot(east[0], north[0]), math.hypot(east[-1], north[-1])

@@ -1,17 +1,10 @@
-"""The initial design: how large it is, where its points lie, and that a trusted default pays."""
-
-from __future__ import annotations
-
 import dataclasses
 
 import pytest
 import synthetic
 
 from tuner.problem.observations import Observation
-from tuner.samplers.design import (
-    initial_design_size,
-    sobol_point,
-)
+from tuner.samplers.design import initial_design_size, sobol_point
 from tuner.samplers.registry import make_sampler
 
 
@@ -40,17 +33,7 @@ def test_every_second_point_of_a_trusted_design_is_near() -> None:
         proposals.append(sampler.ask(history, []))
         history.append(Observation(number, proposals[-1].values, "r0", 0, 0.1 * number, 0.1 * number))
     assert proposals[0].values == synthetic.DEFAULT
-    assert ["near" in p.metadata for p in proposals] == [
-        False,
-        True,
-        False,
-        True,
-        False,
-        True,
-        False,
-        True,
-        False,
-    ]
+    assert ["near" in p.metadata for p in proposals] == [*[False, True] * 4, False]
     sobol = [sobol_point(synthetic.SPACE, 0, i) for i in range(4)]
     assert [p.values for p in proposals[2::2]] == sobol
     assert sampler.ask(history, []).metadata["phase"] == "model"

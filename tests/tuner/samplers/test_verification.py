@@ -1,7 +1,3 @@
-"""Verification missions: the favourite run again when that is worth more than exploring."""
-
-from __future__ import annotations
-
 import dataclasses
 
 import synthetic
@@ -36,14 +32,11 @@ def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
     proposal = verification([model_of(history)], history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.metadata["phase"] == "verification"
-    assert (proposal.instance, proposal.replicate) == (
-        ("r1", "ideal"),
-        1,
-    )  # replicate 0 of r1 has been run once, 1 never
+    # Replicate 0 of r1 has been run once, 1 never.
+    assert (proposal.instance, proposal.replicate) == (("r1", "ideal"), 1)
     blocks = [("r0", 0)]
     running: list[Observation] = []
     while (proposal := verification([model_of(history)], history, running, 2, expected_gain=0.0)) is not None:
-        assert proposal.instance is not None and proposal.replicate is not None
         blocks.append((proposal.instance.rock, proposal.replicate))
         running.append(Observation(4 + len(running), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
@@ -57,10 +50,8 @@ def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case
     family = dataclasses.replace(synthetic.PROBLEM, instances=(Instance("any-cleft"),), replicates=18)
     s = SamplerSettings(family, 0, 4, budget=18)
     for evaluated in (11, 12, 15, 16):
-        history = [
-            seen(i, o.values, "any-cleft", o.outcome, i)
-            for i, o in enumerate(synthetic.random_design(evaluated, 0.1, 0))
-        ]
+        drawn = synthetic.random_design(evaluated, 0.1, 0)
+        history = [seen(i, o.values, "any-cleft", o.outcome, i) for i, o in enumerate(drawn)]
         gp.GPSampler(s).ask(history, [])
     assert asked == [False, False, True]  # of 11 missions nobody verifies anything
 

@@ -1,7 +1,4 @@
-"""The Gaussian process: accuracy, calibration, and the shapes of its answers."""
-
-from __future__ import annotations
-
+import itertools
 import math
 
 import numpy as np
@@ -9,7 +6,7 @@ import pytest
 import synthetic
 from gpytorch.kernels import MaternKernel
 
-from tuner.problem.instances import Instance
+from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
@@ -20,9 +17,7 @@ from tuner.surrogate.settings import SurrogateSettings
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
     model = InstanceMeanGP(synthetic.SPACE, synthetic.random_design(48, 0.01, 0), synthetic.INSTANCES)
-    grid = [
-        synthetic.SPACE.from_unit([x, y]) for x in np.linspace(0.1, 0.9, 6) for y in np.linspace(0.1, 0.9, 6)
-    ]
+    grid = [synthetic.SPACE.from_unit(u) for u in itertools.product(np.linspace(0.1, 0.9, 6), repeat=2)]
     belief = model.posterior(grid)
     truth = np.array([synthetic.true_rock_mean(v) for v in grid])
     assert np.sqrt(np.mean((belief.mean - truth) ** 2)) < 0.1 * truth.std() + 0.02
@@ -80,6 +75,19 @@ def test_block_offsets_are_told_from_noise_and_cancel(monkeypatch: pytest.Monkey
     assert rms[True] < 0.7 * rms[False]
 
 
+def test_the_mean_over_rocks_and_conditions_is_that_of_its_instances() -> None:
+    instances = instances_over(synthetic.ROCKS, ("ideal", "field", "harsh"))
+    level = {"ideal": 0.0, "field": -4.0, "harsh": -8.0}
+    history = []
+    for i, o in enumerate(synthetic.random_design(36, 0.2, 1)):
+        y, at = (o.outcome or 0.0) + level[instances[i % 12].condition], instances[i % 12]
+        history.append(Observation(i, o.values, at.rock, 0, y, y, condition=at.condition))
+    model = InstanceMeanGP(synthetic.SPACE, history, instances)
+    values = synthetic.SPACE.from_unit([0.8, 0.4])
+    by_instance = [model.predict_mission(values, instance)[0] for instance in instances]
+    assert model.posterior([values]).mean[0] == pytest.approx(np.mean(by_instance))
+
+
 def test_a_trend_reaches_where_nothing_was_flown() -> None:
     """Slopes seen in the middle of 15 parameters go on towards the corners; a smooth f alone falls back."""
     path = [f"x{i}" for i in range(15)]
@@ -112,46 +120,24 @@ def test_sparse_model_switches_parameters_off() -> None:
         history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
     ratio = {}
     for sparse in (False, True):
-        model = InstanceMeanGP(
-            synthetic.SPACE, history, (Instance("r0"),), settings=SurrogateSettings(sparse=sparse)
-        )
+        asked = SurrogateSettings(sparse=sparse)
+        model = InstanceMeanGP(synthetic.SPACE, history, (Instance("r0"),), settings=asked)
         (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
         first, second = matern.lengthscale[0].tolist()
         ratio[sparse] = second / first
     assert ratio[True] > 9 and ratio[True] > ratio[False]
 
 
-ROCKS = ("a", "b")
-
-
-def _missions(count: int) -> list[Observation]:
-    rng = np.random.default_rng(0)
-    found = []
-    for i in range(count):
-        unit = rng.uniform(size=synthetic.SPACE.dimension)
-        values = synthetic.SPACE.from_unit(unit)
-        position = synthetic.SPACE.to_unit(values)
-        y = 10 - 8 * float(((position - 0.6) ** 2).sum()) + i % 2 + 0.3 * rng.normal()
-        found.append(Observation(i, values, ROCKS[i % 2], i // 2 % 2, y, y))
-    return found
-
-
-@pytest.fixture(scope="module")
-def models() -> tuple[InstanceMeanGP, InstanceMeanGP]:
-    missions = _missions(160)
-    exact = InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, ROCKS)))
-    patch = pytest.MonkeyPatch()
-    with patch.context() as small:
-        small.setattr(fit, "EXACT_MISSIONS", 100)
-        small.setattr(fit, "FITTED_MISSIONS", 80)
-        small.setattr(fit, "PROMISING", 30)
-        return exact, InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, ROCKS)))
-
-
-def test_many_missions_are_believed_as_by_the_exact_model(
-    models: tuple[InstanceMeanGP, InstanceMeanGP],
-) -> None:
-    exact, small = models
+def test_many_missions_are_believed_as_by_the_exact_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, missions, rocks = np.random.default_rng(0), [], ("a", "b")
+    for i in range(160):
+        unit = rng.uniform(size=2)
+        y = 10 - 8 * float(((unit - 0.6) ** 2).sum()) + i % 2 + 0.3 * rng.normal()
+        missions.append(Observation(i, synthetic.SPACE.from_unit(unit), rocks[i % 2], i // 2 % 2, y, y))
+    exact = InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, rocks)))
+    for limit, value in (("EXACT_MISSIONS", 100), ("FITTED_MISSIONS", 80), ("PROMISING", 30)):
+        monkeypatch.setattr(fit, limit, value)
+    small = InstanceMeanGP(synthetic.SPACE, missions, tuple(map(Instance, rocks)))
     assert len(small.model.train_targets) <= 110
     configurations = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(1).uniform(size=(40, 2))]
     a, b = exact.posterior(configurations), small.posterior(configurations)

@@ -1,5 +1,3 @@
-"""Own missions, run: whose failure it is, what is run again, what is left behind, what is measured."""
-
 import json
 import shutil
 import sys
@@ -56,10 +54,8 @@ def test_a_result_becomes_a_mission(tmp_path):
     [
         ("echo no fix; exit 3", "no result.json; it ended with status 3: 'no fix'; see .*mission.log"),
         ("kill -9 $$", "it ended with SIGKILL"),
-        (
-            """echo '{"metrics": {"lo' > $GATETUNE_OUTPUT/result.json""",
-            "result.json is not valid JSON: .*; it ended",
-        ),
+        ("read -r password < /dev/tty || exit 1", "it ended with status 1"),
+        ("""echo '{"metrics": {"lo' > $GATETUNE_OUTPUT/result.json""", "is not valid JSON: .*; it ended"),
         ("truncate -s 20G $GATETUNE_OUTPUT/result.json", r"in bytes is 2.1\d*e\+10"),
         ("mkfifo $GATETUNE_OUTPUT/result.json", "not a regular file"),
         ("rm -r $GATETUNE_OUTPUT", "no result.json"),
@@ -83,12 +79,8 @@ def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says
     ],
 )
 def test_what_is_no_number_is_the_configurations_failure(tmp_path, result, message):
-    evaluated = run_missions(tmp_path, f"echo '{result}' > $GATETUNE_OUTPUT/result.json")
-    assert (evaluated.status, evaluated.reason, evaluated.message) == (
-        "failed",
-        "metric_not_a_number",
-        message,
-    )
+    mission = run_missions(tmp_path, f"echo '{result}' > $GATETUNE_OUTPUT/result.json")
+    assert (mission.status, mission.reason, mission.message) == ("failed", "metric_not_a_number", message)
 
 
 def test_what_a_mission_prints_is_cut(tmp_path):
@@ -138,9 +130,8 @@ def test_no_process_is_left_behind(tmp_path, monkeypatch):
     assert not daemon_lives(tmp_path)
     (tmp_path / "pid").unlink()
     # One that ignores SIGTERM and one that is stopped are killed.
-    assert (
-        run_missions(tmp_path, f"trap '' TERM; {DAEMON} kill -STOP $$", time_limit_s=1.5).reason == "timeout"
-    )
+    ended = run_missions(tmp_path, f"trap '' TERM; {DAEMON} kill -STOP $$", time_limit_s=1.5)
+    assert ended.reason == "timeout"
     assert not daemon_lives(tmp_path)
 
 
@@ -169,10 +160,8 @@ def fly_cloud(folder, points, cameras, **score):
     trimesh.PointCloud(points).export(folder / "cloud.ply")
     (folder / "made.json").write_text(json.dumps({"cloud": {"path": "cloud.ply", "cameras": cameras}}))
     script = 'cp cloud.ply "$GATETUNE_OUTPUT"; cp made.json "$GATETUNE_OUTPUT/result.json"'
-    instances = [{"name": "a", "mesh": "ball.ply"}]
-    return run_missions(
-        folder, script, instances=instances, score={"set": {"evaluation.gt_samples": 2000}, **score}
-    )
+    score = {"set": {"evaluation.gt_samples": 2000}, **score}
+    return run_missions(folder, script, instances=[{"name": "a", "mesh": "ball.ply"}], score=score)
 
 
 @pytest.mark.slow
@@ -214,13 +203,11 @@ def test_the_skeleton_passes_its_own_check(gatetune):
     """It packs real measurements with xz, which is on every Debian."""
     if shutil.which("xz") is None:
         pytest.skip("xz is absent: apt install xz-utils")
-    code, out, err = gatetune("mission", "init", "new")
-    assert code == 0, err
+    gatetune.ok("mission", "init", "new")
     assert load_mission_file(Path("new/mission.yaml")).name == "new"
-    code, out, err = gatetune("mission", "check", "new/mission.yaml")
-    assert code == 0, out + err
+    out = gatetune.ok("mission", "check", "new/mission.yaml")
     assert "packed_percent = " in out and "ready: gatetune campaign run --mission new/mission.yaml" in out
-    assert gatetune("mission", "init", "new")[0] == 2
+    gatetune.refused("mission", "init", "new")
 
 
 @pytest.mark.parametrize(
