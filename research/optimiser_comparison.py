@@ -47,7 +47,6 @@ from tuner.problem.observations import (  # noqa: E402
 from tuner.problem.search_space import Values  # noqa: E402
 from tuner.recommendation.choose import may_be_recommended  # noqa: E402
 from tuner.surrogate.model import InstanceMeanGP  # noqa: E402
-from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last:
@@ -74,7 +73,7 @@ def common_recommendation(
     Ours, as in the product, only of what has run on two rocks and replicates, once its last missions see to that.
     """
     instances = tuple(map(Instance, problem.rocks))
-    model = InstanceMeanGP(problem.space, history, instances, surrogate_settings(problem.space))
+    model = InstanceMeanGP(problem.space, history, instances)
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
     asked = tuner.problem.problem.Problem(problem.space, instances, problem.default, problem.replicates)

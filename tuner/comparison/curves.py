@@ -332,6 +332,7 @@ class Standing:
     f_score: Interval
     gain: Interval | None  # None where the reference never takes so few, or so many
     share: float  # of the targets that have the score
+    failed: int
     score_0: int
 
 
@@ -388,7 +389,7 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
         gain = None if theirs is None else bootstrap_means(scores - theirs)[0]
         kind = Kind.NOT_PAIRED if gain is None else kind_of(gain)
         own = bootstrap_means(scores)[0], gain, float(reached.mean())
-        found.append(Standing(one.name, number, kind, *own, int((scores == 0.0).sum())))
+        found.append(Standing(one.name, number, kind, *own, len(one.failed), int((scores == 0.0).sum())))
     return found
 
 
