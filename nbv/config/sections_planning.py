@@ -184,8 +184,8 @@ class StopConfig(Section):
     criterion: Literal["both", "budget", "predicted"] = text(
         "both",
         "III",
-        "what ends Phase 2 besides the budget: both (the paper's): d95 of the sparse cloud; predicted: the predicted "
-        "completeness of the dense cloud (not in the paper)",
+        "what ends Phase 2: both, d95 of the sparse cloud or the budget (the paper's); budget, it alone; predicted, the "
+        "predicted completeness of the dense cloud or the budget (not in the paper)",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
     knn_neighbours: OneOrMore = code(

@@ -27,8 +27,9 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
     weighed = MissionConfig().with_values({"predicted.weights.nov": 0.0})
     assert MissionConfig().with_values({"matchable.weights.nov": 0.0}) == weighed
     earlier = {
-        "gate": {"learned_policy": ""},
+        "gate": {"learned_policy": "", "oracle_matchable_views": 3},
         "dense": {"patchmatch_samples": 15, "patchmatch_geometric": False},
+        "seed": {"rings": 1, "start_bearing_deg": 0.0, "ring_radii_m": [], "ring_bearings_deg": []},
         "matchable": {"views": 6, "weights": {"nov": 0.0, "register": 0.0}},
     }
     assert config_from_dict(earlier) == weighed and weighed.digest() == "50a6786ac303e7f1"
