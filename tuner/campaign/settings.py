@@ -148,7 +148,7 @@ class CampaignSettings(Section):
         "what is tuned: a metric, seconds or energy; the best quality at a cost: f_score@photographs<=21; the least cost: "
         "photographs@f_score>=97, or for a share of rocks: photographs@P(f_score>=98)>=0.95",
         shown=DEFAULT_METRIC,
-        option="--objective --metric",
+        option="--objective",
         panel=WHAT,
         in_file="or {metric, direction: maximise or minimise}",
         read=_read_objective,

@@ -46,9 +46,9 @@ def show(
 
 
 def metrics(as_json: AsJson = False) -> None:
-    """List every metric that `--metric` takes, preceded by the surface that it is measured on: `observable.` or `whole.`
+    """List every metric that `--objective` takes, after the surface that it is measured on: `observable.` or `whole.`
 
-    Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
+    Example: gatetune metrics, then gatetune campaign run --objective observable.completeness_48mm
     """
     found = [
         {
@@ -63,7 +63,7 @@ def metrics(as_json: AsJson = False) -> None:
     costs = {name: path for name, path in SHORT.items() if path in COSTS}
     columns = ("name", "what it is", "unit", "better")
     rows = [tuple(row.values()) for row in found]
-    show_table(columns, rows, "--metric SURFACE.NAME, SURFACE observable or whole")
+    show_table(columns, rows, "--objective SURFACE.NAME, SURFACE observable or whole")
     output.print(
         f"T: a threshold in mm, one of {', '.join(f'{t:g}' for t in thresholds_mm)} (evaluation.thresholds_mm)"
     )

@@ -105,7 +105,7 @@ def _parameter(setting: Declaration) -> inspect.Parameter:
     kind = unbounded(setting.kind)
     several = typing.get_origin(kind) in (tuple, dict)
     option = typer.Option(
-        *setting.option.split(),
+        setting.option,
         help=help_text(setting, several),
         rich_help_panel=setting.panel,
         metavar="PATH=VALUE" if typing.get_origin(kind) is dict else None,

@@ -191,7 +191,7 @@ def test_a_changed_program_is_asked_about(gatetune, toy):
         (["--mission", "toy.yaml", "--learn-from", "shipped"], "no missions come with this program"),
         (["--fidelity", "external"], "name one with --mission"),
         (["settings.yaml"], "if you trust it, name it: --mission toy.yaml"),
-        (["--metric", "observable.f_score_49mm"], "did you mean observable.f_score_"),
+        (["--objective", "observable.f_score_49mm"], "did you mean observable.f_score_"),
     ],
 )
 def test_a_mistake_is_one_line_before_anything_flies(gatetune, toy, options, says):

@@ -39,7 +39,7 @@ RUN = "campaign run --rock boulder"
         (f"{RUN} --set stop.adaptive_budget=many", "stop.adaptive_budget"),
         (f"{RUN} --set stop.adaptive_budget=2001-99-99", "must be a whole number"),
         (f"{RUN} --set stop.adaptive_budget={'[' * 2000}", "--set"),
-        (f"{RUN} --metric observable.surprise", "direction: maximise"),
+        (f"{RUN} --objective observable.surprise", "direction: maximise"),
         ("campaign run nowhere.yaml", "nowhere.yaml"),
         ("campaign run --rock bouldr", "boulder"),
         ("campaign run --rock mushroom", "held out"),
