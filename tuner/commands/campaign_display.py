@@ -200,7 +200,7 @@ def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
     document = campaign_document(blocks, best)
     write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
     for block in blocks:
-        output.print(*block_table(block).for_terminal(output.width))
+        output.print(*block_table(block).for_terminal())
     if legend := legend_of(blocks[0].table):
         output.print(legend, style="dim")
     for sentence in document["sentences"]:

@@ -158,7 +158,7 @@ def compare(
         series = curves.all_series(asked, list(chosen), records)
         found = curves.outcome(asked, series, reference)
         document = write_curves(asked, series, found, out)
-    output.print(*answer_table(asked, found).for_terminal(output.width))
+    output.print(*answer_table(asked, found).for_terminal())
     output.print(" ".join(document["verdict"]), style="bold")
     if found.score_0:
         output.print("These missions count with a score of 0:", style="red")

@@ -192,7 +192,7 @@ def run_and_report(
         table_i = facts.tables["whole"]
         shown.append(comparison.table_i(table_i, "Table I, whole surface", paper=True, differences=False))
     for table in shown:
-        output.print(*table.for_terminal(output.width))
+        output.print(*table.for_terminal())
     if paper:
         output.print(comparison.paper_note(plan.fidelity))
     output.print(f"{duration(facts.run.elapsed_s)}; report: {report}")

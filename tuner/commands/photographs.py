@@ -156,7 +156,7 @@ def enough(
     )
     everything, few = run_plans(plans, where, workers, timeout_s, DEFAULT_METRIC)
     answer = read_enough(everything, few, keep)
-    output.print(*enough_table(answer).for_terminal(output.width))
+    output.print(*enough_table(answer).for_terminal())
     picture, listed = draw_enough(answer, photographs, keep, where / "enough.png"), where / "enough.txt"
     if answer.smallest is not None:
         source = {p.name: p.source for p in photographs.photographs}

@@ -22,7 +22,7 @@ LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
 
 def printed(table: Table, width: int) -> str:
     console = Console(file=io.StringIO(), width=width)
-    console.print(*table.for_terminal(width))
+    console.print(*table.for_terminal())
     return console.file.getvalue()
 
 
