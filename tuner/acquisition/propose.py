@@ -139,7 +139,7 @@ class _WhereAllowed(AcquisitionFunction):
         """Return (b,) values of (b, 1, inputs); the probability is a factor as of Gardner et al., ICML 2014."""
         # BoTorch draws the worth of what violates a constraint from torch's global state, anew at every call.
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(0)
+            torch.random.default_generator.manual_seed(0)
             value = self._acquisition(X)
         x = X[..., 0, : self._dimension]
         if self._allowed is not None:

@@ -38,7 +38,6 @@ from tuner.commands.console import (
     output,
     parse_overrides,
     require_complete,
-    require_dense_stage,
     under_conditions,
     workers_text,
     working,
@@ -123,7 +122,7 @@ def run(
         asked = resolved_settings(fields, str(settings or "command line"))
         require_comparable(asked)
     if executor == "local" and scheduler is None:
-        require_dense_stage(mission_kind(asked.fidelity), asked.problem.base)
+        mission_kind(asked.fidelity).require_dense_stage(asked.problem.base)
     # Before anything is written: a wrong address leaves no campaign behind.
     with executor_at(where, asked, workers, timeout_s) as ready:
         ready.begin()

@@ -21,7 +21,6 @@ from tuner.commands.console import (
     note_dense_stage,
     output,
     parse_overrides,
-    require_dense_stage,
     run_plans,
     under_conditions,
     working,
@@ -150,7 +149,6 @@ def compare(
     )
     longest = curves.ending_at(asked.base, asked.numbers[-1])
     for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
-        require_dense_stage(kind, longest)
         note_dense_stage(kind, longest)
     runs = run_plans(plans, out, workers, timeout_s, DEFAULT_METRIC)
     records = [trial for run in runs for trial in run.records]

@@ -31,7 +31,7 @@ from nbv.config import (
 )
 from nbv.convert import json_ready
 from nbv.dense import patchmatch_runs, with_best_dense_stage
-from nbv.dense.card import cards, require_cuda
+from nbv.dense.card import cards
 from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml, printable
@@ -244,12 +244,6 @@ def mission_config(
     if base is None or condition is not None:
         base = under(base or preset(preset_name), load_condition(condition or IDEAL))
     return base.with_values(with_best_dense_stage(values))
-
-
-def require_dense_stage(kind: MissionKind, config: Any) -> None:
-    """`UserError` where missions with photographs would end at their dense stage on this machine."""
-    if kind.photographs and config.dense.backend == "patchmatch":
-        require_cuda()
 
 
 def note_dense_stage(kind: MissionKind, config: Any) -> None:

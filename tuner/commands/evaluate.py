@@ -23,7 +23,6 @@ from tuner.commands.console import (
     note_dense_stage,
     output,
     require_complete,
-    require_dense_stage,
     under_conditions,
     working,
 )
@@ -177,7 +176,6 @@ def run_and_report(
         f"{named} on {counted(len(plan.rocks), planned.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
-    require_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
     note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
     with executor:
         facts, report = run_comparison(planned, executor, out, notes, f"gatetune {shlex.join(sys.argv[1:])}")

@@ -29,7 +29,6 @@ from tuner.commands.console import (
     mission_config,
     note_dense_stage,
     output,
-    require_dense_stage,
     show_table,
     working,
 )
@@ -76,7 +75,7 @@ def run(
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
     kind = kind_on(rock, DEFAULT_FIDELITY)
-    require_dense_stage(kind, config)
+    kind.require_dense_stage(config)
     note_dense_stage(kind, config)
     load(str(kind.runs).partition(":")[0])
     with working(f"making rock {rock}"):

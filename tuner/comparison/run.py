@@ -11,9 +11,10 @@ from pathlib import Path
 from nbv.errors import UserError
 from nbv.safe_files import to_yaml, write_atomic
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.missions.executors import Executor
+from tuner.missions.executors import Executor, LocalProcessExecutor
 from tuner.missions.job import MissionJob, Trial
 from tuner.missions.long_runs import long_run
+from tuner.missions.registry import mission_kind
 from tuner.missions.run_jobs import JobList, run_jobs
 
 
@@ -63,7 +64,6 @@ def run_evaluation(
     Raises `UserError`: a strategy cannot run; the directory holds something else or cannot be written; a mission met a user's mistake.
     """
     plan.require_runnable()
-    _claim(plan, directory)
     began = time.monotonic()
     jobs = {job.id: job for job in plan.jobs(directory)}
 
@@ -72,6 +72,10 @@ def run_evaluation(
             on_event(EvaluationEvent(job, trial, len(jobs) - evaluated.open, len(jobs)))
 
     evaluated = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.record.job_id], trial))
+    if evaluated.open and isinstance(executor, LocalProcessExecutor):
+        for config in plan.strategies.values():
+            mission_kind(plan.fidelity).require_dense_stage(config)
+    _claim(plan, directory)
     with long_run(directory) as stop:
         run_jobs(evaluated, executor, stop)
     return EvaluationRun(plan, plan.records(directory), not evaluated.open, time.monotonic() - began)

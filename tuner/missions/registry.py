@@ -67,6 +67,13 @@ class MissionKind:
         if self.refuses:
             pkgutil.resolve_name(self.refuses)(config, target)
 
+    def require_dense_stage(self, config: Any) -> None:
+        """Raise `UserError` where missions with photographs would end at their dense stage on this machine."""
+        if self.photographs and config.dense.backend == "patchmatch":
+            from nbv.dense.card import require_cuda  # noqa: PLC0415  loads OpenCV, wasted where no card is asked for
+
+            require_cuda()
+
 
 def _rendered_s(config: MissionConfig) -> float:
     # The 32 missions of `make tune`, of 20 photographs, took 226 s on two cores; PatchMatch takes 8 s on an H100 and 2 s after
