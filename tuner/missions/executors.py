@@ -12,6 +12,7 @@ import functools
 import json
 import os
 import select
+import selectors
 import signal
 import subprocess
 import sys
@@ -191,9 +192,11 @@ class LocalProcessExecutor(Executor):
         if self._server is None:
             return
         assert self._server.stdout is not None
-        if not select.select([self._server.stdout], [], [], timeout_s)[0]:
-            self._silent_s += timeout_s  # not by the clock: this process may have been stopped meanwhile
-            return
+        with selectors.DefaultSelector() as selector:  # `select.select` has no descriptor beyond 1,023
+            selector.register(self._server.stdout, selectors.EVENT_READ)
+            if not selector.select(timeout_s):
+                self._silent_s += timeout_s  # not by the clock: this process may have been stopped meanwhile
+                return
         self._silent_s = 0.0
         chunk = os.read(self._server.stdout.fileno(), 65536)
         if not chunk:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
+import shutil
 import signal
 import tempfile
 import time
@@ -127,9 +127,10 @@ def _last_words(log: Path) -> str:
 def _tidy(output: Path) -> None:
     """Remove what the mission wrote besides request, result and log."""
     for entry in output.iterdir():
-        if entry.name not in (REQUEST_FILE, RESULT_FILE, LOG_FILE):
-            with contextlib.suppress(OSError):
-                remove(entry)
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)  # what cannot be removed does not keep the rest
+        elif entry.name not in (REQUEST_FILE, RESULT_FILE, LOG_FILE):
+            entry.unlink()
 
 
 def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[dict[str, Any], str, str]:
