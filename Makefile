@@ -60,7 +60,7 @@ docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 wheel-test: setup
-	.ci/wheel-test $(VENV)
+	OMP_NUM_THREADS=1 .ci/with-wheel $(VENV) $(BIN)/python -m pytest -n 2 tests/street
 
 clean:
 	rm -rf $(VENV) .peers
