@@ -1,21 +1,16 @@
-"""The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget.
-
-The missions of earlier campaigns, moved into the present search space, lead the initial design and inform the surrogate
-(``tuner.samplers.earlier_missions``).
-"""
+"""The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget."""
 
 from __future__ import annotations
 
 import dataclasses
 import datetime
 import uuid
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign
+from tuner.campaign.earlier_campaigns import learn_from
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     FORMAT_VERSION,
@@ -23,13 +18,7 @@ from tuner.campaign.settings_file import (
     read_settings,
     write_settings,
 )
-from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.missions.long_runs import exclusive
-from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
-from tuner.problem.problem import MissionProblem
-from tuner.problem.search_space import Configuration, SearchSpace, Values, value_at
-from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 from tuner.samplers.registry import make_sampler
 
 
@@ -100,66 +89,6 @@ def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
     return Campaign(directory, settings, campaign.ledger)
-
-
-def learn_from(directories: Sequence[str], problem: MissionProblem, objective: Objective) -> EarlierMissions:
-    """Return the missions of earlier campaigns that are configurations of the problem's space.
-
-    A mission counts where its tuned values lie in the space, what the space does not tune is as in the problem's base
-    configuration, and the objective's metric was measured. A parameter that the space tunes and the earlier campaign did not has
-    the value that campaign held it at.
-
-    ``directories``: the campaigns' run directories, or ``shipped``.
-
-    Raises `UserError`: no campaign in a directory, too few such missions in it, a directory named twice, or nothing
-    shipped.
-    """
-    places = [SHIPPED if d == SHIPPED else str(Path(d).resolve()) for d in directories]
-    for directory, place in zip(directories, places):
-        if places.count(place) > 1:
-            raise UserError(f"{directory} is named twice to learn from; name each campaign once")
-    found: list[Observation] = []
-    rocks: list[str] = []
-    for number, directory in enumerate(directories, start=1):
-        if directory == SHIPPED:
-            one = shipped_missions(problem.space, objective)
-        else:
-            one = _missions_of(directory, problem, objective)
-        # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
-        names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
-        found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
-        rocks += names.values()
-    return EarlierMissions(problem.space, tuple(rocks), tuple(found))
-
-
-def _missions_of(directory: str, problem: MissionProblem, objective: Objective) -> EarlierMissions:
-    campaign, space = Campaign.open(Path(directory), read_only=True), problem.space
-    held, own = campaign.settings.problem.base, list[Observation]()
-    for t in campaign.trials():
-        values = _values_in(t.values, held, space, problem.base)
-        if values is None or not t.record.status:
-            continue
-        raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
-        outcome = objective.oriented(raw)
-        own.append(dataclasses.replace(t, values=values, raw=raw, outcome=outcome, second=None))
-    measured = sum(o.feasible for o in own)
-    if measured < MIN_OBSERVATIONS:
-        raise UserError(
-            f"{directory}: {measured} of its {len(campaign.trials())} missions are configurations of search space "
-            f"{space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
-            "another campaign, or search the space it searched"
-        )
-    return EarlierMissions(space, campaign.settings.rocks, tuple(own))
-
-
-def _values_in(
-    tuned: Mapping[str, Any], held: Configuration, space: SearchSpace, base: Configuration
-) -> Values | None:
-    """Return ``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
-    if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):
-        return None
-    values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}
-    return values if all(p.contains(values[p.path]) for p in space.parameters) else None
 
 
 def _is_leftover(path: Path) -> bool:

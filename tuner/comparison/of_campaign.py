@@ -12,8 +12,8 @@ from pathlib import Path
 from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.earlier_campaigns import learn_from
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import NOTHING

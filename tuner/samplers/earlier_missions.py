@@ -1,4 +1,4 @@
-"""Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.begin``).
+"""Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.earlier_campaigns``).
 
 Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
 surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing
@@ -26,21 +26,15 @@ if TYPE_CHECKING:
 
 # Root mean square distance in the unit cube between their configurations in an initial design.
 _APART = 0.15
-MIN_OBSERVATIONS = 20
 
 
 @dataclass(frozen=True)
 class EarlierMissions:
-    """Missions run before a campaign, which its sampler learns from."""
+    """Missions run before a campaign, which its sampler learns from; some of them succeeded."""
 
     space: SearchSpace
     rocks: tuple[str, ...]
     observations: tuple[Observation, ...]
-
-    @property
-    def usable(self) -> bool:
-        """Whether enough of them succeeded."""
-        return sum(o.feasible for o in self.observations) >= MIN_OBSERVATIONS
 
     @functools.cached_property
     def _model(self) -> InstanceMeanGP:

@@ -145,7 +145,7 @@ class GPSampler:
             values = {**s.problem.default, **space.begin[number - 1]}
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
         places = places_for_earlier(s.initial - s.first + 1)
-        if number in places and s.earlier is not None and s.earlier.usable:
+        if number in places and s.earlier is not None:
             nth = places.index(number)
             best = s.earlier.best(nth + 1)
             if len(best) > nth:

@@ -20,7 +20,7 @@ FULL = load_search_space("full")
 @pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
 def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> None:
     earlier = shipped_missions(load_search_space(name), Objective())
-    assert earlier.usable and len(earlier.observations) >= 90
+    assert sum(o.feasible for o in earlier.observations) >= 90
     assert {RECIPES[rock].split for rock in earlier.rocks} == {"train"}
     tree = json.loads((DIRECTORY / f"{name}.json").read_text())
     assert "--fidelity geometric" in tree["flown_by"] and "--learn-from nothing" in tree["flown_by"]
