@@ -123,8 +123,12 @@ class Campaign:
         return self.ledger.trials()
 
     def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
-        """Return the finished missions, with the second objective's outcome where there is one."""
-        return self.ledger.history(trials)
+        """Return the finished of ``trials`` (None: of all), which samplers and the surrogate learn from."""
+        chosen = self.trials() if trials is None else trials
+        again = repeated(chosen)
+        return [
+            dataclasses.replace(t, repeat=True) if t.number in again else t for t in chosen if t.record.status
+        ]
 
     def _read_learned(self) -> EarlierMissions:
         path = self.directory / LEARNED_FILE
@@ -205,7 +209,12 @@ class Campaign:
 
         So do the proposals ``reserved``, which are not in the ledger yet.
         """
-        history, running = self.history(trials[:known]), self.ledger.pending(trials, known)
+        history = self.history(trials[:known])
+        running: list[Observation] = [
+            dataclasses.replace(t, outcome=None, second=None)
+            for i, t in enumerate(trials)
+            if not t.record.status or i >= known
+        ]
         for proposal in reserved:
             running.append(in_flight(self._sampler_settings, history, running, proposal))
         return ask_many(self._sampler, self._sampler_settings, history, running, count)

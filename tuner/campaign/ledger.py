@@ -12,9 +12,8 @@ ledger was changed outside.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,9 @@ from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.storage import JOURNAL_FILE, open_journal
-from tuner.missions.job import Record, Trial, repeated
+from tuner.missions.job import Record, Trial
 from tuner.problem.instances import Instance
-from tuner.problem.observations import Observation, Proposal
+from tuner.problem.observations import Proposal
 from tuner.samplers.optuna import distributions
 
 _CAMPAIGN_ID = "campaign_id"
@@ -229,19 +228,3 @@ class Ledger:
                 f"trial {row.number} of the ledger {self._shown} is not what was entered: the ledger was changed or damaged; "
                 "restore it from a copy"
             ) from error
-
-    def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
-        """Return the finished missions, which samplers and the surrogate learn from."""
-        chosen = self.trials() if trials is None else trials
-        again = repeated(chosen)
-        return [
-            dataclasses.replace(t, repeat=True) if t.number in again else t for t in chosen if t.record.status
-        ]
-
-    def pending(self, trials: Sequence[Trial], known: int) -> list[Observation]:
-        """Return missions in flight, and all after the first ``known``, which count as if they were."""
-        return [
-            dataclasses.replace(t, outcome=None, second=None)
-            for i, t in enumerate(trials)
-            if not t.record.status or i >= known
-        ]
