@@ -21,7 +21,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.campaign.simplify import simplified
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, Trial, load_trial, repeated
+from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.long_runs import Stop, long_run
 from tuner.missions.run_jobs import run_jobs
 from tuner.problem.instances import family_of
@@ -102,10 +102,9 @@ class _Session:
         self._began = time.monotonic()
         self._ask_s = 0.0
         self._finished = 0
-        self._failures_in_row = 0
         self._repeats_in_row = 0
-        self._last_failure = ""
-        self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
+        self._failed_in_row = list[Trial]()
+        self._lost = list[Trial]()  # ended by the machine: their trials stay open
         self._to_retry = collections.deque[_Prepared]()
         self._in_flight: dict[str, Trial] = {}
         self._nothing_registers: bool | None = None  # whether nothing planned registers; None: not known yet
@@ -120,7 +119,6 @@ class _Session:
         self._stop = stop
         self._recover()
         run_jobs(self, self.executor, stop)
-        repeats_in_row = self._repeats_in_row  # the simplification repeats photographs on purpose
         for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
             if stop.is_set() or self.cancelled:
                 break
@@ -131,25 +129,25 @@ class _Session:
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
             return self._end("interrupted", waiting)
-        if repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
+        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
             return self._end(
                 "exhausted",
-                f"the last {repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
+                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
                 f"left to try, and used {self._finished} of {self._settings.budget} missions",
             )
         if self.cancelled:
             return self._end(
                 "failing",
-                f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; mend the cause, then "
-                "resume",
+                f"{len(self._failed_in_row)} missions failed in a row, the last with {_reason(self._failed_in_row[-1])}; "
+                "mend the cause, then resume",
             )
         if self._no_planned_view_can_register(self._ledger.trials()):
             return self._end("failing", NOTHING_REGISTERS)
-        if self._infrastructure_failures:
+        if self._lost:
             return self._end(
                 "failing",
-                f"{self._infrastructure_failures} missions were ended by the machine, the last with "
-                f"{self._last_infrastructure_failure}; they are not counted, and run again by a resume",
+                f"{len(self._lost)} missions were ended by the machine, the last with {_reason(self._lost[-1])}; they are "
+                "not counted, and run again by a resume",
             )
         left = self._settings.budget - self._finished
         if left > 0 and self._has_run_all(self._ledger.trials()):
@@ -170,15 +168,9 @@ class _Session:
     def _recover(self) -> None:
         """Enter missions that finished without being in the ledger; the others are run again."""
         trials = self._ledger.trials()
-        repeats = repeated(trials)
-        self._repeats = len(repeats)
-        searched = [
-            t.number for t in trials if t.record.status and t.record.metadata.get("phase") != "simplified"
-        ]
-        anew = (k for k, number in enumerate(reversed(searched)) if number not in repeats)
-        self._repeats_in_row = next(anew, len(searched))
-        self._taken = {t.photographs_taken for t in trials}
-        self._finished = sum(bool(t.record.status) for t in trials) - self._repeats
+        for trial in trials:
+            if trial.record.status:
+                self._repeats_photographs(trial)
         for trial in trials:
             if trial.record.status:
                 continue
@@ -206,7 +198,7 @@ class _Session:
 
     @property
     def cancelled(self) -> bool:
-        return self._failures_in_row >= MAX_CONSECUTIVE_FAILURES
+        return len(self._failed_in_row) >= MAX_CONSECUTIVE_FAILURES
 
     def next_jobs(self, free: int) -> list[MissionJob]:
         """Return the next mission to launch, which is in the ledger."""
@@ -228,9 +220,8 @@ class _Session:
         for ended in trials:
             trial = self._in_flight.pop(ended.record.job_id)
             if ended.infrastructure_failure:  # the trial stays open: neither counted nor learned from
-                self._infrastructure_failures += 1
-                self._note_failure(ended)
-                self._last_infrastructure_failure = self._last_failure
+                self._lost.append(ended)
+                self._failed_in_row.append(ended)
                 self._emit("lost", trial, message=f"{ended.reason}: {ended.record.message}")
             else:
                 self._require_measured(ended)
@@ -288,26 +279,13 @@ class _Session:
         if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
             return False
         if self._nothing_registers is None:
-            traces = [
-                MissionResult.load(t.record.directory).trace
-                for t in few
-                if (t.record.directory / RESULT).is_file()
-            ]
-            self._nothing_registers = len(traces) == FIRST_FEW and all(
-                trace and not any(record.registered for record in trace) for trace in traces
-            )
+            self._nothing_registers = all(map(_registers_nothing, few))
         return self._nothing_registers
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
         record = dataclasses.replace(trial.record, status="failed", message=str(why))
         return self._ledger.finish(trial.number, dataclasses.replace(trial, reason=REFUSED, record=record))
-
-    def _note_failure(self, trial: Trial) -> None:
-        self._failures_in_row += 1
-        self._last_failure = f"{trial.reason!r}" + (
-            f" ({trial.record.message})" if trial.record.message else ""
-        )
 
     def _require_measured(self, ended: Trial) -> None:
         """Raise `UserError` where the first missions end well without a metric that they are tuned for."""
@@ -319,20 +297,26 @@ class _Session:
         self._reproducibility.require(trial, ended.record.rock_sha256)
         return self._ledger.finish(trial.number, ended)
 
+    def _repeats_photographs(self, trial: Trial) -> bool:
+        """Count a trial that has ended; return whether it took the photographs of an earlier one, and so used no budget."""
+        repeats = bool(trial.record.photographs) and trial.photographs_taken in self._taken
+        self._taken.add(trial.photographs_taken)
+        self._repeats += repeats
+        self._finished += not repeats
+        if trial.record.metadata.get("phase") != "simplified":  # which repeats on purpose
+            self._repeats_in_row = self._repeats_in_row + 1 if repeats else 0
+        return repeats
+
     def _count(self, trial: Trial) -> None:
-        if trial.record.photographs and trial.photographs_taken in self._taken:
-            self._repeats, self._repeats_in_row = self._repeats + 1, self._repeats_in_row + 1
+        if self._repeats_photographs(trial):
             self._emit("finished", trial, message="repeats the photographs of an earlier trial")
             return
-        self._taken.add(trial.photographs_taken)
-        self._finished += 1
-        self._repeats_in_row = 0
         if trial.state == "failed":
             if trial.reason != REFUSED:
-                self._note_failure(trial)
+                self._failed_in_row.append(trial)
             self._emit("failed", trial, message=trial.record.message)
         else:
-            self._failures_in_row = 0
+            self._failed_in_row.clear()
             self._emit("finished", trial, message=trial.record.message)
         last = self._finished >= self._settings.budget  # whose recommendation the summary has
         if self.recommend_every and self._finished % self.recommend_every == 0 and not last:
@@ -350,6 +334,19 @@ class _Session:
     ) -> None:
         elapsed_s, budget = time.monotonic() - self._began, self._settings.budget
         self.on_event(CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, message))
+
+
+def _reason(failed: Trial) -> str:
+    """Return ``'timeout' (after 60 s)``: why a mission failed, in code and in words."""
+    message = failed.record.message
+    return f"{failed.reason!r} ({message})" if message else f"{failed.reason!r}"
+
+
+def _registers_nothing(trial: Trial) -> bool:
+    """Return whether photographs were planned in a mission and none of them registered."""
+    directory = trial.record.directory
+    trace = MissionResult.load(directory).trace if (directory / RESULT).is_file() else []
+    return bool(trace) and not any(record.registered for record in trace)
 
 
 class ProposalPrefetch:
