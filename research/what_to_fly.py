@@ -37,7 +37,6 @@ from tuner.samplers.base import ask_many, initial_proposal
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.registry import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.settings import SurrogateSettings
 
 METRIC = "observable.f_score_48mm"
 ROCKS = ("slab", "vesicular", "cavern"), ("boulder", "waist", "breccia")
@@ -70,7 +69,7 @@ VARIANTS: dict[
     "gp, sparse prior and trend": (
         "gp",
         True,
-        lambda sampler: dataclasses.replace(sampler, model=SurrogateSettings(sparse=True)),
+        lambda sampler: dataclasses.replace(sampler, sparse=True),
     ),
     "gp, Sobol design": ("gp", True, lambda sampler: SobolDesign(sampler.settings)),
     "random": ("random", True, lambda sampler: sampler),

@@ -29,7 +29,6 @@ from tuner.problem.share import SURE, ShareEstimate
 from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability_positive
-from tuner.surrogate.settings import SurrogateSettings
 
 _CHUNK = 64
 HOPELESS = 0.05  # probability of meeting the constraint
@@ -41,30 +40,30 @@ def two_models(
     problem: Problem,
     goal: Goal,
     observations: Sequence[Observation],
-    settings: SurrogateSettings | None = None,
+    sparse: bool | None = None,
 ) -> tuple[ObjectiveModel, ObjectiveModel]:
     """Return a model of each objective, on the missions that have both outcomes or failed.
 
     An objective that the configuration decides is computed, but one of the two is always a surrogate: where both are decided,
     the second one. ``ValueError`` means that there are no such missions.
     """
-    second = second_model(problem, goal, observations, settings)
+    second = second_model(problem, goal, observations, sparse)
     if goal.exact.first is not None:
         return DeterministicOutcome(problem.space, goal.exact.first), second
     both = [o for o in observations if o.outcome is None or o.second is not None]
-    return InstanceMeanGP(problem.space, both, problem.instances, settings), second
+    return InstanceMeanGP(problem.space, both, problem.instances, sparse=sparse), second
 
 
 def second_model(
     problem: Problem,
     goal: Goal,
     observations: Sequence[Observation],
-    settings: SurrogateSettings | None = None,
+    sparse: bool | None = None,
 ) -> ObjectiveModel:
     """Return the model of the second objective, as `two_models`."""
     if goal.exact.first is None and goal.exact.second is not None:
         return DeterministicOutcome(problem.space, goal.exact.second)
-    return InstanceMeanGP(problem.space, with_second_first(observations), problem.instances, settings)
+    return InstanceMeanGP(problem.space, with_second_first(observations), problem.instances, sparse=sparse)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ not selected by their outcomes.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -400,12 +399,8 @@ def _on_next_rock(values: Values, problem: Problem, model: InstanceMeanGP) -> Ne
     rocks = rocks_of(model.instances)
     if values == dict(problem.default) or len(rocks) == 1 or are_drawn(rocks):
         return None
-    departing = dataclasses.replace(model.settings, own_landscapes=True)
-    return next_rock(
-        InstanceMeanGP(problem.space, model.observations, problem.instances, departing),
-        values,
-        problem.default,
-    )
+    departing = InstanceMeanGP(problem.space, model.observations, problem.instances, own_landscapes=True)
+    return next_rock(departing, values, problem.default)
 
 
 def without_outliers(
@@ -429,7 +424,7 @@ def without_outliers(
             break
         rest, o = list(model.observations), model.observations[worst]
         del rest[worst]
-        other = InstanceMeanGP(model.space, rest, model.instances, model.settings)
+        other = InstanceMeanGP(model.space, rest, model.instances)
         mean, sd = other.predict_mission(o.values, o.instance)
         if abs((o.outcome or 0.0) - mean) <= CONTRADICTS * sd:
             break

@@ -7,8 +7,7 @@ import warnings
 
 import numpy as np
 
-from tuner.problem.search_space import SearchSpace, Values
-from tuner.surrogate.settings import MANY_PARAMETERS
+from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/optimisers.md).

@@ -32,7 +32,6 @@ from tuner.samplers.design import near_default, places_for_earlier, sobol_point,
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
 # Design points that violate a computed limit are replaced by later points of the sequence: from which on, how many.
@@ -55,7 +54,7 @@ class GPSampler:
 
     settings: SamplerSettings
     name: str = "gp"
-    model: SurrogateSettings | None = None  # of the surrogate; None: by the number of parameters
+    sparse: bool | None = None  # of the surrogate; None: by the number of parameters
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         return self.ask_many(history, pending, 1)[0]
@@ -84,10 +83,10 @@ class GPSampler:
             else:
                 seed = derived_seed(s.seed, number)
                 if not models and both and goal.at_least is not None and goal.second is not None:
-                    models = two_models(problem, goal, history, self.model)
+                    models = two_models(problem, goal, history, self.sparse)
                     constraint = Constraint(models[1], goal.at_least, goal.second.is_share).within_reach()
                 elif not models:
-                    models = (InstanceMeanGP(problem.space, history, problem.instances, self.model),)
+                    models = (InstanceMeanGP(problem.space, history, problem.instances, sparse=self.sparse),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 configurations = [p.values for p in running]
                 if modelled >= most or len(running) > MAX_JOINT:

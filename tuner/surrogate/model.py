@@ -32,13 +32,12 @@ from gpytorch.kernels import Kernel
 from nbv.types import Floats
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
 from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
 from tuner.surrogate.posterior import Posterior
-from tuner.surrogate.settings import MANY_PARAMETERS, SurrogateSettings
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
@@ -52,7 +51,10 @@ class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
     ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
-    feasible. ``instances``: the training instances over which the mean is taken.
+    feasible. ``instances``: the training instances over which the mean is taken. ``own_landscapes``: each rock departs from the
+    common landscape, not only by an offset. ``sparse``: whether length scales have a SAAS prior and there is a linear trend;
+    None: from `MANY_PARAMETERS` on. In ``full`` (18 parameters, 64 geometric missions) the recommendation is worse by 0.25 points
+    (0.06 to 0.49, five seeds) without both, and by 0.21 (0.04 to 0.41, seven seeds) without the trend.
     """
 
     def __init__(
@@ -60,9 +62,12 @@ class InstanceMeanGP:
         space: SearchSpace,
         observations: Sequence[Observation],
         instances: Sequence[Instance],
-        settings: SurrogateSettings | None = None,
+        *,
+        sparse: bool | None = None,
+        own_landscapes: bool = False,
     ) -> None:
-        self.settings = settings or SurrogateSettings(sparse=space.dimension >= MANY_PARAMETERS)
+        self._sparse = space.dimension >= MANY_PARAMETERS if sparse is None else sparse
+        self._own_landscapes = own_landscapes
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -108,11 +113,11 @@ class InstanceMeanGP:
             mission_kernel(
                 self._ordered,
                 self.space.categorical_dimensions,
-                own_landscapes=self.settings.own_landscapes,
+                own_landscapes=self._own_landscapes,
                 blocks=self._models_blocks,
                 tau=tau,
             )
-            for tau in (SPARSE_TAUS if self.settings.sparse and self._ordered else (None,))
+            for tau in (SPARSE_TAUS if self._sparse and self._ordered else (None,))
         ]
 
     def levels(self, instance: Instance | None, block: float = NO_OFFSET) -> list[float]:

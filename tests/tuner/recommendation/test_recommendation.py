@@ -15,7 +15,6 @@ from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
 from tuner.report.answer import runner_up_sentence, use_sentence, worth_sentences
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.settings import SurrogateSettings
 
 ROCKS = ("r0", "r1", "r2")
 
@@ -134,7 +133,7 @@ def stated(slopes: list[float], count: int = 12, seed: int = 0) -> NextRock:
             y = 90.0 + slope * synthetic.SPACE.to_unit(values)[0] + 0.1 * rng.normal()
             history.append(Observation(len(history), values, f"r{rock}", 0, y, y))
     rocks = [Instance(f"r{rock}") for rock in range(len(slopes))]
-    model = InstanceMeanGP(synthetic.SPACE, history, rocks, settings=SurrogateSettings(own_landscapes=True))
+    model = InstanceMeanGP(synthetic.SPACE, history, rocks, own_landscapes=True)
     return next_rock(model, HIGH, LOW)
 
 

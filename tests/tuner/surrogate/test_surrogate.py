@@ -12,7 +12,6 @@ from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import NORMAL_95
-from tuner.surrogate.settings import SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
@@ -101,9 +100,7 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     corner = [space.from_unit((slopes > 0).astype(float))]
     truth = float(slopes.clip(0).sum())
     with_trend, without = (
-        InstanceMeanGP(space, history, (Instance("r0"),), settings=SurrogateSettings(sparse=trend)).posterior(
-            corner
-        )
+        InstanceMeanGP(space, history, (Instance("r0"),), sparse=trend).posterior(corner)
         for trend in (True, False)
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
@@ -120,8 +117,7 @@ def test_sparse_model_switches_parameters_off() -> None:
         history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
     ratio = {}
     for sparse in (False, True):
-        asked = SurrogateSettings(sparse=sparse)
-        model = InstanceMeanGP(synthetic.SPACE, history, (Instance("r0"),), settings=asked)
+        model = InstanceMeanGP(synthetic.SPACE, history, (Instance("r0"),), sparse=sparse)
         (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
         first, second = matern.lengthscale[0].tolist()
         ratio[sparse] = second / first
