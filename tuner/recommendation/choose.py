@@ -94,21 +94,18 @@ def constraint_of(
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """The configurations that have run, by index."""
+class Candidate:
+    """A configuration that has run."""
 
-    values: list[Values]
-    missions: list[list[Observation]]  # that ran each, failed ones included
-    keeps: list[bool]  # whether each can be taken to meet the constraint
-    eligible: list[int]  # indices of those that may be recommended; not empty
-    limit_kept: bool  # whether these can be taken to meet the constraint; else they are nearest to it
+    values: Values
+    missions: list[Observation]  # that ran it, failed ones included
+    keeps: bool  # whether it can be taken to meet the constraint
+    eligible: bool  # whether it may be recommended; where none can be taken to meet the constraint, those nearest to it
 
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def outcomes(self, index: int) -> dict[Block, float | None]:
-        """Return a configuration's outcomes by block: equal outcomes everywhere are the same photographs."""
-        return {(o.instance, o.replicate): o.outcome for o in self.missions[index]}
+    @property
+    def outcomes(self) -> dict[Block, float | None]:
+        """Its outcomes by block: equal outcomes everywhere are the same photographs."""
+        return {(o.instance, o.replicate): o.outcome for o in self.missions}
 
 
 def candidates_of(
@@ -119,8 +116,8 @@ def candidates_of(
     outliers: Collection[Observation],
     *,
     only_verified: bool,
-) -> Candidates:
-    """Return the configurations that have run with success, ``outliers`` left out, and which may be recommended."""
+) -> list[Candidate]:
+    """Return the configurations that have run with success, ``outliers`` left out; at least one may be recommended."""
     groups: dict[Key, list[Observation]] = {}
     for o in (o for o in observations if o not in outliers):
         groups.setdefault(configuration_key(problem.space, o.values), []).append(o)
@@ -139,7 +136,10 @@ def candidates_of(
         if chance.max() < MAY_KEEP:
             least = _violations(missions, constraint, second=goal.exact.first is None)
             eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
-    return Candidates(values, missions, keeps, eligible, bool(kept))
+    return [
+        Candidate(own, ran, keep, i in eligible)
+        for i, (own, ran, keep) in enumerate(zip(values, missions, keeps))
+    ]
 
 
 def _violations(
@@ -182,33 +182,30 @@ class Choice:
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
         # In the candidates' order, and the default behind them.
-        values = [*self.candidates.values, problem.default]
+        values = [*(candidate.values for candidate in self.candidates), problem.default]
         self.modelled = self.objective = model.posterior(values)
         if goal.exact.first is not None:
             self.objective = DeterministicOutcome(problem.space, goal.exact.first).posterior(values)
 
-    def _most_promising(self) -> Candidates:
+    @property
+    def eligible(self) -> list[int]:
+        """Indices of the candidates that may be recommended; not empty."""
+        return [i for i, candidate in enumerate(self.candidates) if candidate.eligible]
+
+    def _most_promising(self) -> list[Candidate]:
         """Return the best by posterior mean, few enough for a joint posterior.
 
         These are eligible ones, the default where it is eligible, and a few that meet the constraint and have run too seldom.
         """
         candidates, cost = self.candidates, self.goal.exact.first
-        best_first = self.model.best_first(candidates.values)
+        best_first = self.model.best_first([candidate.values for candidate in candidates])
         if cost is not None:
-            best_first.sort(key=lambda i: -cost.outcome(candidates.values[i]))
-        eligible = set(candidates.eligible)
+            best_first.sort(key=lambda i: -cost.outcome(candidates[i].values))
         few = max(TOP, JOINT // len(self.model.instances))
-        best = [i for i in best_first if i in eligible][:few]
-        plain = self.plain_plans(candidates.eligible)
-        seldom = [i for i in best_first if candidates.keeps[i] and i not in eligible][:TOP]
-        order = list(dict.fromkeys([*best, *plain, *seldom]))
-        return Candidates(
-            [candidates.values[i] for i in order],
-            [candidates.missions[i] for i in order],
-            [candidates.keeps[i] for i in order],
-            [k for k, i in enumerate(order) if i in eligible],
-            candidates.limit_kept,
-        )
+        best = [i for i in best_first if candidates[i].eligible][:few]
+        plain = self.plain_plans(self.eligible)
+        seldom = [i for i in best_first if candidates[i].keeps and not candidates[i].eligible][:TOP]
+        return [candidates[i] for i in dict.fromkeys([*best, *plain, *seldom])]
 
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
@@ -216,26 +213,26 @@ class Choice:
         return float(np.clip(outcome, min(seen), max(seen)))
 
     def changes(self, index: int) -> int:
-        return len(changes(self.candidates.values[index], self.problem.default))
+        return len(changes(self.candidates[index].values, self.problem.default))
 
     def chosen_index(self) -> int:
         """Return the index of the candidate to recommend, by the rule in this file's docstring."""
-        among = self.candidates.eligible if self.goal.exact.first is None else self._cheapest()
+        among = self.eligible if self.goal.exact.first is None else self._cheapest()
         index = self._fewest_changes(among)
         if self.problem.arms and index in self.plain_plans(among):
             return index
-        own = self.candidates.outcomes(index)
-        same = [i for i in among if i == index or own.items() <= self.candidates.outcomes(i).items()]
+        own = self.candidates[index].outcomes
+        same = [i for i in among if i == index or own.items() <= self.candidates[i].outcomes.items()]
         return min(same, key=self.changes)
 
     def _cheapest(self) -> list[int]:
         """Return the eligible of the least cost; the default alone where none is cheaper and it may meet the constraint."""
-        candidates, cost, default = self.candidates, self.objective, self.problem.default
-        best = max(cost.mean[i] for i in candidates.eligible)
-        among = [i for i in candidates.eligible if cost.mean[i] == best]
+        cost, default = self.objective, self.problem.default
+        best = max(cost.mean[i] for i in self.eligible)
+        among = [i for i in self.eligible if cost.mean[i] == best]
         may_keep = self.constraint is None or self.constraint.probability([default])[0] >= MAY_KEEP
         if cost.mean[-1] >= best and may_keep:
-            return [i for i, values in enumerate(candidates.values) if values == default] or among
+            return [i for i, own in enumerate(self.candidates) if own.values == default] or among
         return among
 
     def _fewest_changes(self, among: Sequence[int]) -> int:
@@ -270,7 +267,7 @@ class Choice:
         """Return the indices of those of ``among`` that are plain plans, with the plan's strategy."""
         arms: Mapping[str, Mapping[str, Any]] = self.problem.arms or {"": self.problem.default}
         return {
-            i: name for name, own in arms.items() for i in among if self.candidates.values[i] == dict(own)
+            i: name for name, own in arms.items() for i in among if self.candidates[i].values == dict(own)
         }
 
     def _first_plain(self, plain: Mapping[int, str]) -> int:
@@ -284,7 +281,7 @@ class Choice:
 
         Paired by block. Fewer than three rocks say nothing of others: on them the model's interval counts.
         """
-        own, other = self.candidates.outcomes(i), self.candidates.outcomes(j)
+        own, other = self.candidates[i].outcomes, self.candidates[j].outcomes
         shared = [block for block in own if block in other]
         failed, failed_there = ([of[block] for block in shared].count(None) for of in (own, other))
         if failed != failed_there:
@@ -308,12 +305,12 @@ class Choice:
         best = max(plain, key=lambda i: (self.modelled.mean[i], i == index))
         gain, sd = self.modelled.difference(index, best)
         mean = self.goal.modelled.sign * self.modelled.mean[best]
-        values = dict(self.candidates.values[best])
+        values = dict(self.candidates[best].values)
         return plain.get(index, ""), BestPlain(plain[best], values, float(mean), gain, interval_95(gain, sd))
 
     def recommendation(self, index: int) -> Recommendation:
         problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
-        values, own = self.candidates.values[index], self.candidates.missions[index]
+        values, own = self.candidates[index].values, self.candidates[index].missions
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
@@ -346,7 +343,7 @@ class Choice:
                 self.constraint,
                 values,
                 own,
-                kept=self.candidates.limit_kept,
+                kept=any(candidate.keeps for candidate in self.candidates),
                 no_worse=None if elsewhere is None else elsewhere.no_worse,
             ),
             outliers=self._outliers(),
@@ -355,29 +352,29 @@ class Choice:
         )
 
     def _rock_row(self, instance: Instance, index: int) -> RockRow:
-        sign, own = self.goal.modelled.sign, self.candidates.missions[index]
-        outcomes = [o.outcome for o in own if o.instance == instance and o.outcome is not None]
+        sign, own = self.goal.modelled.sign, self.candidates[index]
+        outcomes = [o.outcome for o in own.missions if o.instance == instance and o.outcome is not None]
         observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-        predicted = sign * self.model.predict_mission(self.candidates.values[index], instance)[0]
+        predicted = sign * self.model.predict_mission(own.values, instance)[0]
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _runner_up(self, index: int) -> RunnerUp | None:
         """Return the candidate with the best posterior mean that meets the constraint; None where it is the recommendation or the default."""
         posterior, candidates = self.objective, self.candidates
         leads = [
-            i for i, keep in enumerate(candidates.keeps) if keep and posterior.mean[i] > posterior.mean[index]
+            i for i, own in enumerate(candidates) if own.keeps and posterior.mean[i] > posterior.mean[index]
         ]
         if not leads:
             return None
         rival = max(leads, key=lambda i: posterior.mean[i])
-        values = candidates.values[rival]
+        values = candidates[rival].values
         if values == dict(self.problem.default):
             return None
         difference = posterior.difference(rival, index)
         improvement = posterior.difference(rival, len(candidates))
         return RunnerUp(
             values=values,
-            missions=len(candidates.missions[rival]),
+            missions=len(candidates[rival].missions),
             mean=self.goal.objective.sign * self.plausible(posterior.mean[rival]),
             difference=difference[0],
             difference_interval_95=interval_95(*difference),
