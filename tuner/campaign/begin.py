@@ -19,7 +19,6 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.missions.long_runs import exclusive
-from tuner.samplers.registry import make_sampler
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -42,7 +41,6 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     learned = None
     if settings.sources:
         learned = learn_from(settings.sources, settings.problem, settings.objective)
-    make_sampler(settings.sampler, settings.search)  # refuses a search space that it cannot handle
     identity = uuid.uuid4().hex
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -57,7 +55,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
             write_atomic(directory / LEARNED_FILE, learned.to_json())
         write_settings(directory, tree)
         # Ended between the two, it is a campaign without missions, which a resume goes on with.
-        ledger = Ledger(directory, settings, identity)
+        ledger = Ledger(directory, settings.name, settings.problem, settings.goal, identity)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)

@@ -115,7 +115,9 @@ class Campaign:
         with contextlib.ExitStack() as stack:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
-            ledger = Ledger(directory, settings, identity, read_only=read_only)
+            ledger = Ledger(
+                directory, settings.name, settings.problem, settings.goal, identity, read_only=read_only
+            )
         return Campaign(directory, settings, ledger)
 
     def trials(self) -> list[Trial]:

@@ -22,11 +22,12 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
-from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.storage import JOURNAL_FILE, open_journal
 from tuner.missions.job import Record, Trial
+from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Proposal
+from tuner.problem.problem import Problem
 from tuner.samplers.optuna import distributions
 
 _CAMPAIGN_ID = "campaign_id"
@@ -37,27 +38,33 @@ _ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switc
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
-    ``campaign_id`` tells the study from another campaign's of the same name. ``read_only``: leave the files of a campaign that
-    may be running alone.
+    ``name``: the campaign's. ``campaign_id`` tells the study from another campaign's of that name. ``read_only``: leave the files
+    of a campaign that may be running alone.
 
     Raises `UserError`: the journal cannot be read, or holds another campaign's study or none.
     """
 
     def __init__(
-        self, directory: Path, settings: CampaignSettings, campaign_id: str, *, read_only: bool = False
+        self,
+        directory: Path,
+        name: str,
+        problem: Problem,
+        goal: Goal,
+        campaign_id: str,
+        *,
+        read_only: bool = False,
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._directory, self._goal, self._campaign_id = directory, settings.goal, campaign_id
-        self._distributions = distributions(settings.problem.space)
-        self._instances = frozenset(settings.problem.instances)
-        name = settings.name
+        self._directory, self._goal, self._campaign_id = directory, goal, campaign_id
+        self._distributions = distributions(problem.space)
+        self._instances = frozenset(problem.instances)
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self._alone = False  # no other process may write now, so `_known` is complete
         self._shown = shown = str(directory / JOURNAL_FILE)
         # Before its first mission a campaign may not have a ledger yet or, if it was killed, half of one.
         begun = read_only or (directory / "missions").exists()
         storage = open_journal(directory, must_exist=begun, heal=not read_only)
-        direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
+        direction = "maximize" if goal.objective.direction == "maximise" else "minimize"
         try:
             if begun:
                 self._study = optuna.load_study(study_name=name, storage=storage)
