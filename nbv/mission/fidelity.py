@@ -32,6 +32,8 @@ from nbv.terrain.burial import buried_rock
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import RINGS, ViewpointSource
 
+ENVIRONMENT = tuple(f"{section}." for section in ENVIRONMENT_SECTIONS)
+
 
 @dataclass(frozen=True)
 class MissionContext:
@@ -53,25 +55,6 @@ class Outcome:
     metrics: dict[str, Any] = field(default_factory=dict)
 
 
-def require_noticed(config: MissionConfig, unnoticed: Sequence[str], fidelity: str) -> None:
-    """`UserError` where ``config`` sets what missions of a fidelity take no notice of: paths, or sections with a dot behind.
-
-    A preset's own values may stand, and a condition's: it is one environment for all fidelities.
-    """
-    usual, paths = preset(config.preset), list[str]()
-    for path in parameters():
-        of_condition = config.condition != IDEAL and path.startswith(
-            tuple(f"{s}." for s in ENVIRONMENT_SECTIONS)
-        )
-        if path.startswith(tuple(unnoticed)) and not of_condition:
-            read = attrgetter(path)
-            paths += [path] if read(config) != read(usual) else []
-    if paths:
-        raise UserError(
-            f"{fidelity} missions take no notice of {', '.join(paths)}; leave them out, or choose another --fidelity"
-        )
-
-
 class Fidelity(ABC):
     """How one mission sees the world, and how its outcome is measured."""
 
@@ -80,9 +63,9 @@ class Fidelity(ABC):
     viewpoints: ViewpointSource = RINGS  # where photographs may be taken
     camera: Camera  # what takes them
     reconstructor: Reconstructor  # what they become
-    unnoticed: ClassVar[
-        Sequence[str]
-    ] = ()  # parameters that it takes no notice of: refused (`require_noticed`)
+    # Parameters that it takes no notice of, as paths or sections with a dot behind: refused (`require_noticed`).
+    unnoticed: ClassVar[Sequence[str]] = ()
+    under_conditions: ClassVar[bool] = True  # whether a condition may set them even so
     facts: Mapping[str, Any]  # for the provenance: backends, versions
     load: Callable[[str, Store | None], Rock] = staticmethod(load_rock)  # the rock of a name
 
@@ -93,6 +76,26 @@ class Fidelity(ABC):
         """What the oracle gates, and nothing else that plans, may ask: here the true surface."""
         rock = self.context.rock
         return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
+
+    @classmethod
+    def require_noticed(cls, config: MissionConfig) -> None:
+        """`UserError` where ``config`` sets what these missions take no notice of.
+
+        A preset's own values may stand, and mostly a condition's: it is one environment for all fidelities.
+        """
+        usual, paths = preset(config.preset), list[str]()
+        under_condition = config.condition != IDEAL
+        for path in parameters():
+            stands = cls.under_conditions and under_condition and path.startswith(ENVIRONMENT)
+            if path.startswith(tuple(cls.unnoticed)) and not stands:
+                read = attrgetter(path)
+                paths += [path] if read(config) != read(usual) else []
+        if paths:
+            condition = f" (condition {config.condition})" if under_condition else ""
+            raise UserError(
+                f"{cls.name} missions take no notice of {', '.join(paths)}{condition}; leave them out, or choose another "
+                "--fidelity or --rock"
+            )
 
     @staticmethod
     def simulated(config: MissionConfig) -> MissionConfig:
@@ -163,7 +166,7 @@ class Fidelity(ABC):
     ) -> MissionContext:
         """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
         config.require_flyable()
-        require_noticed(config, cls.unnoticed, cls.name)
+        cls.require_noticed(config)
         loaded = cls.load(rock, store)
         buried = buried_rock(loaded, config)
         low, high, home = buried.vertices_m.min(axis=0), buried.vertices_m.max(axis=0), config.flight.home_m

@@ -6,7 +6,7 @@ nominal: straight legs between the places, without arrival errors.
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from operator import attrgetter
 from typing import Any
 
@@ -14,7 +14,6 @@ import numpy as np
 
 from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
-from nbv.errors import UserError
 from nbv.evaluation import Evaluation
 from nbv.gates import GroundTruthOracle
 from nbv.mission.fidelity import MissionContext
@@ -39,8 +38,6 @@ PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     "dense.max_size_px": 480,
     "dense.agreeing_views": AGREEING_VIEWS,
 }
-# Conditions under which the photographs were taken: other values are refused by name.
-_FIXED = ("scene", "sensor", "ground", "wind", "target", "camera", "target_m")
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
@@ -53,9 +50,12 @@ class PhotographFidelity(CloudFidelity):
     unnoticed = (
         *("pool.lateral_", "pool.upper_", "pool.max_travel_m", "pool.min_spacing_m"),
         *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
-        *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m", "scene.match_angle_deg"),
+        *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m"),
         *("evaluation.crop_half_extent_m", "evaluation.ground_"),
+        # The conditions under which the photographs were taken.
+        *("scene.", "sensor.", "ground.", "wind.", "target.", "camera.", "target_m"),
     )
+    under_conditions = False
     viewpoints: PhotographViewpoints
     camera: PhotographCamera
     evaluation_code = "nbv.photographs"
@@ -71,7 +71,6 @@ class PhotographFidelity(CloudFidelity):
             key,
             context.replicate,
         )
-        require_expressible(config, self.photographs.name)
         self.vehicle_config = config_for_set(config, self.photographs)
         self.camera = PhotographCamera(context, self.photographs, self.viewpoints)
         margin_m = MARGIN * self.photographs.height_m
@@ -106,25 +105,6 @@ class PhotographFidelity(CloudFidelity):
         run.write_config(self.vehicle_config.to_dict(), LOCATED)
         write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self.camera.taken))
         super().export(run, metrics)
-
-
-def require_expressible(config: MissionConfig, name: str) -> None:
-    """`UserError` where ``config`` asks for other light, wind, ground or optics than those of the set ``name``."""
-    usual = MissionConfig()
-    paths: list[str] = []
-    for section in _FIXED:
-        chosen, default = getattr(config, section), getattr(usual, section)
-        if is_dataclass(chosen):
-            names = [f.name for f in fields(chosen)]
-            paths += [f"{section}.{n}" for n in names if getattr(chosen, n) != getattr(default, n)]
-        elif chosen != default:
-            paths.append(section)
-    if paths:
-        condition = "" if config.condition == usual.condition else f" (condition {config.condition})"
-        raise UserError(
-            f"{name} is a set of real photographs, to which some settings do not apply: {', '.join(paths)}{condition}; "
-            "leave them out"
-        )
 
 
 def config_for_set(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:

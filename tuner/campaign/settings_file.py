@@ -237,7 +237,7 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     problem = settings.problem
     for place in problem.instances:  # a set of photographs is under no condition, and other kinds fly no set
         config = builtin(problem.config(problem.default, place.condition))
-        kind_on(place.rock, settings.fidelity).require_possible(config, place.rock)
+        kind_on(place.rock, settings.fidelity).require_possible(config)
     return settings
 
 

@@ -133,10 +133,10 @@ class EvaluationPlan:
             try:
                 own = config if condition.name == IDEAL else under(config, condition)
                 own.require_flyable()
-                for kind, rock in ((kind_on(rock, self.fidelity), rock) for rock in self.rocks):
+                for kind in (kind_on(rock, self.fidelity) for rock in self.rocks):
                     if kind.targets == "instances":
                         raise UserError("it is no mission of a mission file; choose another fidelity")
-                    kind.require_possible(own, rock)
+                    kind.require_possible(own)
             except UserError as error:
                 raise UserError(f"strategy {name} cannot run under {condition.name}: {error}") from error
 

@@ -36,7 +36,7 @@ class MissionKind:
     predicts: bool = False  # whether its metrics are predictions, on a coarse rock
     every_number: bool = False  # whether one mission measures every number of photographs up to its own
     seconds: Callable[[MissionConfig], float] | None = None  # about how long one takes on a quiet core
-    refuses: str = ""  # "module:function" that is given a configuration and a target, and raises `UserError`
+    refuses: str = ""  # "module:function" that is given a configuration, and raises `UserError`
     numbers_are: str = ""  # how its numbers come about; empty: the fidelity's name says enough
     note: str = ""  # what somebody who runs it must know
     loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, and a server before it forks
@@ -62,10 +62,10 @@ class MissionKind:
         """The rock as its missions know it."""
         return (load_coarse_rock if self.predicts else load_rock)(name, store)
 
-    def require_possible(self, config: MissionConfig, target: str) -> None:
-        """Raise `UserError` where ``config`` asks for what missions over ``target`` cannot give."""
+    def require_possible(self, config: MissionConfig) -> None:
+        """Raise `UserError` where ``config`` asks for what such missions cannot give."""
         if self.refuses:
-            pkgutil.resolve_name(self.refuses)(config, target)
+            pkgutil.resolve_name(self.refuses)(config)
 
     def require_dense_stage(self, config: Any) -> None:
         """Raise `UserError` where missions with photographs would end at their dense stage on this machine."""
@@ -114,7 +114,7 @@ BUILT_IN = {
         flies=is_photographed,
         photographs="taken",
         truth="the set's own reference",
-        refuses="nbv.photographs.photograph_fidelity:require_expressible",
+        refuses="nbv.photographs.photograph_fidelity:PhotographFidelity.require_noticed",
         numbers_are="measured against the set's own dense reference; missions over real photographs",
         loads=("open3d",),
     ),

@@ -22,7 +22,6 @@ from nbv.dense import patchmatch
 from nbv.dense.card import Card
 from nbv.errors import MissionFailure, UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity
-from nbv.mission.fidelity import require_noticed
 from nbv.mission.result import MissionResult
 from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import PhotographFidelity
@@ -310,7 +309,7 @@ def test_a_rendered_photograph_or_its_measures_notice_it_or_it_is_refused(path):
 @pytest.mark.parametrize("fidelity", [GeometricFidelity, PhotogrammetricFidelity])
 def test_a_preset_and_a_condition_may_stand(fidelity):
     for config in (preset("paper"), under(preset("campaign"), load_condition("harsh"))):
-        require_noticed(config, fidelity.unnoticed, fidelity.name)
+        fidelity.require_noticed(config)
 
 
 def test_fewer_pixels_see_less():

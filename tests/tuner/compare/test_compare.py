@@ -317,7 +317,9 @@ def test_over_photographs_every_number_is_a_mission_and_the_height_is_that_of_th
         f_score = told["metrics"]["observable"]["f_score_48mm"]
         assert float(row["f_score_percent"]) == pytest.approx(f_score, abs=1e-4)
     assert "F-score, %" in out, "one target is too few for an interval"
-    with pytest.raises(UserError, match=r"ball is a set of real photographs.*scene.ambient.*condition indo"):
+    with pytest.raises(
+        UserError, match=r"photographs missions take no notice.*scene.ambient.*condition indo"
+    ):
         compare(*asked, "--condition", "indoors", "--out", tmp_path / "refused")
     assert not (tmp_path / "refused").exists()
 
