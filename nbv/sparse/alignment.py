@@ -100,14 +100,10 @@ def align_cameras(
     turns = _rotation_errors_deg(camera_from_model, camera_from_world, similarity.rotation)
     alignment = Alignment(similarity, residuals, turns, inliers)
     if not np.isfinite(alignment.rms_m) or alignment.rms_m > max_rms_m or similarity.scale <= 0:
-        mirror = np.array([1.0, 1.0, -1.0])
-        mirrored = align_umeyama(target, source * mirror)
-        mirrored_rms = np.sqrt(((mirrored.apply(source * mirror) - target) ** 2).sum(1).mean())
-        note = ", and the model is mirrored" if mirrored_rms <= max_rms_m else ""
         raise MissionFailure(
             "wrong_model",
             f"camera centres differ from telemetry by {alignment.rms_m:.3f} m rms "
-            f"(tolerance {max_rms_m:g} m){note}",
+            f"(tolerance {max_rms_m:g} m)",
         )
     median_rotation = float(np.median(alignment.rotation_errors_deg[inliers]))
     if median_rotation > MAX_ROTATION_ERROR_DEG:
