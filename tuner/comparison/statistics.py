@@ -15,6 +15,7 @@ from scipy import stats
 from tuner.missions.job import Trial
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.objective import Objective
+from tuner.problem.observations import Block
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,10 @@ PAPER_TABLE_I: dict[str, dict[str, float]] = {
 }
 
 
-def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[tuple[str, int], float]:
-    """A metric by (rock, replicate), failed missions left out.
-
-    Where there are several conditions the replicates of the second are numbered on from those of the first.
-    """
-    found = {}
-    conditions = sorted({r.condition for r in records})
-    span = 1 + max((r.replicate for r in records), default=0)
-    for r in records:
-        value = r.value(key) if r.strategy == strategy else None
-        if value is not None:
-            found[r.rock, span * conditions.index(r.condition) + r.replicate] = value
-    return found
+def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[Block, float]:
+    """A metric by block, failed missions left out."""
+    own = {(r.instance, r.replicate): r.value(key) for r in records if r.strategy == strategy}
+    return {block: value for block, value in own.items() if value is not None}
 
 
 def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
@@ -76,18 +68,18 @@ def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Inte
 
 
 def strategy_difference(records: Sequence[Trial], strategy: str, reference: str, key: str) -> Interval | None:
-    """Mean over rocks of a metric minus that of ``reference``, on the (rock, replicate) pairs that both finished.
+    """Mean over rocks of a metric minus that of ``reference``, on the blocks that both finished.
 
     The ``missions`` of the interval are these pairs. None without one.
     """
     own, others = (values_of(records, name, key) for name in (strategy, reference))
-    return _over_rocks({pair: own[pair] - others[pair] for pair in sorted(own.keys() & others.keys())})
+    return _over_rocks({block: own[block] - others[block] for block in sorted(own.keys() & others.keys())})
 
 
-def _over_rocks(values: Mapping[tuple[str, int], float]) -> Interval | None:
+def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
     by_rock: dict[str, list[float]] = {}
-    for (rock, _), value in values.items():
-        by_rock.setdefault(rock, []).append(value)
+    for (instance, _), value in values.items():
+        by_rock.setdefault(instance.rock, []).append(value)
     return mean_interval(by_rock)
 
 
@@ -102,8 +94,8 @@ def share_kept(
     if not ran:
         return None
     by_rock: dict[str, list[float]] = {rock: [] for rock in ran}
-    for (rock, _), value in values_of(records, strategy, limited.metric).items():
-        by_rock[rock].append(limited.sign * value)
+    for (instance, _), value in values_of(records, strategy, limited.metric).items():
+        by_rock[instance.rock].append(limited.sign * value)
     least = limited.sign * limit - 1e-9 * abs(limit)
     kept = sum(len(own) == ran[rock] and sum(own) / len(own) >= least for rock, own in by_rock.items())
     share, rocks, missions = 100 * kept / len(ran), len(ran), ran.total()
@@ -149,10 +141,10 @@ class ComparisonTable:
 
 def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dict[str, str]:
     """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
-    taken: dict[str, dict[tuple[str, str, int], str]] = {name: {} for name in strategies}
+    taken: dict[str, dict[Block, str]] = {name: {} for name in strategies}
     for r in records:
         if r.strategy in taken and r.record.status != "failed":
-            taken[r.strategy][r.rock, r.condition, r.replicate] = r.record.photographs
+            taken[r.strategy][r.instance, r.replicate] = r.record.photographs
     found: dict[str, str] = {}
     for i, name in enumerate(strategies):
         own = taken[name]

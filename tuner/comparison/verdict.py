@@ -47,7 +47,7 @@ class Verdict:
 def judge(
     records: Sequence[Trial], strategy: str, reference: str, objective: Objective, margin: float = 0.0
 ) -> Verdict:
-    """Return the verdict on ``strategy`` from the (rock, replicate) pairs that both finished."""
+    """Return the verdict on ``strategy`` from the blocks that both finished."""
     d = strategy_difference(records, strategy, reference, objective.metric)
     if d is None:
         return Verdict(Kind.NOT_PAIRED, strategy, reference, objective.metric, None, margin)
