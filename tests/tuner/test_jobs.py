@@ -9,7 +9,7 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
-from tuner.comparison.result import result_blocks
+from tuner.comparison.result import all_results
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
 SMALL = {"stop.adaptive_budget": 2}
@@ -96,8 +96,8 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
 def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> None:
     asked = {"rocks": ["slab"], "compare_on": ["arch"], "space": "gate", "budget": 3, "sampler": "sobol"}
     campaign = tuner.tune(tmp_path / "c", fidelity="geometric", overrides=SMALL, workers=1, **asked)
-    blocks = result_blocks(campaign, campaign.recommendation(save=False))
-    assert [block.results.rocks for block in blocks] == [("arch",), ("slab",)]
-    assert all(block.results.complete for block in blocks)
+    found = all_results(campaign, campaign.recommendation(save=False))
+    assert [own.rocks for own in found] == [("arch",), ("slab",)]
+    assert all(own.complete for own in found)
     with pytest.raises(UserError, match="slab is tuned on and compared on"):
         tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})

@@ -191,17 +191,17 @@ def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
 
     Returns whether there are any.
     """
-    from tuner.comparison.result import result_blocks
-    from tuner.report.comparison import block_table, campaign_document, legend_of
+    from tuner.comparison.result import all_results
+    from tuner.report.comparison import campaign_document, legend_of, results_table
 
-    blocks = result_blocks(campaign, best)
-    if best is None or not blocks:
+    found = all_results(campaign, best)
+    if best is None or not found:
         return False
-    document = campaign_document(blocks, best)
+    document = campaign_document(found, best)
     write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
-    for block in blocks:
-        output.print(*block_table(block).for_terminal())
-    if legend := legend_of(blocks[0].table):
+    for own in found:
+        output.print(*results_table(own).for_terminal())
+    if legend := legend_of(found[0].table):
         output.print(legend, style="dim")
     for sentence in document["sentences"]:
         output.print(sentence, style="bold", highlight=False)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import collections
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
-from tuner.comparison.of_campaign import HELD_OUT, TRAINING, evaluations
+from tuner.comparison.result import Results, held_out_results, training_results
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
-from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit
 from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.problem.objective import Objective
@@ -23,79 +20,6 @@ from tuner.recommendation.recommendation import Recommendation
 
 CEILING = "greedy-oracle"
 LITTLE = 1.0  # points: what the oracle gains at most where it is not worth trying planners
-
-
-@dataclass(frozen=True)
-class Results:
-    """Every record of the present recommendation and of what it is compared with, on held-out or on training instances."""
-
-    held_out: bool
-    records: list[Trial]
-    strategies: Mapping[str, Configuration]
-    complete: bool
-
-    @property
-    def rocks(self) -> tuple[str, ...]:
-        """The rocks, or a mission file's instances, on which the recommendation has run."""
-        return tuple(dict.fromkeys(r.rock for r in self.records if r.strategy == TUNED))
-
-    @property
-    def replicates(self) -> list[int]:
-        """How many replicates the recommendation has on each of these."""
-        blocks = {(r.rock, r.condition, r.replicate) for r in self.records if r.strategy == TUNED}
-        return sorted(collections.Counter(rock for rock, _, _ in blocks).values())
-
-
-def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None:
-    """Return the evaluations of ``tuned`` under the campaign's conditions, pooled; None without one.
-
-    Missions with photographs count where there are some, else the others.
-    """
-    found = evaluations(campaign, HELD_OUT, tuned)
-    if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in found):
-        found = [(where, plan) for where, plan in found if plan.fidelity == DEFAULT_FIDELITY]
-    under = {condition.name for condition in campaign.settings.conditions}
-    records, strategies, complete = list[Trial](), dict[str, Configuration](), True
-    for where, plan in found:
-        own = plan.records(where)
-        complete &= len(own) == plan.combinations
-        records += [r for r in own if r.condition in under]
-        strategies |= plan.strategies
-    records = _with_twins(records, strategies)
-    return Results(True, records, strategies, complete) if records else None
-
-
-def training_results(campaign: Campaign, best: Recommendation) -> Results:
-    """Return the campaign's trials of the recommendation and of the plain plans, with the records of confirmations."""
-    s, trials = campaign.settings, campaign.trials()
-    names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.problem.arms}
-    records = [
-        dataclasses.replace(t, strategy=name, rock=s.problem.drawn_rock(t.rock, t.replicate))
-        for name, values in names.items()
-        for t in trials
-        if t.record.status and dict(t.values) == dict(values)
-    ]
-    configs = {name: s.problem.config(values) for name, values in names.items()}
-    for where, plan in evaluations(campaign, TRAINING, configs[TUNED]):
-        renamed = {
-            name: next((n for n, c in configs.items() if mission_key(c) == mission_key(own)), name)
-            for name, own in plan.strategies.items()
-            if name != TUNED
-        }
-        records += [
-            dataclasses.replace(r, strategy=renamed.get(r.strategy, r.strategy)) for r in plan.records(where)
-        ]
-    place = {rock: k for k, rock in enumerate(s.rocks)}
-    records.sort(key=lambda r: place.get(r.rock, 0))
-    return Results(False, _with_twins(records, configs), configs, True)
-
-
-def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration]) -> list[Trial]:
-    """Return each record once, those of the recommendation also under the names of the strategies that run its missions."""
-    tuned, own = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
-    same = [] if tuned is None else [n for n, c in strategies.items() if mission_key(c) == mission_key(tuned)]
-    every = [*records, *(dataclasses.replace(r, strategy=name) for name in same for r in own)]
-    return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in every}.values())
 
 
 class Next(StrEnum):

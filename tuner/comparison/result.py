@@ -5,14 +5,15 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 from tuner.campaign.campaign import Campaign
-from tuner.comparison.advice import Results, held_out_results, training_results
-from tuner.comparison.of_campaign import MARGIN
+from tuner.campaign.settings import CampaignSettings
+from tuner.comparison.of_campaign import HELD_OUT, MARGIN, TRAINING, evaluations
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import (
     TABLE_I_ROWS,
@@ -27,6 +28,7 @@ from tuner.comparison.statistics import (
 )
 from tuner.comparison.verdict import Kind, Verdict, judge
 from tuner.missions.job import Trial
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import (
     B_AWARE,
     CHOICE,
@@ -43,6 +45,8 @@ from tuner.problem.baselines import (
 from tuner.problem.goal import Goal
 from tuner.problem.intervals import Interval
 from tuner.problem.objective import Objective
+from tuner.problem.observations import mission_key
+from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 LIMIT = "limit"  # key of the share of rocks that met the constraint
@@ -186,35 +190,99 @@ class ComparisonFacts:
 
 
 @dataclass(frozen=True)
-class ResultBlock:
-    """All strategies on one set of rocks, from everything in a campaign's directory."""
+class Results:
+    """Every record of the present recommendation and of what it is compared with, on held-out or on training instances."""
 
-    results: Results = field(repr=False, compare=False)
-    table: ComparisonTable
-    quality: Objective  # what gains are of
-    word: str  # what missions run on
+    held_out: bool
+    records: list[Trial]
+    strategies: Mapping[str, Configuration]
+    complete: bool
+    settings: CampaignSettings  # of the campaign
+
+    @property
+    def reference(self) -> str:
+        return self.settings.problem.reference
+
+    @cached_property
+    def table(self) -> ComparisonTable:
+        return by_strategy(self.records, in_table_order(self.strategies), self.reference, self.settings.goal)
 
     def gain(self, strategy: str) -> Interval | None:
         """The paired gain over the reference, positive where it is better."""
-        return judge(self.results.records, strategy, self.table.reference, self.quality).gain
+        return judge(self.records, strategy, self.reference, self.settings.goal.shown).gain
+
+    @property
+    def rocks(self) -> tuple[str, ...]:
+        """The rocks, or a mission file's instances, on which the recommendation has run."""
+        return tuple(dict.fromkeys(r.rock for r in self.records if r.strategy == TUNED))
+
+    @property
+    def replicates(self) -> list[int]:
+        """How many replicates the recommendation has on each of these."""
+        blocks = {(r.rock, r.condition, r.replicate) for r in self.records if r.strategy == TUNED}
+        return sorted(collections.Counter(rock for rock, _, _ in blocks).values())
 
 
-def result_blocks(campaign: Campaign, best: Recommendation | None) -> list[ResultBlock]:
-    """The strategies beside the recommendation, on held-out rocks first; empty without an evaluation."""
-    s, reference = campaign.settings, campaign.settings.problem.reference
-    held_out = None if best is None else held_out_results(campaign, s.problem.config(best.values))
-    if best is None or held_out is None or reference not in held_out.strategies:
-        return []
-    return [
-        ResultBlock(
-            results,
-            by_strategy(results.records, in_table_order(results.strategies), reference, s.goal),
-            s.goal.shown,
-            s.problem.instance_word,
-        )
-        for results in (held_out, training_results(campaign, best))
-        if results.records and reference in results.strategies
+def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None:
+    """Return the evaluations of ``tuned`` under the campaign's conditions, pooled; None without one.
+
+    Missions with photographs count where there are some, else the others.
+    """
+    found = evaluations(campaign, HELD_OUT, tuned)
+    if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in found):
+        found = [(where, plan) for where, plan in found if plan.fidelity == DEFAULT_FIDELITY]
+    under = {condition.name for condition in campaign.settings.conditions}
+    records, strategies, complete = list[Trial](), dict[str, Configuration](), True
+    for where, plan in found:
+        own = plan.records(where)
+        complete &= len(own) == plan.combinations
+        records += [r for r in own if r.condition in under]
+        strategies |= plan.strategies
+    records = _with_twins(records, strategies)
+    return Results(True, records, strategies, complete, campaign.settings) if records else None
+
+
+def training_results(campaign: Campaign, best: Recommendation) -> Results:
+    """Return the campaign's trials of the recommendation and of the plain plans, with the records of confirmations."""
+    s, trials = campaign.settings, campaign.trials()
+    names: dict[str, Mapping[str, object]] = {TUNED: best.values, **s.problem.arms}
+    records = [
+        dataclasses.replace(t, strategy=name, rock=s.problem.drawn_rock(t.rock, t.replicate))
+        for name, values in names.items()
+        for t in trials
+        if t.record.status and dict(t.values) == dict(values)
     ]
+    configs = {name: s.problem.config(values) for name, values in names.items()}
+    for where, plan in evaluations(campaign, TRAINING, configs[TUNED]):
+        renamed = {
+            name: next((n for n, c in configs.items() if mission_key(c) == mission_key(own)), name)
+            for name, own in plan.strategies.items()
+            if name != TUNED
+        }
+        records += [
+            dataclasses.replace(r, strategy=renamed.get(r.strategy, r.strategy)) for r in plan.records(where)
+        ]
+    place = {rock: k for k, rock in enumerate(s.rocks)}
+    records.sort(key=lambda r: place.get(r.rock, 0))
+    return Results(False, _with_twins(records, configs), configs, True, s)
+
+
+def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration]) -> list[Trial]:
+    """Return each record once, those of the recommendation also under the names of the strategies that run its missions."""
+    tuned, own = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
+    same = [] if tuned is None else [n for n, c in strategies.items() if mission_key(c) == mission_key(tuned)]
+    every = [*records, *(dataclasses.replace(r, strategy=name) for name in same for r in own)]
+    return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in every}.values())
+
+
+def all_results(campaign: Campaign, best: Recommendation | None) -> list[Results]:
+    """The strategies beside the recommendation, on held-out rocks first; empty without an evaluation."""
+    s = campaign.settings
+    held_out = None if best is None else held_out_results(campaign, s.problem.config(best.values))
+    if best is None or held_out is None or held_out.reference not in held_out.strategies:
+        return []
+    training = training_results(campaign, best)
+    return [held_out, training] if training.records else [held_out]
 
 
 @dataclass(frozen=True)
@@ -228,7 +296,7 @@ class Step:
 
 def measured_steps(
     records: Sequence[Trial],
-    strategies: Sequence[str],
+    strategies: Collection[str],
     changed: Sequence[str],
     quality: Objective,
 ) -> list[Step]:

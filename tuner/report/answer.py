@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import CampaignSettings
-    from tuner.comparison.advice import Advice, Results
+    from tuner.comparison.advice import Advice
+    from tuner.comparison.result import Results
     from tuner.missions.job import Trial
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 

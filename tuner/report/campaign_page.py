@@ -24,7 +24,7 @@ from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import Advice, advice_of, next_step
-from tuner.comparison.result import result_blocks
+from tuner.comparison.result import all_results
 from tuner.missions.job import Trial
 from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import label as strategy_label
@@ -46,7 +46,7 @@ from tuner.report.answer import (
     value_text,
     worth_sentences,
 )
-from tuner.report.comparison import REPORT_FILE, block_table, earned_sentences, legend_of
+from tuner.report.comparison import REPORT_FILE, earned_sentences, legend_of, results_table
 from tuner.report.figures import draw_outcomes, draw_slices, plan_figure
 from tuner.report.labels import (
     counted,
@@ -168,7 +168,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
     why, command = next_text(next_step(campaign, best, facts.advice), campaign, facts.advice)
-    blocks = result_blocks(campaign, best)
+    found = all_results(campaign, best)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -190,9 +190,9 @@ def write_campaign_report(campaign: Campaign) -> Path:
         plan="" if (planned := facts.planned_config()) is None else embed(plan_figure(planned)),
         sure=sure_answer(facts),
         gate=_gate_answer(facts),
-        earned=[] if best is None else earned_sentences(blocks, best),
-        result_tables=list(map(block_table, blocks)),
-        result_legend=legend_of(blocks[0].table) if blocks else "",
+        earned=[] if best is None else earned_sentences(found, best),
+        result_tables=list(map(results_table, found)),
+        result_legend=legend_of(found[0].table) if found else "",
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,

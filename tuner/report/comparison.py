@@ -12,7 +12,7 @@ from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.result import (
     LIMIT,
     ComparisonFacts,
-    ResultBlock,
+    Results,
     measured_steps,
 )
 from tuner.comparison.run import EvaluationRun
@@ -176,54 +176,43 @@ def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
     }
 
 
-def campaign_document(blocks: Sequence[ResultBlock], best: Recommendation) -> dict[str, Any]:
+def campaign_document(found: Sequence[Results], best: Recommendation) -> dict[str, Any]:
     """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results."""
+    named = ("rocks", "held_out", "replicates", "complete", "table")
     return {
-        "blocks": [
-            {
-                "rocks": block.results.rocks,
-                "held_out": block.results.held_out,
-                "replicates": block.results.replicates,
-                "complete": block.results.complete,
-                "table": block.table,
-            }
-            for block in blocks
-        ],
-        "sentences": earned_sentences(blocks, best),
+        "blocks": [{name: getattr(own, name) for name in named} for own in found],
+        "sentences": earned_sentences(found, best),
     }
 
 
-def earned_sentences(blocks: Sequence[ResultBlock], best: Recommendation) -> list[str]:
+def earned_sentences(found: Sequence[Results], best: Recommendation) -> list[str]:
     """The gain on held-out and on training rocks, what earned it, and whether the paper's gate did anything."""
-    if not blocks:
+    if not found:
         return []
-    block, said = blocks[0], list[str]()
-    word, reference = block.word, block.table.reference
-    here = there(block.results, word)
+    first, said = found[0], list[str]()
+    word, reference = first.settings.problem.instance_word, first.reference
+    here = there(first, word)
     if not best.keep_default:
-        label = metric_label(block.quality.metric)
+        label = metric_label(first.settings.goal.shown.metric)
         what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
-        also = [
-            f", and {difference_text(other.gain(TUNED))} on {there(other.results, word)}"
-            for other in blocks[1:]
-        ]
-        gain = block.gain(TUNED)
+        also = [f", and {difference_text(own.gain(TUNED))} on {there(own, word)}" for own in found[1:]]
+        gain = first.gain(TUNED)
         verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
         said.append(
             f"On {here} Tuned {verb} {difference_text(gain)} {what} {against} {strategy_label(reference)}{''.join(also)}."
         )
         if reference == "hyb-h":
-            said += _what_earned_it(block, best.changed)
-    if same := block.table.same.get("hyb-h"):
+            said += _what_earned_it(first, best.changed)
+    if same := first.table.same.get("hyb-h"):
         said.append(
             f"On the {here} Hyb-H took the photographs of {strategy_label(same)} in every mission: its gate had no effect."
         )
     return said
 
 
-def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
+def _what_earned_it(own: Results, changed: Sequence[str]) -> list[str]:
     """The gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
-    steps = measured_steps(block.results.records, block.table.strategies, changed, block.quality)
+    steps = measured_steps(own.records, own.strategies, changed, own.settings.goal.shown)
     if missing := [strategy_label(step.strategy) for step in steps if step.gain is None]:
         return [
             f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
@@ -231,8 +220,8 @@ def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
     parts = [f"{' and '.join(step.groups)} {difference_text(step.gain)}" for step in steps]
     suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
     found, without = list[str](), list[str]()
-    for suspect, own in suspects.items():
-        gain = next((step.gain for step in steps if set(own) & set(step.groups)), None)
+    for suspect, groups in suspects.items():
+        gain = next((step.gain for step in steps if set(groups) & set(step.groups)), None)
         if gain is None:
             without.append(suspect)
         elif gain.low is not None and round(gain.low, 1) > 0:
@@ -248,15 +237,14 @@ def _what_earned_it(block: ResultBlock, changed: Sequence[str]) -> list[str]:
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def block_table(block: ResultBlock) -> Table:
-    own = block.results
+def results_table(own: Results) -> Table:
     least, most = own.replicates[0], own.replicates[-1]
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
     what, again = ("Held-out", "") if own.held_out else ("Training", ", tuned on")
-    title = f"{what} {block.word}s: {', '.join(short_names(block.results.rocks))} ({replicates}{again})"
-    return strategy_table(
-        block.table, title if own.complete else f"{title}, not complete", block.quality.metric
-    )
+    word = own.settings.problem.instance_word
+    title = f"{what} {word}s: {', '.join(short_names(own.rocks))} ({replicates}{again})"
+    title += "" if own.complete else ", not complete"
+    return strategy_table(own.table, title, own.settings.goal.shown.metric)
 
 
 def strategy_table(

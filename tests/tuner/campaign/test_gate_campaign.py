@@ -11,7 +11,7 @@ import pytest
 from nbv.geometric import run_geometric_mission
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.simplify import known_photographs, simplified
-from tuner.comparison.result import result_blocks
+from tuner.comparison.result import all_results
 from tuner.missions.job import MissionJob, repeated
 from tuner.problem.baselines import label
 from tuner.problem.observations import photographs_key
@@ -99,14 +99,14 @@ def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
     run = tmp_path / "gate"
     shutil.copytree(ended[0] / "runs/gate", run)
     campaign = Campaign.open(run, read_only=True)
-    kept = result_blocks(campaign, campaign.recommendation(save=False))
+    kept = [own.table for own in all_results(campaign, campaign.recommendation(save=False))]
     mission = next((run / "evaluation/missions/random").iterdir())
     shutil.rmtree(mission)
     (run / "comparison.json").unlink()
     gatetune(tmp_path, "campaign", "resume", "gate", "--workers", "1")
     assert mission.is_dir() and (run / "comparison.json").is_file()
     campaign = Campaign.open(run, read_only=True)
-    assert result_blocks(campaign, campaign.recommendation(save=False)) == kept
+    assert [own.table for own in all_results(campaign, campaign.recommendation(save=False))] == kept
 
 
 def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
@@ -117,10 +117,10 @@ def test_what_did_not_run_earns_nothing_yet(ended, tmp_path):
         shutil.rmtree(run / "evaluation/missions" / arm, ignore_errors=True)
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommendation(save=False)
-    blocks = result_blocks(campaign, best)
-    said = " ".join(campaign_document(blocks, best)["sentences"])
+    found = all_results(campaign, best)
+    said = " ".join(campaign_document(found, best)["sentences"])
     assert "not known yet" in said and "is shown to be one" not in said
-    assert not blocks[0].results.complete
+    assert not found[0].complete
 
 
 def test_a_mission_that_is_not_in_the_store_is_not_known(ended):

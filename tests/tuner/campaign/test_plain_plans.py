@@ -19,7 +19,8 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.comparison.advice import Results, advice_of, training_results
+from tuner.comparison.advice import advice_of
+from tuner.comparison.result import Results, training_results
 from tuner.problem.baselines import TUNED, baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
@@ -189,7 +190,7 @@ def test_a_plain_plan_that_is_recommended_shares_its_results(
     best = dataclasses.replace(campaign.recommended(), values=s.problem.arms["orbit-middle"])
     fresh = made_trial(TUNED, "a", 7, measured={"metrics": made_metrics(90.0)})
     confirmed = SimpleNamespace(strategies={TUNED: s.problem.config(best.values)}, records=lambda _: [fresh])
-    monkeypatch.setattr("tuner.comparison.advice.evaluations", lambda *_: [(Path(), confirmed)])
+    monkeypatch.setattr("tuner.comparison.result.evaluations", lambda *_: [(Path(), confirmed)])
     records = training_results(campaign, best).records
     own, twin = ({(r.rock, r.replicate) for r in records if r.strategy == n} for n in (TUNED, "orbit-middle"))
     assert own == twin and ("a", 7) in twin
@@ -209,7 +210,7 @@ def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
         for rock, of in scores.items()
         for name, score in of.items()
     ]
-    results = Results(True, records, configs, True)
+    results = Results(True, records, configs, True, campaign.settings)
     monkeypatch.setattr("tuner.comparison.advice.held_out_results", lambda *_: results)
     advice = advice_of(campaign, best)
     assert advice.plain == "random" and advice.over_plain is not None and advice.over_plain.gain is not None

@@ -6,7 +6,7 @@ import fake_campaigns
 import pytest
 
 from tuner.campaign.campaign import Campaign
-from tuner.comparison.advice import Next, Results, next_step
+from tuner.comparison.advice import Next, next_step
 from tuner.problem.intervals import Interval
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import NextRock
@@ -68,7 +68,6 @@ def step_of(facts: CampaignFacts, held_out: Sequence[str] = (), **of_advice: Any
     trial = next(t for t in facts.trials if t.record.status)
     records = [dataclasses.replace(trial, rock=rock, strategy="tuned") for rock in held_out]
     if held_out:
-        advice = dataclasses.replace(
-            advice, results=Results(True, records, advice.results.strategies, True), **of_advice
-        )
+        results = dataclasses.replace(advice.results, held_out=True, records=records)
+        advice = dataclasses.replace(advice, results=results, **of_advice)
     return next_step(facts.campaign, facts.recommendation, advice)
