@@ -152,7 +152,7 @@ def evaluate(
         fidelity=fidelity,
     )
     with comparison.executor(workers, timeout_s) as executor:
-        return comparison.run(executor, out=None if directory is None else Path(directory))[0]
+        return comparison.run(executor, out=None if directory is None else Path(directory))
 
 
 def reproduce(
@@ -184,7 +184,7 @@ def reproduce(
     base = preset(preset_name).with_values(overrides or {})
     comparison = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
     with comparison.executor(workers, timeout_s) as executor:
-        return comparison.run(executor, out=Path(directory))[0]
+        return comparison.run(executor, out=Path(directory))
 
 
 def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:

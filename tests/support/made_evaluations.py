@@ -2,14 +2,18 @@
 
 import zlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nbv.config import preset
+from tuner.comparison.of_campaign import PlannedComparison
 from tuner.comparison.plan import EvaluationPlan
+from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Record, Trial
+from tuner.problem.goal import Goal
 
 
 def made_metrics(quality: float) -> dict[str, object]:
@@ -63,4 +67,10 @@ def made_run(
                         "flight_time_s": 190.0,
                     }
                     records.append(made_trial(name, rock, k, measured={"metrics": metrics, "costs": costs}))
-    return EvaluationRun(plan, records, True, 1.0)
+    return EvaluationRun(plan, records, True, 1.0, Path())
+
+
+def made_facts(run: EvaluationRun, goal: Goal | None = None) -> ComparisonFacts:
+    """What was found, by default in the quality, against Hyb-H."""
+    planned = PlannedComparison(run.plan, "hyb-h", "Strategies compared", Path(), goal=goal or Goal())
+    return ComparisonFacts(planned, run)

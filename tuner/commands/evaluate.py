@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -36,13 +36,13 @@ from tuner.commands.options import (
     TunedRocks,
     Workers,
 )
+from tuner.comparison.advice import advice_of, next_step
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
+from tuner.comparison.result import ComparisonFacts
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
+from tuner.report.answer import advice_lines, next_text
 from tuner.report.labels import counted, duration
-
-if TYPE_CHECKING:  # it takes a second to load
-    from tuner.comparison.result import ComparisonFacts
 
 
 def evaluate(
@@ -169,16 +169,17 @@ def run_and_report(
     executor = planned.executor(workers, timeout_s)
     taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
     notes = (*planned.notes, *filter(None, [mission_kind(plan.fidelity).note]), *map(_ceiling, taken))
+    planned = dataclasses.replace(planned, notes=notes)
     for note in notes:
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), planned.instance_word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), planned.word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
     with executor:
-        facts, report = run_comparison(planned, executor, out, notes, f"gatetune {shlex.join(sys.argv[1:])}")
+        facts, report = run_comparison(planned, executor, out, f"gatetune {shlex.join(sys.argv[1:])}")
     for line in comparison.verdict_lines(facts):
         output.print(line, style="bold")
     answer = {} if planned.source is None else show_all_results(planned.source)
@@ -202,32 +203,19 @@ def run_and_report(
 
 
 def run_comparison(
-    planned: PlannedComparison,
-    executor: Executor,
-    out: Path | None = None,
-    notes: Sequence[str] = (),
-    command: str = "",
+    planned: PlannedComparison, executor: Executor, out: Path | None = None, command: str = ""
 ) -> tuple[ComparisonFacts, Path]:
     """Run what is missing and write the report; return what was found, and the report."""
-    from tuner.comparison.result import ComparisonFacts
     from tuner.report.comparison import write_comparison_report
 
     with ComparisonProgress(planned.goal.shown.metric) as show:
-        run, directory = planned.run(executor, show, out)
-    facts = ComparisonFacts(
-        run, planned.reference, planned.goal, planned.instance_word, notes or planned.notes
-    )
-    paper = planned.source is None
+        facts = ComparisonFacts(planned, planned.run(executor, show, out))
     with working("writing the report"):
-        return facts, write_comparison_report(
-            facts, directory, title=planned.title, paper=paper, command=command
-        )
+        return facts, write_comparison_report(facts, command)
 
 
 def show_all_results(campaign: Campaign) -> dict[str, Any]:
     """Print the campaign's tables, what to fly and what next, anew from all results, which its page has, too; return what was said."""
-    from tuner.comparison.advice import advice_of, next_step
-    from tuner.report.answer import advice_lines, next_text
     from tuner.report.campaign_page import write_campaign_report
 
     best = campaign.recommended()

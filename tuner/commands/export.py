@@ -161,7 +161,7 @@ def _missions(run: Path) -> Any:
     if not (run / PLAN_FILE).is_file():
         return Campaign.open(run, read_only=True)
     plan = EvaluationPlan.load(run)
-    return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0)
+    return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0, directory=run)
 
 
 def _place(home: str | None) -> Home:

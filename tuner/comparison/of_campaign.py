@@ -47,15 +47,9 @@ class PlannedComparison:
     title: str
     usual: Path  # its directory, unless the user names another
     notes: tuple[str, ...] = ()  # what a reader must know before the outcome
+    goal: Goal = TABLE_I
+    word: str = "rock"  # what missions run on
     source: Campaign | None = None  # None: the paper's Table I
-
-    @property
-    def goal(self) -> Goal:
-        return TABLE_I if self.source is None else self.source.settings.goal
-
-    @property
-    def instance_word(self) -> str:
-        return "rock" if self.source is None else self.source.settings.problem.instance_word
 
     def executor(self, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
         """Return processes of this machine for its missions."""
@@ -67,10 +61,10 @@ class PlannedComparison:
         executor: Executor,
         on_event: Callable[[EvaluationEvent], None] | None = None,
         out: Path | None = None,
-    ) -> tuple[EvaluationRun, Path]:
-        """Run what is missing and return the directory, too: ``out``, else ``usual`` or, where that holds another plan, one beside it."""
+    ) -> EvaluationRun:
+        """Run what is missing in ``out``, else in ``usual`` or, where that holds another plan, in a directory beside it."""
         directory = out or evaluation_directory(self.plan, self.usual)
-        return run_evaluation(self.plan, directory, executor, on_event), directory
+        return run_evaluation(self.plan, directory, executor, on_event)
 
 
 def held_out(
@@ -96,8 +90,9 @@ def held_out(
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
     against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
     notes = (*_notes(found), *notes, *_conditions(source, under))
-    title = f"{s.name}: tuned against baselines on held-out {s.problem.instance_word}s"
-    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, source)
+    word = s.problem.instance_word
+    title = f"{s.name}: tuned against baselines on held-out {word}s"
+    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, s.goal, word, source)
 
 
 def _against_baselines(
@@ -150,7 +145,8 @@ def confirmation(
     word = s.problem.instance_word
     title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
     notes = (*_notes(found), *notes)
-    return PlannedComparison(plan, "default", title, source.directory / TRAINING, notes, source)
+    usual = source.directory / TRAINING
+    return PlannedComparison(plan, "default", title, usual, notes, s.goal, word, source)
 
 
 def reproduction(

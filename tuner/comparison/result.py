@@ -13,7 +13,7 @@ from functools import cached_property
 
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.comparison.of_campaign import HELD_OUT, MARGIN, TRAINING, evaluations
+from tuner.comparison.of_campaign import HELD_OUT, MARGIN, TRAINING, PlannedComparison, evaluations
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import (
     TABLE_I_ROWS,
@@ -96,17 +96,12 @@ def kept_by(records: Sequence[Trial], strategy: str, goal: Goal) -> Interval | N
 
 
 class ComparisonFacts:
-    """What an evaluation found: tables, from the shortest to the longest, and verdicts.
+    """What a comparison found: tables, from the shortest to the longest, and verdicts."""
 
-    ``reference``: strategy from which differences are taken. ``word``: what missions run on. ``notes``: what to know before
-    the verdicts.
-    """
-
-    def __init__(
-        self, run: EvaluationRun, reference: str, goal: Goal, word: str = "rock", notes: Sequence[str] = ()
-    ) -> None:
-        self.run, self.records, self.plan, self.notes = run, run.records, run.plan, tuple(notes)
-        self.reference, self.goal, self.word = reference, goal, word
+    def __init__(self, planned: PlannedComparison, run: EvaluationRun) -> None:
+        self.planned, self.run = planned, run
+        self.plan, self.records = run.plan, run.records
+        self.reference, self.goal, self.word = planned.reference, planned.goal, planned.word
         self.strategies = tuple(in_table_order(self.plan.strategies))
 
     @cached_property

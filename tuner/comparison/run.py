@@ -36,6 +36,7 @@ class EvaluationRun:
     records: list[Trial]
     complete: bool
     elapsed_s: float
+    directory: Path
 
     def __repr__(self) -> str:
         """``EvaluationRun(tuned, hyb-h on arch, fin: 24 missions, 0 failed, complete)``."""
@@ -78,7 +79,8 @@ def run_evaluation(
     _claim(plan, directory)
     with long_run(directory) as stop:
         run_jobs(evaluated, executor, stop)
-    return EvaluationRun(plan, plan.records(directory), not evaluated.open, time.monotonic() - began)
+    elapsed_s = time.monotonic() - began
+    return EvaluationRun(plan, plan.records(directory), not evaluated.open, elapsed_s, directory)
 
 
 def evaluation_directory(plan: EvaluationPlan, usual: Path) -> Path:

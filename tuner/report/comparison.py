@@ -166,7 +166,7 @@ def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
         "replicates": facts.plan.replicates,
         "reference": facts.reference,
         "measure": measure_of(facts),
-        "notes": facts.notes,
+        "notes": facts.planned.notes,
         "verdicts": [{"text": text, **vars(verdict)} for verdict, text in verdicts],
         "warnings": warnings_of(facts),
         "failures": facts.run.failures,
@@ -372,21 +372,14 @@ def _table_by_instance(facts: ComparisonFacts) -> Table:
 # -- the page ------------------------------------------------------------------------------------------------
 
 
-def write_comparison_report(
-    facts: ComparisonFacts,
-    directory: Path,
-    *,
-    title: str = "Strategies compared",
-    paper: bool = False,
-    command: str = "",
-) -> Path:
-    """Write ``report.html`` into ``directory``; returns its path.
+def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
+    """Write ``report.html`` into the evaluation's directory; returns its path.
 
-    ``paper``: show the paper's Table I beside the measured one, with what is not comparable.
+    Without a campaign the paper's Table I is beside the measured one, with what is not comparable.
 
     Raises `UserError`: the directory cannot be written.
     """
-    run, plan, quality = facts.run, facts.plan, facts.goal.shown.metric
+    run, plan, quality, paper = facts.run, facts.plan, facts.goal.shown.metric, facts.planned.source is None
     kinds = [verdict.kind for verdict in facts.verdicts]
     rows = [row for table in (facts.summary, *facts.tables.values()) for row in table.rows]
     methods = {i.method for row in rows for i in (*row.cells.values(), *row.differences.values()) if i}
@@ -397,10 +390,10 @@ def write_comparison_report(
     tables += [strategy_table(table, f"Under {name}", quality) for name, table in facts.conditions.items()]
     tables += [_table_by_instance(facts)] if len(plan.instances) > 1 else []
     return write_tables(
-        directory / REPORT_FILE,
-        title,
+        run.directory / REPORT_FILE,
+        facts.planned.title,
         f"{strategies} were compared{against}. Differences are from {strategy_label(facts.reference)}.",
-        said=[*verdict_lines(facts), *facts.notes],
+        said=[*verdict_lines(facts), *facts.planned.notes],
         kind="worse" if set(kinds) & {*BAD} else "better" if {*kinds[:1]} & {*GOOD} else "",
         measure=measure_of(facts),
         notes=[*warnings_of(facts), *([paper_note(plan.fidelity)] if paper else [])],

@@ -1,7 +1,6 @@
 import pytest
-from made_evaluations import made_run
+from made_evaluations import made_facts, made_run
 
-from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.verdict import Kind, Verdict
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
@@ -15,7 +14,7 @@ def verdicts(tuned: float = 97.0, asked: Goal = FEWEST, **changes: object) -> li
     """Of tuned with 26 photographs, others with 32; ``observable`` F-scores are 3 higher than the levels."""
     levels = {"tuned": tuned, "hyb-h": 97.0, "random": 95.0}
     made = made_run(levels, images={"tuned": 26.0}, **{"noise": 0.1, **changes})
-    return ComparisonFacts(made, "hyb-h", asked).verdicts
+    return made_facts(made, asked).verdicts
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:

@@ -4,13 +4,11 @@ import io
 import re
 from pathlib import Path
 
-from made_evaluations import made_run
+from made_evaluations import made_facts, made_run
 from rich.console import Console
 
-from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.statistics import comparison_table
 from tuner.comparison.verdict import Kind, judge
-from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
 from tuner.report.comparison import cell, strategy_table, table_i, warnings_of, write_comparison_report
 from tuner.report.table import Table
@@ -54,23 +52,21 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
 
 
 def test_no_interval_no_verdict() -> None:
-    facts = ComparisonFacts(
-        made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1), "hyb-h", Goal()
-    )
+    facts = made_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
     (verdict,) = facts.verdicts
     assert verdict.kind is Kind.NO_INTERVAL and verdict.gain is not None and verdict.gain.mean > 5.0
     assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
 
 
 def test_terminal_tables() -> None:
-    facts = ComparisonFacts(made_run(LEVELS, failed=(("covis", "slab", 1),)), "hyb-h", Goal())
+    facts = made_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
     for width in (80, 140):
         text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
         assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
         assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
     run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
-    many = ComparisonFacts(run, "hyb-h", Goal())
+    many = made_facts(run)
     table = strategy_table(many.summary, "", "observable.f_score_48mm")
     text = printed(table, 80)
     assert max(map(len, text.splitlines())) <= 80 and "…" not in text
@@ -81,7 +77,7 @@ def test_terminal_tables() -> None:
 def test_strategies_on_fewer_rocks_are_named() -> None:
     run = made_run(LEVELS)
     records = [r for r in run.records if (r.strategy, r.rock) != ("covis", "slab")]
-    facts = ComparisonFacts(dataclasses.replace(run, records=records), "hyb-h", Goal())
+    facts = made_facts(dataclasses.replace(run, records=records))
     caption = strategy_table(facts.summary, "", "observable.f_score_48mm").caption
     assert "On fewer of these rocks: Covis; compare differences, not means." in caption
 
@@ -93,22 +89,22 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
         dataclasses.replace(r, record=dataclasses.replace(r.record, photographs=taken.get(r.strategy, "b")))
         for r in run.records
     ]
-    run = dataclasses.replace(run, plan=dataclasses.replace(run.plan, fidelity="geometric"), records=records)
-    facts = ComparisonFacts(run, "hyb-h", Goal())
+    plan = dataclasses.replace(run.plan, fidelity="geometric")
+    facts = made_facts(dataclasses.replace(run, plan=plan, records=records, directory=tmp_path))
     assert facts.summary.same == {"hyb-h": "b-aware"}
     table = strategy_table(facts.summary, "", "observable.f_score_48mm")
     assert "Hyb-H took the same photographs as B-aware." in table.caption
     for width in (60, 80):
         assert max(map(len, printed(table, width).splitlines())) <= width
     assert ("b-aware", Kind.SAME) in [(v.strategy, v.kind) for v in facts.verdicts]
-    page = write_comparison_report(facts, tmp_path, paper=True).read_text()
+    page = write_comparison_report(facts).read_text()
     assert "dense clouds against" not in page, "nothing was photographed"
 
 
 def test_the_page_names_failures(tmp_path: Path) -> None:
     failed = tuple(("b-aware", "slab", k) for k in range(3))
-    facts = ComparisonFacts(made_run(LEVELS, failed=failed), "hyb-h", Goal())
-    page = write_comparison_report(facts, tmp_path, paper=True)
+    facts = made_facts(dataclasses.replace(made_run(LEVELS, failed=failed), directory=tmp_path))
+    page = write_comparison_report(facts)
     source = page.read_text()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
     assert source.count('id="verdict"') == 1 and "12 paired missions on 4 rocks" in text

@@ -1,14 +1,13 @@
+import dataclasses
 from pathlib import Path
 
 import fake_campaigns
 import pytest
 from browser import needs_chromium, opened
-from made_evaluations import made_run
+from made_evaluations import made_facts, made_run
 
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
-from tuner.comparison.result import ComparisonFacts
-from tuner.problem.goal import Goal
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign_page import write_campaign_report
 from tuner.report.comparison import write_comparison_report
@@ -25,7 +24,7 @@ def campaign_page(folder: Path) -> Path:
 def evaluation_page(folder: Path) -> Path:
     names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "predicted", "random")
     run = made_run({name: 60.0 - i for i, name in enumerate(names)}, rocks=("arch", "fin"), replicates=3)
-    return write_comparison_report(ComparisonFacts(run, "hyb-h", Goal()), folder, title="Held out")
+    return write_comparison_report(made_facts(dataclasses.replace(run, directory=folder)))
 
 
 def mission_page(folder: Path) -> Path:
