@@ -130,58 +130,49 @@ def there(results: Results, word: str = "rock") -> str:
     return counted(len(results.rocks), f"held-out {word}" if results.held_out else f"training {word}")
 
 
-NEXT = {
-    Next.RUN: "Finish it: {left} of {budget} missions are left.",
-    Next.MORE: "Run more missions, or relax the constraint if there is one: nothing that was run is known to be good enough.",
-    Next.CONFIRM: "Confirm it in new replicates: your mission file has no held-out instance.",
-    Next.EVALUATE: "Evaluate it on held-out {word}s: so far it has run where it was tuned.",
-    Next.MORE_INSTANCES: "Evaluate it on more {word}s: {count} cannot represent others.",
-    Next.FLY_PLAIN: "Stop, and fly {plain}: on {where} it is better than what was tuned.",
-    Next.FLY: "Stop, and fly it: {evidence} on {where}.",
-    Next.TRY_PLANNERS: "Fly it, or try other planners with gatetune compare: {evidence} on {where}, and the oracle shows room.",
-    Next.KEEP: "Stop: keep the default. Nothing else is predicted to be better.",
-}
-
-
 def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[str, str]:
     """What to do now and its command; an empty command means to stop."""
     s, status = campaign.settings, campaign.status()
-    run = shlex.join([str(campaign.directory), *s.problem.options()])
-    resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
-    if s.problem.draws_rocks:
-        evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
-    commands = {
-        Next.RUN: resume,
-        Next.MORE: f"{resume} --missions {2 * status.budget}",
-        Next.CONFIRM: f"gatetune confirm {run}",
-        Next.EVALUATE: evaluate,
-        Next.MORE_INSTANCES: evaluate,
-        Next.FLY_PLAIN: f"gatetune export {shlex.quote(str(campaign.directory))}",
-        Next.FLY: f"gatetune export {shlex.quote(str(campaign.directory))}",
-        Next.TRY_PLANNERS: f"gatetune export {shlex.quote(str(campaign.directory))}",
-    }
-    reason = max(status.failures, key=lambda r: status.failures[r], default="")
-    if step is Next.RUN and not status.complete and reason:
-        return (
-            f"Every mission failed, most often with {reason!r}: correct that (see below), then resume.",
-            resume,
-        )
-    word = s.problem.instance_word
+    word, count = s.problem.instance_word, advice.instances if advice else 0
+    where = there(advice.results, word) if advice else ""
+    plain = strategy_label(advice.plain) if advice else ""
     evidence = "no plain plan is better"
     if advice is not None and advice.is_plain:
         evidence = "nothing that was run is shown to be better"
     elif advice is not None and advice.over_plain is not None and advice.over_plain.kind is Kind.BETTER:
-        evidence = f"it is better than every plain plan, {strategy_label(advice.plain)} the best of them,"
-    text = NEXT[step].format(
-        left=status.remaining,
-        budget=status.budget,
-        word=word,
-        count=counted(advice.instances if advice else 0, word),
-        plain=strategy_label(advice.plain) if advice else "",
-        where=there(advice.results, word) if advice else "",
-        evidence=evidence,
-    )
-    return text, commands.get(step, "")
+        evidence = f"it is better than every plain plan, {plain} the best of them,"
+    run = shlex.join([str(campaign.directory), *s.problem.options()])
+    resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
+    if s.problem.draws_rocks:
+        evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
+    export = f"gatetune export {shlex.quote(str(campaign.directory))}"
+    finish = f"Finish it: {status.remaining} of {status.budget} missions are left."
+    if status.failures and not status.complete:
+        reason = max(status.failures, key=lambda r: status.failures[r])
+        finish = f"Every mission failed, most often with {reason!r}: correct that (see below), then resume."
+    return {
+        Next.RUN: (finish, resume),
+        Next.MORE: (
+            "Run more missions, or relax the constraint if there is one: nothing that was run is known to be good enough.",
+            f"{resume} --missions {2 * status.budget}",
+        ),
+        Next.CONFIRM: (
+            "Confirm it in new replicates: your mission file has no held-out instance.",
+            f"gatetune confirm {run}",
+        ),
+        Next.EVALUATE: (f"Evaluate it on held-out {word}s: so far it has run where it was tuned.", evaluate),
+        Next.MORE_INSTANCES: (
+            f"Evaluate it on more {word}s: {counted(count, word)} cannot represent others.",
+            evaluate,
+        ),
+        Next.FLY_PLAIN: (f"Stop, and fly {plain}: on {where} it is better than what was tuned.", export),
+        Next.FLY: (f"Stop, and fly it: {evidence} on {where}.", export),
+        Next.TRY_PLANNERS: (
+            f"Fly it, or try other planners with gatetune compare: {evidence} on {where}, and the oracle shows room.",
+            export,
+        ),
+        Next.KEEP: ("Stop: keep the default. Nothing else is predicted to be better.", ""),
+    }[step]
 
 
 def may_fail_on_most(limit: Limit) -> bool:
