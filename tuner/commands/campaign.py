@@ -282,7 +282,7 @@ def run_and_report(
             "(--learn-from nothing begins without)"
         )
     with executor, contextlib.ExitStack() as shown:
-        progress = shown.enter_context(CampaignProgress(settings, about_s))
+        progress = shown.enter_context(CampaignProgress(settings))
 
         def searched(summary: CampaignSummary) -> None:
             shown.close()

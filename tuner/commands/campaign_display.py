@@ -37,20 +37,16 @@ LINE = 80  # columns of a mission's line
 
 
 class CampaignProgress(MissionProgress):
-    """A line per mission and one bar: how far, what failed, what is left, the best so far, what runs now."""
+    """A line per mission and one bar: how far, what failed, the best so far, what runs now."""
 
-    def __init__(self, settings: CampaignSettings, about_s: float = 0.0) -> None:
+    def __init__(self, settings: CampaignSettings) -> None:
         super().__init__(settings.budget)
-        self._about_s = about_s  # until a mission has ended
         self._settings = settings
-        self._began: int | None = None  # missions finished in earlier sessions
         self._failed = 0
         self._best = ""
 
     def __call__(self, event: CampaignEvent) -> None:
         trial = event.trial
-        if self._began is None:
-            self._began = event.finished
         if trial is not None and event.kind == "launched":
             self.launched(
                 str(trial.number), f"{trial.instance.label} r{trial.replicate}", trial.record.directory
@@ -62,13 +58,8 @@ class CampaignProgress(MissionProgress):
             output.print(f"{event.kind}: {event.message}", style="yellow")
         if event.recommendation is not None:
             self._best = f", best {best_text(event.recommendation)}"
-        evaluated, left = event.finished - self._began, event.budget - event.finished
-        rest_s = (
-            event.elapsed_s / evaluated * left if evaluated else max(0.0, self._about_s - event.elapsed_s)
-        )
-        rest = f", {duration(rest_s)} left" if rest_s and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
-        counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
+        counts = f"{event.finished}/{event.budget}{failed}{self._best}"
         self.reached(event.finished, event.budget, counts)
 
 

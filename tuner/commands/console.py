@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
@@ -61,6 +61,7 @@ LOADING_ROCKS = "loading rocks; one that is used for the first time is made and 
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
+_SPEED_PERIOD_S = 3600.0  # of the missions by whose pace the time left is estimated
 _NAMED = 2  # missions in flight that a line names
 
 
@@ -127,8 +128,11 @@ class MissionProgress(Progress):
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             BarColumn(16),
             TimeElapsedColumn(),
+            TextColumn("and left"),
+            TimeRemainingColumn(),
             console=output,
             refresh_per_second=_PER_SECOND,
+            speed_estimate_period=_SPEED_PERIOD_S,
         )
         self._running: dict[str, tuple[str, Path | None]] = {}
         self._counts = ""

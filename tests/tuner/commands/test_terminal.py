@@ -44,11 +44,11 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
     longer = config.with_values({"stop.adaptive_budget": 40})
     assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32
-    progress = CampaignProgress(SETTINGS, 63.4)
+    progress = CampaignProgress(SETTINGS)
     progress(replace(event("launched", directory=tmp_path / "m"), finished=0, elapsed_s=0.4))
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / "progress.txt").write_text("11/32\n12/32\n")
-    assert progress.said() == "0/9, 63 s left, runs a r1 (photograph 12/32)"
+    assert progress.said() == "0/9, runs a r1 (photograph 12/32)"
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(
