@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -22,7 +20,6 @@ from nbv.terrain.burial import buried_rock
 from nbv.terrain.neighbours import Cylinder
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_problem import RockProblem, plain_plans
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
@@ -32,8 +29,8 @@ from tuner.comparison.run import EvaluationRun
 from tuner.export.mission_files import mission_config, read_flight, rock_of_mission
 from tuner.export.records import write_csv
 from tuner.export.route import Home, qgc_plan
-from tuner.export.vehicle_files import OURS, change_text, commented_yaml, vehicle_files
-from tuner.problem.baselines import ORBITS, TUNED, base_name
+from tuner.export.vehicle_files import OURS, Exported, vehicle_files
+from tuner.problem.baselines import TUNED, base_name, baseline
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
@@ -73,7 +70,7 @@ def export(
     strategy: Annotated[
         str | None,
         typer.Option(
-            help="What is written: tuned (the recommendation), or a plain plan of the campaign, such as orbit (default: what the "
+            help="What is written: tuned (the recommendation), or another strategy, such as orbit (default: what the "
             "campaign advises to fly)."
         ),
     ] = None,
@@ -82,7 +79,7 @@ def export(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write the recommendation as a file whose header says which changes it carries, or the missions as a table.
+    """Write what is advised as a file whose header says which changes it carries, or the missions as a table.
 
     Example: gatetune export runs/mine, then gatetune export runs/mine --to unified_mission.yaml
     """
@@ -101,24 +98,20 @@ def export(
     advice = advice_of(campaign, best)
     for line in advice_lines(advice, best, campaign.settings):
         _say(line)
-    strategy = strategy or base_name(advice.fly)
-    if strategy == base_name(advice.fly) and strategy not in (TUNED, *campaign.settings.problem.arms):
-        return _export_outside(campaign, advice, to, home, out)
-    best = _asked(campaign, best, strategy)
+    exported = _exported(campaign, best, advice, strategy)
     if to is Format.plan:
-        return _export_plan(campaign, best, rock, _place(home), out)
-    files = vehicle_files(campaign, best, {to.value: onto} if to and onto else None)
+        return _export_plan(exported, rock, _place(home), out)
+    files = vehicle_files(exported, {to.value: onto} if to and onto else None)
     first = f"gatetune export {run} --to {files[0].name}"
     if to is None:
-        changes = ", ".join(change_text(best, path) for path in best.changed)
-        what = "written with --to" if math.isnan(best.improvement) else "recommended"
+        changes = ", ".join(map(exported.change, exported.values))
+        what = "recommended" if exported.is_recommended else strategy_label(exported.strategy)
         _say(f"{what}: {changes or 'keep the default'}")
         for f in files:
             _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
         _say(f"write the first: {first}")
         listed = [{"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files]
-        values = {"values": best.values, "default_values": best.default_values}
-        return answer_json({**values, "files": listed, "write": first})
+        return answer_json({"values": exported.values, "files": listed, "write": first})
     file = next((file for file in files if file.name == to.value), None)
     if file is None:
         raise UserError(f"the missions of {run} are of a mission file; run: {first}")
@@ -173,57 +166,33 @@ def _place(home: str | None) -> Home:
         ) from error
 
 
-def _export_outside(
-    campaign: Campaign, advice: Advice, to: Format | None, home: str | None, out: Path | None
-) -> None:
-    """Write the advised plan, which the search space does not hold: its whole configuration, or its route."""
-    run, label, config = campaign.directory, strategy_label(advice.fly), builtin(advice.config)
-    note = f"{label} is no point of search space {campaign.settings.space.name}; {OURS} and plan carry it"
-    if to is Format.plan and config.adaptive_budget == 0:
-        views = [view.id for view in seed_viewpoints(config)]
-        return _write_route(config, views, _place(home), out or run / "route.plan", [note])
-    if to is not Format.ours:
-        write = f"gatetune export {run} --to {OURS}"
-        if to is not None:
-            raise UserError(f"{note}; run: {write}, or name --strategy {TUNED}")
-        _say(f"{note}; write it: {write}")
-        return answer_json({"write": write})
-    s = campaign.settings
-    config = under(config, s.conditions[0]) if len(s.conditions) == 1 else config
-    text = "\n".join((f"# {label}, advised by campaign {s.name}", *commented_yaml(config)))
-    _wrote(_write(out or run / OURS, f"{text}\n"), [note])
+def _exported(campaign: Campaign, best: Recommendation, advice: Advice, strategy: str | None) -> Exported:
+    """The recommendation, the plan that is advised, or the plain plan that is named."""
+    advised, problem = base_name(advice.fly), campaign.settings.problem
+    name = strategy or advised
+    if name == TUNED:
+        config = problem.config(best.values)
+    elif name == advised:
+        config = advice.config
+    else:
+        config = baseline(name, (TUNED,)).config(builtin(problem.base))
+    return Exported(campaign, best, name, config)
 
 
-def _asked(campaign: Campaign, best: Recommendation, strategy: str) -> Recommendation:
-    """The recommendation, or with its values those of the plain plan that is named or advised."""
-    problem = campaign.settings.problem
-    arms = problem.arms
-    if isinstance(problem, RockProblem):
-        arms = {**arms, **plain_plans(problem.space, problem.base, ORBITS)}
-    if strategy == TUNED or dict(arms.get(strategy, {})) == best.values:
-        return best
-    if strategy not in arms:
-        raise UserError(
-            f"{campaign.directory} has no plan {strategy!r}; there are {TUNED}, {', '.join(arms)}"
-        )
-    return dataclasses.replace(best, values=dict(arms[strategy]), plain=strategy, improvement=math.nan)
-
-
-def _export_plan(
-    campaign: Campaign, best: Recommendation, rock: str | None, home: Home, out: Path | None
-) -> None:
+def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | None) -> None:
     """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
-    s, run = campaign.settings, campaign.directory
-    config = s.problem.config(best.values, s.conditions[0].name)
+    s, run = exported.campaign.settings, exported.campaign.directory
+    config = exported.config
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+        config = under(config, s.conditions[0])
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
         said += "; it knows of nothing beside it" if config.ground.neighbours else ""
         views = [view.id for view in seed_viewpoints(config)]
         return _write_route(config, views, home, out or run / "route.plan", [said])
     own = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
-    if math.isnan(best.improvement):
-        raise UserError(f"{best.plain} plans views, which hold for one target: {own}")
+    if not exported.is_recommended:
+        raise UserError(f"{exported.strategy} plans views, which hold for one target: {own}")
     source, shown = _recommended_mission(run), Path(s.problem.drawn_rock(s.rocks[0], 0)).stem
     if rock is None or Path(rock).stem != shown:
         raise UserError(

@@ -190,8 +190,8 @@ def read_file(path: Path, kind: str) -> dict[str, Any]:
     return values
 
 
-def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
-    """YAML text of one of their files from values by dotted path; ``header`` becomes comment lines."""
+def write_text(values: Mapping[str, Any], kind: str) -> str:
+    """YAML text of one of their files from values by dotted path."""
     prefix, _ = FILES[kind]
     tree: dict[str, Any] = {}
     for path, value in values.items():
@@ -202,8 +202,7 @@ def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
         node[leaf] = value
     for part in reversed(prefix):
         tree = {part: tree}
-    comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
-    return comment + to_yaml(tree, default_flow_style=None, width=100)
+    return to_yaml(tree, default_flow_style=None, width=100)
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:

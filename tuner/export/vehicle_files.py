@@ -2,27 +2,66 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from nbv.config import IDEAL, PRESETS, Declaration, MissionConfig, parameter
+from nbv.config import PRESETS, Declaration, MissionConfig, parameter, under
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings import CampaignSettings
 from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
 from tuner.missions.external.mission_file import ExternalConfig
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.observations import short
-from tuner.problem.search_space import builtin
+from tuner.problem.objective import dotted
+from tuner.problem.observations import changes, mission_key, short
+from tuner.problem.search_space import Configuration, builtin, value_at
 from tuner.recommendation.recommendation import Recommendation
 
 SCORING, MISSION, OURS = "scoring.yaml", "unified_mission.yaml", "gatetune.yaml"
 WRITERS = {SCORING: write_scoring, MISSION: write_mission}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A configuration that a vehicle is to fly, and the campaign that it is from."""
+
+    campaign: Campaign
+    best: Recommendation
+    strategy: str  # which plan it is: the recommendation (``tuned``), or a plain plan's name
+    config: Configuration  # under no condition
+
+    @cached_property
+    def is_recommended(self) -> bool:
+        """Whether it runs the missions of the recommendation."""
+        return mission_key(self.config) == mission_key(self._at(self.best.values))
+
+    @cached_property
+    def default(self) -> Configuration:
+        return self._at(self.best.default_values)
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """The values that differ from the default's and have an effect, by path."""
+        own, default = _flat(self.config), _flat(self.default)
+        return {path: own[path] for path in changes(own, {**own, **default})}
+
+    def change(self, path: str) -> str:
+        """``seed.count 14 (default 24)``."""
+        return f"{path} {short(self.values[path])} (default {short(value_at(self.default, path))})"
+
+    def _at(self, values: Mapping[str, Any]) -> Configuration:
+        return self.campaign.settings.problem.config(values)
+
+
+def _flat(config: Configuration) -> dict[str, Any]:
+    """Every value by its path."""
+    if isinstance(config, ExternalConfig):
+        return dict(config.values)
+    return {path: value_at(config, path) for path in dotted(config.to_dict(), of=object)}
 
 
 @dataclass(frozen=True)
@@ -31,7 +70,7 @@ class VehicleFile:
     text: str
     carried: tuple[str, ...]  # changed parameters that it carries
     lost: tuple[str, ...]  # those that it does not
-    remarks: tuple[str, ...]  # what cannot be said there, a line each
+    remarks: tuple[str, ...] = ()  # what cannot be said there, a line each
 
     @property
     def useful(self) -> bool:
@@ -49,92 +88,82 @@ class VehicleFile:
         return f"{len(self.carried)} of {len(self.carried) + len(self.lost)} changes{lost}"
 
 
-def vehicle_files(
-    campaign: Campaign, best: Recommendation, onto: Mapping[str, Path] | None = None
-) -> list[VehicleFile]:
-    """What ``best`` recommends as every file there is: the authors' by what they carry, gatetune's, those that carry nothing.
+def vehicle_files(exported: Exported, onto: Mapping[str, Path] | None = None) -> list[VehicleFile]:
+    """The configuration as every file there is: the authors' by what they carry, gatetune's, those that carry nothing.
 
     ``onto``: by name a file of the authors' kind whose other keys are kept; others are as published.
 
     Raises `UserError`: a file of ``onto`` cannot be read.
     """
-    s = campaign.settings
-    only = s.conditions[0].name if len(s.conditions) == 1 else IDEAL
-    config = s.problem.config(best.values, only)
-    header = "\n".join(_header(campaign, best, best.changed))  # a name may hold a new line
-    comment = "".join(f"# {line}\n" for line in header.splitlines())
+    config, conditions = exported.config, exported.campaign.settings.conditions
     if isinstance(config, ExternalConfig):
-        text = to_yaml(dict(config.values))
-        return [VehicleFile(OURS, comment + text, best.changed, (), ())]
-    text = "\n".join(commented_yaml(builtin(config)))
-    own = VehicleFile(OURS, f"{comment}{text}\n", best.changed, (), ())
+        lines = [to_yaml(dict(config.values))]
+    else:
+        lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
+    changed = tuple(exported.values)
+    own = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
+    if not isinstance(config, MissionConfig):
+        return [own]
     theirs = sorted(
-        (_their_file(name, campaign, best, (onto or {}).get(name)) for name in WRITERS),
+        (_their_file(name, exported, config, (onto or {}).get(name)) for name in WRITERS),
         key=lambda file: -len(file.carried),
     )
     return [*(f for f in theirs if f.useful), own, *(f for f in theirs if not f.useful)]
 
 
-def _their_file(name: str, campaign: Campaign, best: Recommendation, onto: Path | None) -> VehicleFile:
+def _their_file(name: str, exported: Exported, config: MissionConfig, onto: Path | None) -> VehicleFile:
     theirs = read_file(onto, name) if onto is not None else None
+    changed = tuple(exported.values)
     try:
-        values, remarks = WRITERS[name](builtin(campaign.settings.problem.config(best.values)), theirs)
-        kept = _carried(name, campaign.settings, best)
+        values, remarks = WRITERS[name](config, theirs)
+        kept = [path for path in changed if _carries(name, config, builtin(exported.default), path)]
     except UserError as error:  # the gate does not exist there
-        return VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),))
+        return VehicleFile(name, "", (), changed or ("gate.kind",), (str(error),))
     said = tuple(str(remark) for remark in remarks)
-    lines = [*_header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
-    lost = tuple(path for path in best.changed if path not in kept)
-    return VehicleFile(name, write_text(values, name, "\n".join(lines)), tuple(kept), lost, said)
+    header = [*_header(exported, kept), *(f"# does not transfer: {text}" for text in said)]
+    lost = tuple(path for path in changed if path not in kept)
+    text = "\n".join((*header, write_text(values, name)))
+    return VehicleFile(name, text, tuple(kept), lost, said)
 
 
-def _carried(name: str, s: CampaignSettings, best: Recommendation) -> list[str]:
-    """The changes that a file carries: without them it would say something else.
+def _carries(name: str, config: MissionConfig, default: MissionConfig, path: str) -> bool:
+    """Whether a file carries one of the changes: without it the file would say something else.
 
-    A change is taken out of the recommendation; where the rest is no valid configuration without it, it is put into the default.
+    The change is taken out of ``config``; where the rest is no valid configuration, it is put into the default.
     """
-    write, found, default = WRITERS[name], [], best.default_values
-    for path in best.changed:
-        pair = best.values, {**best.values, path: default[path]}
-        try:
-            with_it, without = (builtin(s.problem.config(values)) for values in pair)
-        except UserError:
-            pair = {**default, path: best.values[path]}, default
-            with_it, without = (builtin(s.problem.config(values)) for values in pair)
-        (values, remarks), (before, remarks_before) = write(with_it), write(without)
-        if path in {remark.key for remark in remarks if not remark.partly}:
-            continue
-        if values != before or path in {remark.key for remark in remarks_before}:
-            found.append(path)
-    return found
+    try:
+        with_it, without = config, config.with_values({path: value_at(default, path)})
+    except UserError:
+        with_it, without = default.with_values({path: value_at(config, path)}), default
+    (values, remarks), (before, remarks_before) = WRITERS[name](with_it), WRITERS[name](without)
+    if path in {remark.key for remark in remarks if not remark.partly}:
+        return False
+    return values != before or path in {remark.key for remark in remarks_before}
 
 
-def change_text(best: Recommendation, path: str) -> str:
-    """``seed.count 14 (default 24)``."""
-    return f"{path} {short(best.values[path])} (default {short(best.default_values[path])})"
-
-
-def _header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> list[str]:
-    """Where a file is from, which changes it carries, and what they were worth where it carries all of them."""
-    s, changed = campaign.settings, best.changed
+def _header(exported: Exported, kept: Sequence[str]) -> list[str]:
+    """Comment lines: where a file is from, which changes it carries, and what they were worth where it carries all of them."""
+    s, best, changed = exported.campaign.settings, exported.best, exported.values
     lines = [
         f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}",
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
         f"fidelity {s.fidelity}, metric {s.objective.metric}",
     ]
-    if math.isnan(best.improvement):
-        return [*lines, f"{strategy_label(best.plain)}, not the campaign's recommendation"]
-    if not changed:
-        return [*lines, "recommended: keep the default, which this file has"]
-    lines += [f"carries: {change_text(best, path)}" for path in kept]
     missing = [path for path in changed if path not in kept]
-    lines += [f"does not carry: {change_text(best, path)}" for path in missing]
-    if missing:
-        return [*lines, f"the gain of {len(kept)} of the {len(changed)} changes alone was not measured"]
-    low, high = best.improvement_interval_95
-    sure = "" if low == high else f" [{low:+.3g}, {high:+.3g}] (95 %)"
-    gain = f"{best.metric}: {best.improvement:+.3g}{sure}"
-    return [*lines, f"gain over the default on the training rocks, {gain}"]
+    lines += [f"carries: {exported.change(path)}" for path in kept]
+    lines += [f"does not carry: {exported.change(path)}" for path in missing]
+    if not exported.is_recommended:
+        lines.append(f"{strategy_label(exported.strategy)}, not the campaign's recommendation")
+    elif not changed:
+        lines.append("recommended: keep the default, which this file has")
+    elif missing:
+        lines.append(f"the gain of {len(kept)} of the {len(changed)} changes alone was not measured")
+    else:
+        low, high = best.improvement_interval_95
+        sure = "" if low == high else f" [{low:+.3g}, {high:+.3g}] (95 %)"
+        gain = f"{best.metric}: {best.improvement:+.3g}{sure}"
+        lines.append(f"gain over the default on the training rocks, {gain}")
+    return [f"# {line}" for line in "\n".join(lines).splitlines()]  # a name may hold a new line
 
 
 # -- gatetune's file ----------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.comparison.advice import advice_of
 from tuner.comparison.result import Results, training_results
+from tuner.export.photogrammetry_nbv import read_file
 from tuner.problem.baselines import TUNED, baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
@@ -226,10 +227,14 @@ def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
     beaten = dataclasses.replace(advice, fly="orbit-32", plain="orbit-32", config=orbit)
     monkeypatch.setattr("tuner.commands.export.advice_of", lambda *_: beaten)
     out = tmp_path / "orbit.yaml"
-    assert "--to gatetune.yaml" in gatetune.ok("export", run.directory)
+    said = gatetune.ok("export", run.directory)
+    assert "seed.count 32 (default 0)" in said
     asked = ("export", run.directory, "--to", "gatetune.yaml", "--out", out)
     gatetune.ok(*asked)
     assert config_from_dict(yaml.safe_load(out.read_text())) == orbit
-    assert "--strategy tuned" in gatetune.refused("export", run.directory, "--to", "scoring.yaml")
+    assert "carries none of the changes" in gatetune.refused("export", run.directory, "--to", "scoring.yaml")
+    gatetune.ok("export", run.directory, "--to", "unified_mission.yaml")
+    theirs = read_file(run.directory / "unified_mission.yaml", "unified_mission.yaml")
+    assert (theirs["seed_elevation_rings_deg"], theirs["image_budget"]) == ([10.0], 0)
     gatetune.ok(*asked, "--strategy", "tuned")
     assert config_from_dict(yaml.safe_load(out.read_text())) == run.recommended_config()

@@ -72,7 +72,7 @@ def ours(values):
 
 
 def through_a_file(values, kind, tmp_path):
-    (tmp_path / kind).write_text(write_text(values, kind, "a header\nof two lines"))
+    (tmp_path / kind).write_text(f"# a header\n{write_text(values, kind)}")
     return read_file(tmp_path / kind, kind)
 
 
