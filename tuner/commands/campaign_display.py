@@ -11,16 +11,17 @@ from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
-from tuner.commands.console import MissionProgress, output, show_table
+from tuner.commands.console import MissionProgress, output
 from tuner.comparison.advice import advice_of
 from tuner.missions.registry import mission_kind
-from tuner.problem.observations import short
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
     advice_lines,
+    changed_table,
+    gate_sentences,
+    rock_table,
     runner_up_sentence,
-    switch_sentences,
     worth_sentences,
 )
 from tuner.report.labels import (
@@ -28,8 +29,6 @@ from tuner.report.labels import (
     counted,
     decimals_for,
     duration,
-    format_number,
-    metric_label,
     number_text,
 )
 
@@ -151,28 +150,17 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
 
 def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list[str]:
     """What to fly, what that is worth, the values that differ from the defaults, rock by rock; return the first in sentences."""
-    settings = campaign.settings
     if best is None:
         output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
         return []
-    worth, switches = worth_sentences(best, settings), switch_sentences(campaign, campaign.trials())
-    advised = advice_lines(advice_of(campaign, best), best, settings)
-    for line in (*advised, *worth, *switches):
+    s = campaign.settings
+    advised = advice_lines(advice_of(campaign, best), best, s)
+    for line in (*advised, *worth_sentences(best, s), *gate_sentences(best, campaign)):
         output.print(line, highlight=False)
     if best.changed:
-        changed = [
-            (path, short(best.default_values[path]), short(best.values[path])) for path in best.changed
-        ]
-        show_table(("parameter", "default", "recommended"), changed, right=2)
-    label, digits = metric_label(best.modelled_metric), decimals_for(best.noise_sd)
-    word = settings.problem.instance_word
-    rows = [
-        f"{row.instance.label} {format_number(label.possible(row.predicted), digits)}"
-        + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
-        for row in best.per_rock
-    ]
-    output.print(f"{label.axis}, {word} by {word}: {', '.join(rows)}", highlight=False)
-    if rival := runner_up_sentence(best, settings):
+        output.print(*changed_table(best).for_terminal())
+    output.print(*rock_table(best, campaign).for_terminal())
+    if rival := runner_up_sentence(best, s):
         output.print(rival, highlight=False)
     return advised
 

@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import re
 import shlex
+import statistics
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,17 +24,20 @@ from tuner.problem.objective import reached
 from tuner.problem.observations import short
 from tuner.problem.search_space import Configuration, builtin
 from tuner.report.labels import (
+    MISSING,
     MetricLabel,
     bracketed,
     ceiling_text,
     counted,
     decimals_for,
     difference_text,
+    format_number,
     gain_words,
     metric_label,
     number_text,
     parameter_label,
 )
+from tuner.report.table import Cell, Row, Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -44,6 +48,7 @@ if TYPE_CHECKING:
     from tuner.comparison.advice import Advice
     from tuner.comparison.result import Results
     from tuner.missions.job import Trial
+    from tuner.problem.instances import Instance
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 FEW = 3  # changes that a sentence can name
@@ -53,6 +58,7 @@ PLAN = (
     "pool.max_altitude_m",
     "pool.max_elevation_deg",
 )  # parameters that `plan_words` puts into words
+OPTIMISM_NOTE = "The recommendation was selected on these trials, so its intervals are optimistic."
 GEOMETRIC = "These values are predictions of geometric missions, in which no photograph is taken."
 
 
@@ -262,7 +268,12 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
             f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
         )
     lines += outlier_sentences(best)
-    return [*lines, GEOMETRIC] if mission_kind(s.fidelity).predicts else lines
+    if mission_kind(s.fidelity).predicts:
+        lines.append(GEOMETRIC)
+    if best.keep_default:
+        evaluated = len({row.rock for row in best.per_rock if row.missions})
+        return [*lines, f"It was evaluated on {evaluated} of {counted(len(s.rocks), word)}."]
+    return [*lines, OPTIMISM_NOTE]
 
 
 def outlier_sentences(best: Recommendation) -> list[str]:
@@ -354,21 +365,24 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
     return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
 
 
-def traces_of(trials: Sequence[Trial]) -> list[tuple[Trial, list[IterationRecord]]]:
-    """Return the trials that planned a view, each with its trace."""
+def traces_of(trials: Sequence[Trial]) -> list[list[IterationRecord]]:
+    """Return the traces of those trials that planned a view."""
     found = []
     for t in trials:
         with contextlib.suppress(UserError, OSError):
-            trace = MissionResult.load(t.record.directory).trace
-            found += [(t, trace)] if trace else []
-    return found
+            found.append(MissionResult.load(t.record.directory).trace)
+    return [trace for trace in found if trace]
 
 
-def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
-    """Return in how many trials the gate switched, which tuned parameters had no effect, and what would make it switch."""
-    planned = [t for t in trials if t.record.switched is not None]
-    if not planned:
+def gate_sentences(best: Recommendation, campaign: Campaign) -> list[str]:
+    """In how many trials the gate switched, which tuned parameters had no effect, what would make it switch, what it chose."""
+    s, trials = campaign.settings, [t for t in campaign.trials() if t.state == "complete"]
+    config = s.problem.config(best.values)
+    if not isinstance(config, MissionConfig):
         return []
+    if config.adaptive_budget == 0:
+        return ["The recommended plan has no planned view, so no gate is used."]
+    planned = [t for t in trials if t.record.switched is not None]
     switched = sum(bool(t.record.switched) for t in planned)
     said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
     reset = [
@@ -377,16 +391,58 @@ def switch_sentences(campaign: Campaign, trials: Sequence[Trial]) -> list[str]:
     if reset:
         named = ", ".join(parameter_label(path).name for path in reset[-1])
         said.append(f"Without effect on any photograph, so left at the default: {named}.")
-    default = campaign.settings.problem.default
-    traces = traces_of([t for t in trials if t.values == default and t.record.switched is False])
-    spread = [r.d95_m for _, trace in traces for r in trace if r.d95_m is not None]
-    gate = builtin(campaign.settings.problem.config(default)).gate
+    never = traces_of([t for t in planned if t.values == best.default_values and not t.record.switched])
+    spread = [r.d95_m for trace in never for r in trace if r.d95_m is not None]
+    gate = builtin(s.problem.config(best.default_values)).gate
     if spread and not min(spread) < gate.d95_m < max(spread):
         said.append(
             f"At the default it does not switch where d95 is {min(spread):.2f} to {max(spread):.2f} m, since the threshold is "
             f"{gate.d95_m:.2f} m; a gate.d95_m within that range would make it switch."
         )
+    traces = traces_of([t for t in planned if t.values == best.values])
+    if traces:
+        said.append(gate_words(list(itertools.chain(*traces)), strategy_label(config.gate.kind), len(traces)))
     return said
+
+
+# -- tables ----------------------------------------------------------------------------------------------------
+
+
+def changed_table(best: Recommendation) -> Table:
+    """The parameters that differ from the default."""
+    both = best.values, best.default_values
+    rows = [
+        Row(path, tuple(Cell(value_text(values, path)) for values in both), parameter_label(path).name)
+        for path in best.changed
+    ]
+    return Table("", ("parameter", "use", "default"), rows)
+
+
+def rock_table(best: Recommendation, campaign: Campaign) -> Table:
+    """Instance by instance what the recommendation and the default had there, with the number of their missions."""
+    s, modelled, trials = campaign.settings, campaign.goal().modelled, campaign.trials()
+    label, digits = metric_label(modelled.metric), decimals_for(best.noise_sd)
+
+    def measured(values: Mapping[str, Any], instance: Instance) -> str:
+        own = [t for t in trials if t.instance == instance and t.values == values]
+        found = [t.raw if modelled == s.objective else t.measured(modelled) for t in own]
+        known = [value for value in found if value is not None]
+        return f"{format_number(statistics.fmean(known), digits)} ({len(known)})" if known else MISSING
+
+    rows = [
+        (
+            row.instance.label,
+            format_number(label.possible(row.predicted), digits),
+            *(measured(values, row.instance) for values in (best.values, best.default_values)),
+        )
+        for row in best.per_rock
+    ]
+    caption = (
+        f"{label.axis} of the recommended configuration: its posterior mean there, and the mean of the missions that ran "
+        "there, with their number."
+    )
+    columns = (s.problem.instance_word, "predicted", "measured", "default measured")
+    return Table.of("", columns, rows, caption)
 
 
 # -- small things --------------------------------------------------------------------------------------------

@@ -62,7 +62,9 @@ def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path)
         for path in trees[kind]["carried"]:
             assert attrgetter(path)(there) == pytest.approx(attrgetter(path)(wanted))
     listed = json.loads(gatetune.ok("export", campaign.directory, "--json"))
-    assert {path: listed["values"][path] for path in best.changed} == {path: values[path] for path in best.changed}
+    assert {path: listed["values"][path] for path in best.changed} == {
+        path: values[path] for path in best.changed
+    }
     assert {f["name"]: f["carried"] for f in listed["files"]} == {k: t["carried"] for k, t in trees.items()}
     page = html.unescape(write_campaign_report(campaign).read_text())
     for text in (gatetune.ok("campaign", "status", campaign.directory), page.replace("\u00a0", " ")):
