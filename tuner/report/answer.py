@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.viewpoints import raw_candidates
 from tuner.comparison.advice import Next, leaves_room
 from tuner.comparison.verdict import Kind
 from tuner.missions.registry import mission_kind
@@ -52,12 +51,7 @@ if TYPE_CHECKING:
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 FEW = 3  # changes that a sentence can name
-PLAN = (
-    "seed.",
-    "stop.",
-    "pool.max_altitude_m",
-    "pool.max_elevation_deg",
-)  # parameters that `plan_words` puts into words
+PLAN = ("seed.", "stop.")  # parameters that `plan_words` puts into words
 OPTIMISM_NOTE = "The recommendation was selected on these trials, so its intervals are optimistic."
 GEOMETRIC = "These values are predictions of geometric missions, in which no photograph is taken."
 
@@ -66,7 +60,7 @@ GEOMETRIC = "These values are predictions of geometric missions, in which no pho
 
 
 def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
-    """``Fly 14 photographs on rings, then 12 chosen by the planner, planned views at most 20° high.``"""
+    """``Fly 14 photographs on rings, then 12 chosen by the planner; and Pool: highest elevation 20 °.``"""
     word = s.problem.instance_word
     verb = "Fly" if word == "rock" else "Use"
     if best.limit is not None and not best.limit.kept:
@@ -204,27 +198,20 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
 
 
 def plan_words(config: Configuration) -> str:
-    """How many photographs are taken where, and how high; empty for a mission file's configuration."""
+    """How many photographs are taken where; empty for a mission file's configuration."""
     if not isinstance(config, MissionConfig):
         return ""
-    seed, stop, pool = config.seed, config.stop, config.pool
-    rings, highest_deg = f"{seed.total} photographs on rings", max(seed.ring_elevations_deg)
+    seed, rings = config.seed, f"{config.seed.total} photographs on rings"
     if seed.count and seed.layout == "turn":
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
         rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
-        highest_deg = seed.upper_deg if seed.upper_count else seed.lowest_deg
     if not config.adaptive_budget:
         return rings
+    if config.stop.may_end_early:
+        most = seed.total + config.adaptive_budget
+        return f"{rings}, then planned ones until the stop criterion holds, at most {most} in all"
     by = _PLANNERS.get(config.gate.kind, strategy_label(config.gate.kind))
-    words = f"{rings}, then {config.adaptive_budget} chosen {by}"
-    if stop.may_end_early:
-        words = f"{rings}, then planned ones until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
-    views = [v for v in raw_candidates(config) if v.position_m[2] <= pool.max_altitude_m]
-    every = max(v.elevation_deg for v in raw_candidates(config))
-    allowed = [v.elevation_deg for v in views if v.elevation_deg <= pool.max_elevation_deg]
-    if allowed and max(allowed) < every:
-        words += f", these at most {max(allowed):.0f}° high (the seeds stand at up to {highest_deg:.0f}°)"
-    return words
+    return f"{rings}, then {config.adaptive_budget} chosen {by}"
 
 
 _PLANNERS = {"hyb-h": "by the planner", "random": "at random"}
