@@ -9,13 +9,11 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import fake_campaigns
 import numpy as np
-import psutil
 import pytest
 from in_process import InProcessExecutor
 
@@ -25,9 +23,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.run_directory import RunDirectory
 from nbv.safe_files import open_to_write, remove_links, require_whole, write_atomic
-from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_problem import RockProblem
 from tuner.campaign.session import run_campaign
 from tuner.commands.console import output, show_table
 from tuner.comparison.of_campaign import confirmation
@@ -202,22 +198,6 @@ def test_a_file_that_a_compiled_library_could_not_end_is_noticed(tmp_path: Path)
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-def test_a_server_stopped_while_it_imports_ends_with_its_coordinator() -> None:
-    begin = (
-        "import time; from tuner.missions.executors import LocalProcessExecutor; executor = LocalProcessExecutor();"
-        "executor.begin(); print(executor._server.pid, flush=True); time.sleep(600)"
-    )
-    coordinator = subprocess.Popen([sys.executable, "-c", begin], stdout=subprocess.PIPE, text=True)
-    server = psutil.Process(int(coordinator.stdout.readline()))
-    server.suspend()
-    coordinator.kill()
-    coordinator.wait()
-    gone, alive = psutil.wait_procs([server], timeout=120)
-    if alive:
-        server.kill()
-    assert gone
-
-
 def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
     (tmp_path / "typer.py").write_text("import time; print('loading', flush=True); time.sleep(60)")
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
@@ -260,22 +240,3 @@ def test_a_store_keeps_its_size_whoever_puts(tmp_path: Path) -> None:
     for number in range(60):
         Store(tmp_path, 200_000).put("kind", f"{number:04d}", {"a": np.zeros(20_000, np.uint8)})
     assert 100_000 < sum(kind.size_bytes for kind in Store(tmp_path).info()) <= 200_000
-
-
-def test_refused_configurations_end_no_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config: Callable[..., Any] = RockProblem.config
-    asked = list[Any]()  # distinct configurations in their order
-
-    def refuse(problem: RockProblem, values: Any, condition: str = "ideal") -> Any:
-        if values not in asked:
-            asked.append(dict(values))
-        if 1 <= asked.index(values) <= 12:
-            raise UserError("the lower angle is above the upper one")
-        return config(problem, values, condition)
-
-    campaign = begin_campaign(tmp_path / "run", fake_campaigns.settings(sampler="sobol", budget=16))
-    monkeypatch.setattr(RockProblem, "config", refuse)
-    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
-    summary = run_campaign(campaign, InProcessExecutor())
-    assert (summary.stopped, summary.message) == ("budget", "the budget is used")
-    assert summary.status.complete > 2 and summary.status.failed > 8

@@ -57,21 +57,26 @@ COORDINATOR = """
 import pathlib, sys
 from test_executors import job
 from tuner.missions.executors import LocalProcessExecutor
-executor = LocalProcessExecutor(1)
+executor = LocalProcessExecutor(1, preload=("fake",))
 executor.submit(job(pathlib.Path(sys.argv[1]), "hang"))
 while True:
     executor.wait_any(1.0)
 """
 
 
-def test_no_mission_outlives_a_killed_coordinator_though_its_server_was_stopped(tmp_path: Path) -> None:
+@pytest.mark.parametrize("flies", [False, True])  # its server still imports, or has a mission
+def test_nothing_outlives_a_killed_coordinator_though_its_server_was_stopped(
+    flies: bool, tmp_path: Path
+) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     with subprocess.Popen([sys.executable, "-c", COORDINATOR, tmp_path], env=environment) as coordinator:
-        while not (missions := psutil.Process(coordinator.pid).children(recursive=True)[1:]):
-            time.sleep(0.05)
-        psutil.Process(coordinator.pid).children()[0].suspend()
+        below: list[psutil.Process] = []
+        while len(below) <= flies:
+            time.sleep(0.02)
+            below = psutil.Process(coordinator.pid).children(recursive=True)
+        below[0].suspend()
         coordinator.kill()
-    assert not psutil.wait_procs(missions, timeout=20.0)[1]
+    assert not psutil.wait_procs(below, timeout=120.0)[1]
 
 
 @pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
