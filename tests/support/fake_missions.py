@@ -100,7 +100,7 @@ def fake_mission(
         "observable": {"f_score_48mm": score, "accuracy_48mm": score - 0.5},
         "whole": {"completeness_48mm": score},
     }
-    result = well_flown(config, rock, replicate, metrics)
+    result = well_flown(config, rock, replicate, metrics, float(config.seed.total + config.adaptive_budget))
     if rock.startswith("blind"):  # two planned photographs, of which none registers
         record = IterationRecord(0, {}, 0.1, 100, 5, 0.0, "covis", "", {}, {}, "cand_000", False, "")
         result = dataclasses.replace(result, trace=[record, record])
