@@ -1,5 +1,8 @@
 """A set of photographs of a ball whose true surface is its reference: rendered, small, poses exact."""
 
+import shutil
+from dataclasses import replace
+
 import numpy as np
 import pycolmap
 import trimesh
@@ -78,3 +81,16 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
     )
     made.write(folder)
     return made
+
+
+def write_part_of_a_set() -> PhotographSet:
+    """The set ``mine``: six photographs over 200°, one without a pose, and what an import tells of them."""
+    made = write_set("mine", around(np.linspace(0.0, 200.0, 6), 0.0), rendered=False)
+    shutil.copy(made.folder / "images/p000.jpg", made.folder / "images/lost.jpg")
+    lost = Photograph("lost", "LOST.JPG", "9" * 64, None, False)
+    told = {"weak": ("azimuth 60° to 90°: hardly any points",), "notes": ("6 of 7 photographs registered",)}
+    part = replace(
+        made, photographs=(*made.photographs, lost), metres_per_unit=0.23, scale_source="length", **told
+    )
+    part.write(part.folder)
+    return part

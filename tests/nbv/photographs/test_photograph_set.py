@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_photograph_set import write_set
+from photographed_ball import write_part_of_a_set
 from PIL import Image
 
 from nbv.checksums import with_checksum
@@ -18,7 +18,7 @@ from nbv.photographs.photograph_set import REFERENCE_FILE, read_set
 @pytest.fixture
 def small_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
-    return write_set()
+    return write_part_of_a_set()
 
 
 def test_what_is_written_is_read_back(small_set: PhotographSet) -> None:
@@ -26,13 +26,13 @@ def test_what_is_written_is_read_back(small_set: PhotographSet) -> None:
     assert list_sets() == ["mine"]
     pose, expected = (s.photographs[0].camera_from_world for s in (found, small_set))
     assert np.array_equal(pose, expected)
-    assert np.allclose(found.photographs[0].camera_center_m, [3.5, 0, 1.3])
+    assert np.allclose(found.photographs[0].camera_center_m, [3.5, 0, 0.8])
 
     assert dataclasses.replace(found, photographs=()) == dataclasses.replace(small_set, photographs=())
     for read, written in zip(found.photographs, small_set.photographs, strict=True):
         assert dataclasses.replace(read, camera_from_world=written.camera_from_world) == written
     assert [p.name for p in found.photographs if not p.registered] == ["lost"]
-    assert found.true_height_m == pytest.approx(2.6 * 0.23)
+    assert found.true_height_m == pytest.approx(1.6 * 0.23)
 
 
 @pytest.mark.parametrize(
@@ -56,17 +56,17 @@ def test_a_damaged_description_is_one_line(small_set: PhotographSet, change: dic
 
 
 def test_pictures_are_checked(small_set: PhotographSet) -> None:
-    path = small_set.folder / "images" / "view_0.jpg"
-    pixels = np.full((48, 64, 3), 100, np.uint8)
+    path = small_set.folder / "images" / "p000.jpg"
+    pixels = np.full((360, 480, 3), 100, np.uint8)
     Image.fromarray(pixels).save(path)
-    assert np.abs(small_set.image("view_0").astype(int) - pixels).max() <= 2
-    assert small_set.mask("view_0") is None
+    assert np.abs(small_set.image("p000").astype(int) - pixels).max() <= 2
+    assert small_set.mask("p000") is None
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(UserError, match="damaged"):
-        small_set.image("view_0")
+        small_set.image("p000")
     Image.fromarray(pixels[:40]).save(path)
-    with pytest.raises(UserError, match="64 x 40"):
-        small_set.image("view_0")
+    with pytest.raises(UserError, match="480 x 40"):
+        small_set.image("p000")
 
 
 def test_the_reference_is_read_back_and_a_truncated_one_refused(small_set: PhotographSet) -> None:

@@ -2,7 +2,7 @@ import json
 from pathlib import Path
 
 import pytest
-from made_photograph_set import write_set
+from photographed_ball import write_part_of_a_set
 from typer.testing import CliRunner
 
 from tuner.cli import app
@@ -18,10 +18,10 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_sets_are_listed() -> None:
-    write_set()
+    write_part_of_a_set()
     listed = json.loads(run.invoke(app, ["photographs", "list", "--json"]).output)
     assert [(s["name"], s["registered"], s["photographs"]) for s in listed] == [("mine", 6, 7)]
-    assert listed[0]["height_m"] == pytest.approx(0.598)
+    assert listed[0]["height_m"] == pytest.approx(0.368)
     assert listed[0]["weak"][0].startswith("azimuth 60°")
 
 
@@ -36,13 +36,13 @@ def test_sets_are_listed() -> None:
     ],
 )
 def test_mistakes(gatetune, arguments: str, words: str) -> None:
-    write_set()
+    write_part_of_a_set()
     assert words in gatetune.refused("photographs", *arguments.split())
 
 
 def test_the_page_of_an_imported_set_says_what_there_is(home: Path) -> None:
-    page = write_import_report(write_set())
+    page = write_import_report(write_part_of_a_set())
     assert page == home / "photographs" / "mine" / "report.html"
     text = page.read_text()
-    said = ("6 of 7 photographs", "azimuth 200° and 0°", "LOST.JPG", "azimuth 60° to 90°", "0.598 m", "54.5")
+    said = ("6 of 7 photographs", "azimuth 200° and 0°", "LOST.JPG", "azimuth 60° to 90°", "0.368 m", "99.0")
     assert all(words in text for words in said) and text.count("<img") == 2
