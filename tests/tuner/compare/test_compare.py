@@ -10,7 +10,6 @@ from made_evaluations import made_trial
 from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
-from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve_fidelity import run_curve_mission
@@ -95,40 +94,6 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     assert missions[0].is_file() and before == {m: m.stat().st_mtime_ns for m in missions[1:]}
     with pytest.raises(UserError, match="holds another evaluation"):
         compare(*asked, "--strategy", "covis")
-
-
-PICKY = """
-import numpy as np
-from nbv.config import Weights
-from nbv.plugins import register
-from nbv.scorers import Scorer
-
-def picky(terms, pool, config):
-    return np.full(len(pool), np.nan) if config.target_m[2] < 1.1 else 1.0 - pool.positions_m[:, 2] / 4.0
-
-register("scorers", "picky", Scorer("picky", picky, weights=lambda config: Weights()))
-"""
-
-
-@pytest.mark.slow
-def test_a_planner_that_fails_on_one_target_is_a_failed_mission_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(plugins.registry, "_registered", {})
-    monkeypatch.setattr(plugins.registry, "_used", {})
-    (tmp_path / "picky_planner.py").write_text(PICKY)
-    asked = shlex.split("--strategy picky --strategy orbit --numbers 14,18 --targets 2 --score 90")
-    asked += ["--workers", 1, "--out", tmp_path / "run"]
-    planner = str(tmp_path / "picky_planner.py")
-    run = CliRunner().invoke(app, ["--plugin", planner, "compare", *map(str, asked)])
-    assert run.exit_code == 0, run.output
-    told = json.loads((tmp_path / "run/curves.json").read_text())
-    assert {(r["failed"], r["score_0"]) for r in told["standings"] if r["strategy"] == "picky"} == {(1, 1)}
-    (zero,) = (zero for zero in told["score_0"] if zero["strategy"] == "picky")
-    assert (zero["reason"], zero["missions"], zero["targets"]) == ("plugin_failed", 1, ["slab-20000"])
-    for shown in (run.output, html.unescape((tmp_path / "run/report.html").read_text())):
-        assert "picky on slab-20000: scorer 'picky'" in " ".join(shown.split())
-    rows = list(csv.DictReader((tmp_path / "run/targets.csv").open()))
-    last = {r["target"]: float(r["f_score_percent"]) for r in rows if r["strategy"] == "picky"}
-    assert [target for target, score in last.items() if score == 0.0] == ["slab-20000"], "no other scores 0"
 
 
 @pytest.mark.parametrize(
@@ -270,13 +235,21 @@ def test_levels_that_take_the_same_photographs_are_one_setting():
     assert found.photographs.tolist() == [[12, 12], [14, 12], [14, 14]]
 
 
-def test_what_has_no_model_yet_scores_0_and_is_said():
-    suite = Suite((Instance("slab"), Instance("boulder")), numbers=(12, 16, 20, 24))
+def test_what_failed_or_has_no_model_yet_scores_0_and_is_said(tmp_path):
+    suite = Suite((Instance("slab"), Instance("boulder"), Instance("arch")), numbers=(12, 16, 20, 24))
     first = {"slab": 12, "boulder": 22}
     trials = [ended(r, [[n, 90.0 + n / 10, 95.0] for n in range(k, 25)]) for r, k in first.items()]
+    trials.append(
+        made_trial("covis", "arch", 0, reason="plugin_failed", status="failed", message="no such map")
+    )
     (found,) = all_series(suite, ["covis"], trials)
-    assert found.scores.tolist() == [[91.2, 0.0], [91.6, 0.0], [92.0, 0.0], [92.4, 92.4]]
-    assert what_scores_0([found], suite.targets) == [Zero("covis", ("boulder",), photographs=(12.0, 20.0))]
+    assert found.scores.tolist() == [[91.2, 0.0, 0.0], [91.6, 0.0, 0.0], [92.0, 0.0, 0.0], [92.4, 92.4, 0.0]]
+    failed = Zero("covis", ("arch",), "plugin_failed", 1, "covis on arch: no such map")
+    lacking = Zero("covis", ("boulder",), photographs=(12.0, 20.0))
+    assert what_scores_0([found], suite.targets) == [failed, lacking]
+    document = write_curves(suite, [found], outcome(suite, [found], "covis"), tmp_path)
+    assert {(row["failed"], row["score_0"]) for row in document["standings"]} == {(1, 2), (1, 1)}
+    assert "covis on arch: no such map" in html.unescape((tmp_path / "report.html").read_text())
 
 
 def test_a_suite_is_named_by_all_its_settings():
