@@ -19,6 +19,8 @@ from tuner.problem.baselines import (
     tuned_configs,
 )
 from tuner.problem.space_files import load_search_space
+from tuner.report.answer import plan_words
+from tuner.report.figures import plan_figure
 
 BASE = preset("campaign")
 
@@ -46,6 +48,10 @@ def test_an_orbit_flies_the_whole_number() -> None:
     assert one.seed.upper_count == 0 and two.seed.upper_count == 10
     assert (two.seed.lowest_deg, two.seed.upper_deg, two.seed.radius_m) == (10.0, 35.0, 3.5)
     assert "orbit-26" in controls_at_equal_number({"tuned": tuned, **found})
+    assert plan_words(two) == "16 photographs at 10° and 10 at 35°"
+    above, beside = plan_figure(two).axes
+    assert len(above.lines[1].get_xdata()) == 26 and not len(above.lines[0].get_xdata()), "seeds, no pool"
+    assert len({round(up, 3) for up in beside.lines[1].get_ydata()}) == 2, "two rings, two heights"
 
 
 @pytest.mark.parametrize(("number", "shared_out"), [(8, (6, 2)), (20, (15, 5))])
