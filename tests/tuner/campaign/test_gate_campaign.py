@@ -1,10 +1,12 @@
-"""A campaign over the gate, to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
+"""A campaign over the gate, interrupted and to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
 
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -25,24 +27,34 @@ RUN = (
 )
 
 
-def gatetune(folder, *arguments, code=0):
+ENVIRONMENT = os.environ | {"COLUMNS": "80"}
+
+
+def gatetune(folder, *arguments):
+    command = [sys.executable, "-m", "tuner.cli", *arguments]
     ended = subprocess.run(
-        [sys.executable, "-m", "tuner.cli", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-        env=os.environ | {"COLUMNS": "80"},
+        command, cwd=folder, capture_output=True, text=True, timeout=300, check=False, env=ENVIRONMENT
     )
-    assert ended.returncode == code, ended.stdout + ended.stderr
+    assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout
 
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
+    """The folder of the campaign, which Ctrl-C ended first, and what its resume printed."""
     folder = tmp_path_factory.mktemp("gate")
-    return folder, gatetune(folder, *RUN.split())
+    command = [sys.executable, "-m", "tuner.cli", *RUN.split()]
+    first = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    while not (done := list(folder.glob("runs/gate/missions/*/mission.json"))) and first.poll() is None:
+        time.sleep(0.1)
+    first.send_signal(signal.SIGINT)
+    said, _ = first.communicate(timeout=60)
+    assert first.returncode == 130 and "gatetune campaign resume" in said, said
+    assert "of 20 missions" in gatetune(folder, "campaign", "status", "runs/gate")
+    kept = done[0].stat().st_mtime_ns
+    printed = gatetune(folder, "campaign", "resume", "runs/gate", "--workers", "1")
+    assert done[0].stat().st_mtime_ns == kept, "not run again"
+    return folder, printed
 
 
 def test_trials_that_repeat_photographs_use_no_budget(ended):

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 import tuner.missions.executors as executors
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, preset
 from tuner.missions.executors import Executor, LocalProcessExecutor
 from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial, load_trial
 from tuner.missions.long_runs import Stop
@@ -83,6 +83,15 @@ def test_nothing_outlives_a_killed_coordinator_though_its_server_was_stopped(
 def test_what_the_machine_ended_is_flown_again(tmp_path: Path, accident: str) -> None:
     with LocalProcessExecutor(1, 2.0, preload=("fake",)) as executor:
         assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].record.status == "ok"
+
+
+@pytest.mark.slow
+def test_a_mission_with_rendered_photographs_runs_on_a_worker(tmp_path: Path) -> None:
+    small = {"seed.count": 16, "stop.adaptive_budget": 2, "dense.agreeing_views": 3}
+    config = preset("campaign").with_values({**small, "evaluation.gt_samples": 10_000})
+    with LocalProcessExecutor() as executor:
+        ended = run_jobs(executor, [MissionJob("0", config, "boulder", 0, tmp_path / "0")])
+    assert ended["0"].record.status == "ok", ended["0"].record.message
 
 
 def test_a_full_disk_for_result_and_log_is_the_machine_s(
