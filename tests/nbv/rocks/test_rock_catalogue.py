@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from textured_ball import PICTURE, write_ball
 
 from nbv.cache import Store
 from nbv.errors import UserError
@@ -51,15 +52,11 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
 
 def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypatch):
     monkeypatch.setattr(importer, "MAX_EDGE_M", 0.2)
-    path, picture = tmp_path / "lump.obj", tmp_path / "skin.png"
-    body = trimesh.creation.icosphere(subdivisions=1)
-    body.visual = trimesh.visual.TextureVisuals(uv=body.vertices[:, :2] % 1.0)
-    uv = "".join(f"vt {u:.4f} {v:.4f}\n" for u, v in body.visual.uv)
-    points = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in body.vertices)
-    faces = "".join("f " + " ".join(f"{i + 1}/{i + 1}" for i in face) + "\n" for face in body.faces)
-    path.write_text(f"mtllib skin.mtl\n{points}{uv}usemtl skin\n{faces}")
-    (tmp_path / "skin.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (16, 16, 3), np.uint8)).save(picture)
+    skins = [
+        Image.fromarray(np.random.default_rng(seed).integers(0, 255, (16, 16, 3), np.uint8))
+        for seed in (0, 1)
+    ]
+    path, picture = write_ball(tmp_path, skins[0]), tmp_path / PICTURE
     first = load_rock(str(path), Store())
     LOADED.clear()
     with monkeypatch.context() as patch:
@@ -69,7 +66,7 @@ def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypa
     for name in ("vertices_m", "faces", "albedo"):
         np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
         assert not getattr(again, name).flags.writeable
-    Image.fromarray(np.random.default_rng(1).integers(0, 255, (16, 16, 3), np.uint8)).save(picture)
+    skins[1].save(picture)
     LOADED.clear()
     assert load_rock(str(path), Store()).sha256 != first.sha256
     picture.unlink()

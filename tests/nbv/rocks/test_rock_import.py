@@ -1,39 +1,16 @@
 """Importing meshes: colours land where they belong, and bad files are told apart in one line."""
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from textured_ball import PICTURE, write_ball
 
 from nbv.errors import UserError
 from nbv.rocks import describe, import_mesh
-
-
-def write_box_obj(folder: Path) -> Path:
-    """A 1 x 1 x 1 box, each face of which shows the lower left quarter of ``box.png``."""
-    (folder / "box.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd box.png\n")
-    lines, k = ["mtllib box.mtl", "usemtl skin"], 1
-    for corners in (
-        [(1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1)],
-        [(1, 1, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1)],
-        [(0, 1, 0), (0, 0, 0), (0, 0, 1), (0, 1, 1)],  # west
-        [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)],
-        [(0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
-        [(0, 1, 0), (1, 1, 0), (1, 0, 0), (0, 0, 0)],
-    ):
-        for (x, y, z), uv in zip(corners, ("0 0", "0.5 0", "0.5 0.5", "0 0.5")):
-            lines += [f"v {x} {y} {z}", f"vt {uv}"]
-        a, b, c, d = (f"{k + i}/{k + i}" for i in range(4))
-        lines += [f"f {a} {b} {c}", f"f {a} {c} {d}"]
-        k += 4
-    path = folder / "box.obj"
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
 
 SMALL_M = 0.4  # a quarter of the usual height has a sixteenth of the faces
 
@@ -43,37 +20,16 @@ def small(path: Path, **options):
 
 
 def test_texture_is_not_mirrored_and_is_linear(tmp_path):
-    """A horizontal and a vertical ramp on a wall are found again, as linear values."""
+    """A horizontal and a vertical ramp are found again, as linear values."""
     y, x = np.mgrid[:256, :256]
-    image = np.stack([x, 255 - y, np.full_like(x, 128)], axis=-1).astype(np.uint8)
-    Image.fromarray(image).save(tmp_path / "box.png")
-    rock = small(write_box_obj(tmp_path))
-    facts = describe(rock)
-    assert facts["boundary_edges"] == 0  # the 24 vertices became 8
-    assert facts["mean_edge_m"] < 0.006 * 1.2
-
-    def linear(v):
-        return ((v + 0.055) / 1.055) ** 2.4 if v > 0.04045 else v / 12.92
-
-    # The west wall shows u and v from 0 to 0.5; seen from outside, u grows towards the south.
-    for along, up in ((0.25, 0.25), (0.7, 0.4), (0.5, 0.9)):
-        point = np.multiply(SMALL_M, (-0.5, 0.5 - along, up))
-        nearest = np.argmin(np.linalg.norm(rock.vertices_m - point, axis=1))
-        expected = [linear(0.5 * along), linear(0.5 * up), linear(128 / 255)]
-        np.testing.assert_allclose(rock.albedo[nearest], expected, atol=0.01)
-
-
-def test_glb_is_turned_upright_and_its_scene_graph_is_applied(tmp_path):
-    box = trimesh.creation.box(extents=(1, 2, 1))  # 2 along the file's y axis, glTF's up
-    scene = trimesh.Scene()
-    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([5, 7, 9]))
-    scene.export(tmp_path / "Tall Rock.glb")
-    rock = small(tmp_path / "Tall Rock.glb")
-    assert rock.name == "tall-rock"
-    assert describe(rock)["extents_m"] == pytest.approx((0.2, 0.2, 0.4), abs=1e-6)
-    assert rock.vertices_m.min(0)[2] == 0 and any("y axis is up" in note for note in rock.notes)
-    flat = small(tmp_path / "Tall Rock.glb", up="z")
-    assert describe(flat)["extents_m"] == pytest.approx((0.4, 0.8, 0.4), abs=1e-5)
+    ramps = np.stack([x, 255 - y, np.full_like(x, 128)], axis=-1).astype(np.uint8)
+    rock = small(write_ball(tmp_path, Image.fromarray(ramps)))
+    assert describe(rock)["boundary_edges"] == 0
+    assert np.linalg.norm(np.diff(rock.vertices_m[rock.faces], axis=1), axis=2).max() <= 0.009
+    u, v = (rock.vertices_m[:, 1:] / SMALL_M + (0.5, 0.0)).T
+    expected = np.column_stack([u, v, np.full_like(u, 128 / 255)])
+    expected = np.where(expected > 0.04045, ((expected + 0.055) / 1.055) ** 2.4, expected / 12.92)
+    np.testing.assert_allclose(rock.albedo, expected, atol=0.01)
 
 
 @pytest.mark.parametrize("up", ["x", "-y", "-z"])
@@ -86,8 +42,9 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     ring = np.zeros((4, 3))
     ring[:, others] = [[1, 0.2], [0, 1], [-1, 0], [0, -1]]
     hull = trimesh.convex.convex_hull(np.vstack([ring, tip * 2]))
-    hull.export(tmp_path / "cone.stl")
-    rock = small(tmp_path / "cone.stl", up=up, name="cone")
+    hull.export(tmp_path / "A Cone.stl")
+    rock = small(tmp_path / "A Cone.stl", up=up)
+    assert rock.name == "a-cone"
     top = rock.vertices_m[np.argmax(rock.vertices_m[:, 2])]
     assert top[2] == pytest.approx(SMALL_M)
     assert np.isclose(rock.vertices_m[:, 2], 0).sum() > 50  # the ring is the base
@@ -112,7 +69,8 @@ def test_inside_out_and_mixed_winding_are_mended(tmp_path):
 BAD_FILES = {
     "missing.obj": (None, "no mesh file"),
     "empty.obj": ("", "is empty"),
-    "rock.xyzzy": ("hello", "is not of a format that is read"),
+    "rock.zip": ("PK\5\6" + "\0" * 18, "is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL"),
+    "rock.ply.gz": ("ply", "is packed"),
     "comment.obj": ("# nothing here\n", "holds no faces|cannot be read"),
     "points.ply": (trimesh.PointCloud(np.eye(3)), "holds no faces"),
     "nan.obj": ("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n", "not finite"),
@@ -157,17 +115,8 @@ def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None
             import_mesh(path)
 
 
-@pytest.mark.parametrize("name", ["rock.zip", "rock.ply.gz"])
-def test_what_is_packed_is_refused(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("rock.ply", bytes(2**20))
-    with pytest.raises(UserError, match="is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL"):
-        import_mesh(path)
-
-
 def test_a_texture_of_very_many_pixels_is_not_unpacked(tmp_path: Path) -> None:
-    path = write_box_obj(tmp_path)
-    Image.new("1", (13_000, 13_000)).save(tmp_path / "box.png")
+    path = write_ball(tmp_path, Image.new("1", (1, 1)))
+    Image.new("1", (13_000, 13_000)).save(tmp_path / PICTURE)
     with pytest.raises(UserError, match=r"pixels is 1.69e\+08; the limit is 1e\+08"):
         import_mesh(path)
