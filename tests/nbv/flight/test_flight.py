@@ -108,7 +108,7 @@ def test_no_leg_goes_nearer_to_the_axis_than_the_keep_out_or_its_ends(start: Pos
 )
 def test_a_home_in_the_rock_or_its_keep_out_is_refused(values, says) -> None:
     with pytest.raises(UserError, match=says):
-        run_geometric_mission(preset("campaign").with_values(values), "slab")
+        run_geometric_mission(preset("campaign").with_values(values), "slab-3")
 
 
 @pytest.mark.parametrize("home", [(0, 8, 0), (0, -8, 0), (1.31, 0, 0), (-2, 1.5, 0.5), (0.2, 0.1, 2.5)])

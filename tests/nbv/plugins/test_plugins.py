@@ -91,7 +91,7 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
     config = short(**{"gate.kind": "mine-low", "mine_low.alpha": 0.7})
     assert config.mine_low.alpha == 0.7 and config_from_dict(config.to_dict()) == config
     assert parameter("mine_low.alpha").meaning == "how low"
-    mission = run_geometric_mission(config, "slab")
+    mission = run_geometric_mission(config, "slab-3")
     assert {capture.scorer for capture in mission.trace} == {"mine-low"}
     facts = mission.provenance["plugins"]["scorers/mine-low"]
     assert (facts["distribution"], facts["version"]) == ("mine-dist", "1.2")
@@ -171,7 +171,7 @@ def test_a_scorer_that_fails_is_a_failed_mission(package, term, said):
 
 
 def flown(kind, **more):
-    return run_geometric_mission(short(**{"gate.kind": kind}), "slab", **more)
+    return run_geometric_mission(short(**{"gate.kind": kind}), "slab-3", **more)
 
 
 def register_gate(name, decide):
@@ -253,7 +253,7 @@ from nbv.plugins import register
 
 register("scorers", "mine-low", LOW)
 config = preset("campaign").with_values({"gate.kind": "mine-low", "stop.adaptive_budget": 2})
-mission = run_geometric_mission(config, "slab")
+mission = run_geometric_mission(config, "slab-3")
 print(mission.status, *mission.provenance["plugins"], config.digest())
 """
     )
@@ -317,7 +317,7 @@ def test_a_gate_that_is_none_or_cannot_be_made_is_said(package, tmp_path):
     unbuilt = {"__init__": raises(OSError("no such map")), "decide": moving}
     plugins.register("gates", "unbuilt", type("Unbuilt", (Gate,), unbuilt))
     config = short(**{"gate.kind": "unbuilt"})
-    run_job(MissionJob("a", config, "slab", 0, tmp_path / "a", fidelity="geometric").to_dict())
+    run_job(MissionJob("a", config, "slab-3", 0, tmp_path / "a", fidelity="geometric").to_dict())
     failed = MissionResult.load(tmp_path / "a")
     assert failed.reason == "plugin_failed" and "raised OSError: no such map (" in failed.message
 
@@ -358,7 +358,7 @@ def test_a_planner_tells_rocks_apart_without_knowing_which_they_are(package):
     """What it is given of a rock, and what it draws, is a hash by a key of this machine's: no catalogue leads to it."""
     plugins.register("gates", "reaching", Reaching)
     config, given = short(**{"gate.kind": "reaching"}), {}
-    for rock in ("slab", "fin"):
+    for rock in ("slab-3", "cleft-3"):
         sha256 = load_coarse_rock(rock, Store()).sha256
         gates = [make_gate(config, sha256, replicate) for replicate in (0, 1)]
         (given[rock],) = {gate.rock_sha256 for gate in gates}
@@ -368,7 +368,7 @@ def test_a_planner_tells_rocks_apart_without_knowing_which_they_are(package):
         assert given[rock] not in public
         state = SimpleNamespace(iteration=0)
         assert gates[0].rng(state).random() != keyed_rng("reaching", sha256, 0, 0).random()
-    assert given["slab"] != given["fin"]
+    assert given["slab-3"] != given["cleft-3"]
     assert (home() / "machine.key").stat().st_mode & 0o777 == 0o600
 
 

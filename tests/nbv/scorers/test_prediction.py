@@ -97,7 +97,7 @@ def run_mission(**values):
             **values,
         }
     )
-    return run_geometric_mission(config, "slab", 0)
+    return run_geometric_mission(config, "slab-3", 0)
 
 
 @pytest.mark.slow
