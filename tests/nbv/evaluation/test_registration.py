@@ -12,7 +12,6 @@ from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.evaluation import evaluate_cloud, ground_truth
 from nbv.evaluation.floor import rock_floors
-from nbv.evaluation.registration import register_cloud
 from nbv.geometry.frames import Similarity
 from nbv.rocks import Rock
 from nbv.rocks.rock import make_rock
@@ -34,16 +33,6 @@ def rock() -> Rock:
     vertices[:, 2] -= vertices[:, 2].min()
     albedo = np.full((len(vertices), 3), 0.2, np.float32)
     return make_rock("bumpy", vertices, np.asarray(mesh.faces), albedo, split="extra", difficulty="round")
-
-
-@pytest.mark.slow
-def test_a_known_offset_is_found(rock: Rock) -> None:
-    surface = trimesh.Trimesh(rock.vertices_m, rock.faces)
-    upper = (points := surface.sample(20_000, seed=1))[points[:, 2] > 0.4]
-    turn = Rotation.from_euler("xyz", [3.0, -1.5, 3.0], degrees=True).as_matrix()
-    cloud = Similarity(1.02, turn, np.array([0.3, -0.2, 0.1])).apply(upper)
-    error_m = register_cloud(cloud, surface.sample(20_000, seed=2)).apply(cloud) - upper
-    assert np.sqrt((error_m**2).sum(axis=1).mean()) < 0.004
 
 
 def dense_cloud(rock: Rock) -> np.ndarray:

@@ -46,19 +46,6 @@ def test_sees_the_cap_that_faces_it() -> None:
     np.testing.assert_array_equal(visible[clear], (cosine > np.cos(np.deg2rad(75.0)))[clear])
 
 
-def test_a_wall_in_between_hides() -> None:
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS)
-    wall = trimesh.creation.box(extents=(0.02, 4.0, 4.0))
-    both = trimesh.util.concatenate(
-        [ball.apply_translation([0, 0, 0.8]), wall.apply_translation([1.5, 0, 0.8])]
-    )
-    o = GroundTruthOracle(both.vertices, both.faces, config("matchable"))
-    on_ball = np.linalg.norm(o.samples_m - [0, 0, 0.8], axis=1) < 0.82
-    assert on_ball.sum() > 500
-    assert not o.visible(np.array([3.5, 0.0, 0.8]))[on_ball].any()
-    assert o.visible(np.array([-3.5, 0.0, 0.8]))[on_ball].any()
-
-
 def test_reconstruction_coverage_is_a_distance() -> None:
     o = oracle("reconstruction")
     s = state(points=np.array([o.samples_m[0] * [1, 1, 1], [5.0, 5.0, 0.0]]))

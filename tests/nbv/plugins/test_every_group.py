@@ -35,13 +35,6 @@ def installed(tmp_path, monkeypatch):
     sys.modules.pop("every_part_module", None)
 
 
-def test_every_group_is_listed(installed):
-    found = {group: list(plugins.plugins(group)) for group in plugins.GROUPS}
-    for group, (name, _) in every_part.PLACES.items():
-        assert name in found[group]
-        assert plugins.plugins(group)[name].loaded is not None
-
-
 @pytest.mark.slow
 def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_family(installed, tmp_path):
     config = preset("campaign").with_values(

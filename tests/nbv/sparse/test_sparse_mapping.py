@@ -77,21 +77,6 @@ def test_same_bits_in_another_process(reconstructed):
     assert out.stdout.split()[-1] == hashlib.sha256(fingerprint(reports[-1].model)).hexdigest()
 
 
-def test_a_kept_seed_model_continues_bit_for_bit(reconstructed):
-    _, reports = reconstructed
-    world = LabelledPoints(SEEDS + LATER)
-    first = reconstructor(world)
-    first.bootstrap(SEEDS)
-    kept = first.seed_files()
-    second = reconstructor(world)
-    loaded = second.bootstrap_from(SEEDS, kept)
-    assert fingerprint(loaded.model) == fingerprint(reports[0].model)
-    for capture, direct in zip(LATER, reports[1:]):
-        assert fingerprint(second.add(capture).model) == fingerprint(direct.model)
-    # Keeping the seed model has not changed what its own reconstructor does next either.
-    assert fingerprint(first.add(LATER[0]).model) == fingerprint(reports[1].model)
-
-
 def test_less_adjustment_between_captures_ends_in_the_same_place():
     """What preset `paper` does: few photographs, iterations and pairs in a local adjustment, a global one at the end."""
     world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
