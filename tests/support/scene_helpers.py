@@ -68,9 +68,7 @@ def flagged(scene: Scene) -> Scene:
     return replace(scene, vertex_radiance=colours, ground_levels=levels, sky_radiance=0.0)
 
 
-def rock_in_picture(scene: Scene, pose: np.ndarray, backend: str = "raycast") -> NDArray[np.bool_]:
+def rock_in_picture(scene: Scene, pose: np.ndarray) -> NDArray[np.bool_]:
     """(H, W) pixels at least half of which the rock fills."""
-    renderer = make_renderer(flagged(scene), backend)
-    red, green, _ = np.moveaxis(renderer.rgb(pose).astype(int), 2, 0)
-    renderer.close()
+    red, green, _ = np.moveaxis(make_renderer(flagged(scene), "raycast").rgb(pose).astype(int), 2, 0)
     return (red > 187) & (green < 188) & (red - green > 40)  # the ground is hardly tinted

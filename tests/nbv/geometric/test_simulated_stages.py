@@ -68,34 +68,22 @@ def test_partners_and_source_views_are_those_of_the_dense_stage(seed, n):
         assert {f"{j:02d}" for j in np.flatnonzero(sources[i])} == set(expected)
 
 
-def random_views(seed, n_views, n_landmarks):
-    rng = np.random.default_rng(seed)
-    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (n_views, n_landmarks, 3))
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    return directions, rng.random((n_views, n_landmarks)) < 0.7, np.cos(rng.uniform(0.2, 1.2, n_landmarks))
-
-
-def add(tracks, directions, detected):
-    return tracks.add(np.flatnonzero(detected), directions[detected])
-
-
-def grouped(tracks, min_views, names):
-    landmark, offsets, views = tracks.points(min_views)
-    found = [
-        (int(point), frozenset(names[v] for v in views[a:b]))
-        for point, a, b in zip(landmark, offsets[:-1], offsets[1:])
-    ]
-    assert len(found) == len(set(found))
-    return set(found)
-
-
 @settings(max_examples=40)
 @given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 12))
 def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmarks):
-    directions, detected, limit = random_views(seed, n_views, n_landmarks)
+    rng = np.random.default_rng(seed)
+    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (n_views, n_landmarks, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    detected = rng.random((n_views, n_landmarks)) < 0.7
+    limit = np.cos(rng.uniform(0.2, 1.2, n_landmarks))
     tracks = Tracks(limit, n_views)
-    for v in range(n_views):
-        add(tracks, directions[v], detected[v])
+    for view in range(n_views):
+        tracks.add(np.flatnonzero(detected[view]), directions[view, detected[view]])
+    landmarks, offsets, of_views = tracks.points(2)
+    found = [
+        (landmark, frozenset(of_views[a:b].tolist()))
+        for landmark, a, b in zip(landmarks.tolist(), offsets[:-1], offsets[1:])
+    ]
     expected = set()
     for landmark in range(n_landmarks):
         views = np.flatnonzero(detected[:, landmark])
@@ -104,4 +92,4 @@ def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmar
         _, label = connected_components(coo_matrix(linked), directed=False)
         groups = [views[label == g] for g in np.unique(label)]
         expected |= {(landmark, frozenset(g.tolist())) for g in groups if len(g) >= 2}
-    assert grouped(tracks, 2, range(n_views)) == expected
+    assert len(found) == len(expected) and set(found) == expected

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from scene_helpers import around
 from scipy.ndimage import gaussian_filter
 from sparse_world import TARGET
 
@@ -43,18 +44,12 @@ CONFIG = SparseConfig(first_octave=0, ground_features=2000)
 TEXTURE_PX_M = 0.01
 
 
-def photograph(bearing_deg: float, sky: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def photograph(bearing_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """A textured plane z = 0 from a ring at 20 degrees, and the pose."""
     noise = np.random.default_rng(3).standard_normal((1000, 1000))
     grey = gaussian_filter(noise, 2.0) + gaussian_filter(noise, 6.0) * 2
     texture = np.clip(128 + 40 * grey / grey.std(), 0, 255).astype(np.uint8)
-    bearing, elevation = np.deg2rad([bearing_deg, 20.0])
-    offset = [
-        np.cos(elevation) * np.sin(bearing),
-        np.cos(elevation) * np.cos(bearing),
-        3.0 if sky else np.sin(elevation),
-    ]
-    pose = look_at(TARGET + 4.0 * np.array(offset), TARGET)
+    pose = look_at(around(90.0 - bearing_deg, 20.0, 4.0), TARGET)
     intrinsic = np.array([[CAMERA.focal_px, 0, 320 - 0.5], [0, CAMERA.focal_px, 240 - 0.5], [0, 0, 1]])
     ground = np.array(
         [[TEXTURE_PX_M, 0, -5.0], [0, TEXTURE_PX_M, -5.0], [0, 0, 1]]
