@@ -96,10 +96,10 @@ def vehicle_files(exported: Exported, onto: Mapping[str, Path] | None = None) ->
     Raises `UserError`: a file of ``onto`` cannot be read.
     """
     config, conditions = exported.config, exported.campaign.settings.conditions
-    if isinstance(config, ExternalConfig):
-        lines = [to_yaml(dict(config.values))]
-    else:
+    if isinstance(config, MissionConfig):
         lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
+    else:
+        lines = [to_yaml(_flat(config))]
     changed = tuple(exported.values)
     own = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
     if not isinstance(config, MissionConfig):
