@@ -1,6 +1,8 @@
 """A campaign over a mission file, from the command line: everything that a campaign over our own missions has."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 import yaml
@@ -79,21 +81,17 @@ def fly(request):
 
 
 @pytest.mark.parametrize(
-    ("instances", "objective", "budget"),
-    [
-        (["one"], "quality@costs.shots<=20", 12),
-        (["one", "fourth"], "quality@costs.shots<=20", 12),
-        (["one"], "costs.shots@quality>=3", 12),
-    ],
+    ("instances", "objective"),
+    [(["one"], "quality@costs.shots<=20"), (["one", "fourth"], "costs.shots@quality>=3")],
 )
-def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective, budget):
-    """The search goes for the least violation, the least seen is recommended, and its export needs an option."""
+def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective):
+    """The search goes for the least violation, the least seen is recommended, said not to do, and its export needs an option."""
     (tmp_path / "shots.py").write_text(SHOTS)
     x = {"kind": "float", "low": 0, "high": 1, "default": 0.9}
     file = {"name": "shots", "function": "shots:fly", "parameters": {"x": x}, "instances": instances}
     file |= {"metric": "quality", "direction": "maximise", "replicates": 2}
     (tmp_path / "shots.yaml").write_text(yaml.safe_dump(file))
-    asked = {"mission": str(tmp_path / "shots.yaml"), "budget": budget, "initial": 4, "objective": objective}
+    asked = {"mission": str(tmp_path / "shots.yaml"), "budget": 12, "initial": 4, "objective": objective}
     campaign = begin_campaign(tmp_path / "runs/shots", settings_from_dict({"name": "shots", **asked}, "test"))
     run_campaign(campaign, InProcessExecutor())
     found, trials = campaign.recommendation(), [t for t in campaign.trials() if t.state == "complete"]
@@ -111,17 +109,39 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective, bu
     assert not (run / "gatetune.yaml").exists()
     gatetune.ok("export", run, "--to", "gatetune.yaml", "--anyway")
     assert (run / "gatetune.yaml").is_file()
+    asked = ("confirm", run, "--mission", "shots.yaml", "--replicates", 1, "--workers", 1, "--json")
+    tree = json.loads(gatetune.ok(*asked))
+    (kept,) = (verdict for verdict in tree["verdicts"] if "Constraint" in verdict["text"])
+    assert kept["kind"] == "not kept" and "comes nearest to it" in tree["notes"][-1]
 
 
-@pytest.mark.parametrize("where", [".", "../toy"])
-def test_commands_inside_a_run_directory(gatetune, toy, monkeypatch, where):
+def test_commands_inside_a_run_directory_say_that_less_of_what_is_minimised_is_better(
+    gatetune, toy, monkeypatch
+):
+    """And nothing of rocks, which other missions have."""
+    (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, "instances": ["bb"], "replicates": 1}))
     begun(toy, 4)
     monkeypatch.chdir(toy / "runs/toy")
-    for command in ("evaluate", "campaign resume", "confirm"):
-        gatetune.ok(*command.split(), where, "--mission", toy / "toy.yaml", "--workers", 1)
-        assert (toy / "runs/toy/report.html").is_file()
+    named = ("--mission", toy / "toy.yaml", "--workers", 1)
+    gatetune.ok("campaign", "resume", "../toy", *named)
+    for command, where in (("evaluate", "."), ("confirm", "../toy")):
+        asked = (command, where, *named, "--replicates", 1)
+        out, tree = gatetune.ok(*asked), json.loads(gatetune.ok(*asked, "--json"))
+        verdict = tree["verdicts"][0]["text"]
+        gain = -tree["summary"]["rows"][0]["differences"]["tuned"]["mean"]
+        assert gain > 0 and f"a gain of {gain:.1f}" in verdict and verdict in out
+        page = Path(tree["report"]).read_text()
+        assert verdict in page
+        assert not re.findall(".*(?:rock|photograph|dense cloud).*", out + words_of(page))
     for command in ("mission view", "campaign status", "export"):
-        gatetune.ok(*command.split(), where)
+        gatetune.ok(*command.split(), ".")
+    page = (toy / "runs/toy/report.html").read_text()
+    assert 'id="next-command">gatetune ' in page and "rock" not in words_of(page)
+
+
+def words_of(page):
+    """Without scripts, styles, tags and downloads."""
+    return re.sub(r"(?s)<script.*?</script>|<style.*?</style>|<pre.*?</pre>|<[^>]*>", "", page)
 
 
 def test_paths_in_a_settings_file_are_taken_from_its_folder(toy):
