@@ -32,7 +32,7 @@ class _MeasuredReconstructor(GeometricReconstructor):
 class CurveFidelity(GeometricFidelity):
     """``metrics["curve"]`` has, for each number of photographs, that number, the F-score and its prediction, in percent.
 
-    A mission that plans nothing has the end alone.
+    A mission that plans nothing has the end alone, and predicts nothing.
     """
 
     name = "curve"
@@ -48,20 +48,15 @@ class CurveFidelity(GeometricFidelity):
 
     def note(self, report: UpdateReport, photographs: int) -> UpdateReport:
         """Measure what the photographs so far make of the target."""
-        if self.context.config.adaptive_budget > 0:
-            scores = predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
+        config, predicted = self.context.config, 0.0
+        if config.adaptive_budget > 0:
             predicted = predict(report.model, self.vehicle_config).f_score_percent
-            self.curve.append((photographs, scores["observable"]["f_score_48mm"], predicted))
-        else:
-            self.curve.append((photographs, 0.0, 0.0))
+        scores = predicted_metrics(self._world, self.reconstructor.predicted(), config)
+        self.curve.append((photographs, scores["observable"]["f_score_48mm"], predicted))
         return report
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
-        metrics = super().measure(cloud)
-        if self.context.config.adaptive_budget == 0:
-            self.curve = [(self.curve[-1][0], metrics["observable"]["f_score_48mm"], 0.0)]
-        metrics["curve"] = [list(step) for step in self.curve]
-        return metrics
+        return {**super().measure(cloud), "curve": [list(step) for step in self.curve]}
 
 
 # A `nbv.mission.MissionFunction`.
