@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
+from nbv.geometry.frames import directions_from
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
@@ -114,10 +115,6 @@ class GroundTruthOracle:
             covered |= self.visible(position)
         return Coverage(covered, visited)
 
-    def _directions(self, position_m: Floats, samples: NDArray[np.integer] | slice) -> Floats:
-        delta = position_m - self.samples_m[samples]
-        return delta / np.linalg.norm(delta, axis=1, keepdims=True)
-
     def _pairs(
         self, position_m: Floats, rows: NDArray[np.integer], others_m: Floats, partners: NDArray[np.int16]
     ) -> Bools:
@@ -125,11 +122,12 @@ class GroundTruthOracle:
 
         ``partners`` (V, R) says which of them the others see.
         """
-        mine = self._directions(position_m, rows)
+        mine = directions_from(self.samples_m[rows], position_m)
         pairs = np.zeros(partners.shape, dtype=bool)
         for v, other in enumerate(others_m):
             both = np.flatnonzero(partners[v] >= 0)
-            cosine = np.einsum("ij,ij->i", mine[both], self._directions(other, rows[both]))
+            theirs = directions_from(self.samples_m[rows[both]], other)
+            cosine = np.einsum("ij,ij->i", mine[both], theirs)
             pairs[v, both] = usable_cosines(cosine, self.config.dense)
         return pairs
 

@@ -18,8 +18,9 @@ from nbv.evaluation.metric import (
 )
 from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld, resolution, resolved
-from nbv.geometry.frames import angles_deg
+from nbv.geometry.frames import angles_deg, directions_from
 from nbv.geometry.stereo_chance import depth_probability, reconstruction_probability
+from nbv.geometry.visibility import incidences_deg
 from nbv.types import Bools, Floats, Floats32, Ints
 
 CHANCES_IN_REACH = 2.0
@@ -74,15 +75,9 @@ def _angles(
     world: GeometricWorld, camera_centers_m: Floats, config: MissionConfig
 ) -> tuple[Floats, Floats32]:
     """(V, 3) unit vectors from the target to the cameras, and (V, S) incidences in degrees."""
-    points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
-    directions = camera_centers_m - np.array(config.target_m)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    centers = camera_centers_m.astype(np.float32)  # rounding of micrometres decides nothing here
-    # Incidence: (c - p) . n / |c - p| for all views and samples.
-    cosine = centers @ normals.T - np.einsum("ij,ij->i", points, normals)
-    squared = (centers**2).sum(axis=1)[:, None] + (points**2).sum(axis=1) - 2.0 * centers @ points.T
-    cosine /= np.sqrt(squared)
-    return directions, np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    places = (world.samples_m, world.sample_normals, camera_centers_m)
+    incidence = incidences_deg(*(place.astype(np.float32) for place in places))  # micrometres decide nothing
+    return directions_from(config.target_m, camera_centers_m), incidence
 
 
 def predicted_metrics(world: GeometricWorld, probability: Floats, config: MissionConfig) -> dict[str, Any]:

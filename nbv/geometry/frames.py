@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nbv.config import CameraConfig
-from nbv.types import Floats
+from nbv.types import Floats, Point
 
 
 def intrinsic_matrix(camera: CameraConfig) -> Floats:
@@ -53,6 +53,12 @@ def camera_centers_m(camera_from_world: Floats) -> Floats:
     if camera_from_world.ndim == 2:
         return -rotation.T @ translation  # its last bits are not einsum's, and earlier missions have them
     return -np.einsum("...ji,...j->...i", rotation, translation)
+
+
+def directions_from(origins_m: Floats | Point, places_m: Floats) -> Floats:
+    """(..., 3) unit vectors from one place, or from one each, to places (..., 3)."""
+    delta = places_m - origins_m
+    return delta / np.linalg.norm(delta, axis=-1, keepdims=True)
 
 
 def angle_deg(a: Floats, b: Floats) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from nbv.geometry.frames import directions_from
 from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
 from nbv.random_streams import keyed_rng
@@ -85,8 +86,7 @@ def _as_deep_as_wide(places_m: Floats, center_m: Floats, cameras_m: Floats) -> F
 
     ``places_m`` (K, 2) are its points, ``center_m`` (2,) the middle of their box, kept where cameras (C, 2) are all round.
     """
-    sight = cameras_m - center_m
-    toward = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).mean(axis=0)
+    toward = directions_from(center_m, cameras_m).mean(axis=0)
     one_sided = float(np.linalg.norm(toward))
     if one_sided < ONE_SIDED:
         return center_m

@@ -7,11 +7,15 @@ image counts, as in the paper: inside the image of an exact zero-roll camera aim
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
+from nbv.geometry.frames import directions_from
 from nbv.geometry.raycasting import RayCaster, rays_of
-from nbv.types import Bools, Floats
+from nbv.types import Bools, Floats, Floats32
 
 SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
 # How slanted a surface may be seen: the largest angle between its normal and the line of sight, one for each question.
@@ -47,13 +51,21 @@ def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: 
 
 def camera_axes(positions_m: Floats, target_m: Floats) -> tuple[Floats, Floats, Floats]:
     """(C, 3) each: right, down and forward of `nbv.geometry.frames.look_at` for every position at once."""
-    forward = target_m - positions_m
-    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
+    forward = directions_from(positions_m, target_m)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     straight = np.linalg.norm(right, axis=1) < 1e-9  # up or down: the image's up is north
     right[straight] = np.cross(forward[straight], (0.0, 1.0, 0.0))
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     return right, np.cross(forward, right), forward
+
+
+def incidences_deg(points_m: NDArray[Any], normals: NDArray[Any], cameras_m: NDArray[Any]) -> Floats32:
+    """(V, P) angles between the normals (P, 3) of places (P, 3) and the lines of sight from these to cameras (V, 3)."""
+    # (c - p) . n / |c - p| by products of matrices: several times as fast as difference by difference.
+    cosine = cameras_m @ normals.T - np.einsum("ij,ij->i", points_m, normals)
+    squared = (cameras_m**2).sum(axis=1)[:, None] + (points_m**2).sum(axis=1) - 2.0 * cameras_m @ points_m.T
+    cosine = (cosine / np.sqrt(squared)).astype(np.float32)
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def seen_from(

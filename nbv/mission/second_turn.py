@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.geometry.frames import angles_deg
+from nbv.geometry.frames import angles_deg, directions_from
 from nbv.types import Capture, Floats, SparseModel, Viewpoint
 
 _LEAST_ADVANCE_DEG = 4.0  # nearer than that a registered photograph is no help, or it is there already
@@ -30,6 +30,4 @@ def next_between(
 
 def _apart_deg(a_m: Floats, b_m: Floats, config: MissionConfig) -> Floats:
     """(A, B) degrees between places (A, 3) and (B, 3), seen from the target."""
-    target = np.array(config.target_m)
-    a, b = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (a_m - target, b_m - target))
-    return angles_deg(a, b)
+    return angles_deg(directions_from(config.target_m, a_m), directions_from(config.target_m, b_m))

@@ -18,9 +18,10 @@ from scipy.spatial import ConvexHull
 
 from nbv.config import MissionConfig
 from nbv.geometry.carving import Solid, carved
+from nbv.geometry.frames import directions_from
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.stereo_chance import good_view, reconstruction_probability
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum, incidences_deg
 from nbv.random_streams import keyed_rng
 from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock
 from nbv.types import Bools, Floats, Floats32, SparseModel
@@ -117,9 +118,9 @@ class Prediction:
         # (V, S) of each view, were it a partner
         unmatched = np.log1p(-np.minimum(self.good[:, worst], np.float32(0.999)))
         # As seen from the target.
-        cosine = (
-            _directions(candidates_m, self.config) @ _directions(self.model.camera_centers_m, self.config).T
-        )
+        target_m = self.config.target_m
+        to_cameras = directions_from(target_m, self.model.camera_centers_m)
+        cosine = directions_from(target_m, candidates_m) @ to_cameras.T
         angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
         pair = usable_cosines(cosine, self.config.dense) * np.exp(-ANGLE_DECAY_PER_DEG * angle_deg)
         partners = pair.astype(np.float32) @ unmatched
@@ -150,7 +151,7 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     )
     samples, normals, shown = solid.surface(known, SAMPLES, rng)
     seen, incidence = _visibility(samples, normals, cameras_m, config, solid)
-    contrast, directions = np.full(len(samples), CONTRAST), _directions(cameras_m, config)
+    contrast, directions = np.full(len(samples), CONTRAST), directions_from(config.target_m, cameras_m)
     chance = reconstruction_probability(
         seen, incidence, contrast, directions, config.dense, ANGLE_DECAY_PER_DEG
     )
@@ -169,20 +170,11 @@ def _visibility(
     samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig, solid: Solid
 ) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
-    # (c - p) . n / |c - p| by products of matrices: several times as fast as difference by difference.
-    cosine = cameras_m @ normals.T - np.einsum("ij,ij->i", samples_m, normals)
-    squared = (cameras_m**2).sum(axis=1)[:, None] + (samples_m**2).sum(axis=1) - 2.0 * cameras_m @ samples_m.T
-    cosine = (cosine / np.sqrt(squared)).astype(np.float32)
-    incidence: Floats32 = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    incidence = incidences_deg(samples_m, normals, cameras_m)
     inside = in_frustum(samples_m, cameras_m, np.array(config.target_m), config.camera).T
     seen = inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG)
     seen &= ~solid.hides(samples_m, normals, cameras_m, seen)
     return seen, incidence
-
-
-def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
-    directions = cameras_m - np.array(config.target_m)
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 def _log_odds(share: float) -> float:

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import wrap_angle
+from nbv.geometry.frames import directions_from, wrap_angle
 from nbv.geometry.visibility import in_frustum
 from nbv.random_streams import keyed_rng
 from nbv.scorers.prediction import Prediction
@@ -136,12 +136,9 @@ def angular_penalty(
     """
     if len(visited_m) == 0:
         return np.zeros(len(candidates_m))
-
-    def directions(positions: Floats) -> Floats:
-        delta = target_m - positions
-        return delta / np.linalg.norm(delta, axis=1, keepdims=True)
-
     # Through the chord: an arc cosine loses half its digits where directions coincide.
-    chord = cdist(directions(candidates_m), directions(visited_m)).min(axis=1)
+    chord = cdist(*(directions_from(places_m, target_m) for places_m in (candidates_m, visited_m))).min(
+        axis=1
+    )
     angle = 2.0 * np.arcsin(np.minimum(1.0, chord / 2.0))
     return np.maximum(0.0, 1.0 - angle / np.deg2rad(theta_min_deg))
