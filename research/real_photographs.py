@@ -21,7 +21,7 @@ from nbv.config import IDEAL, MissionConfig, load_condition, preset, under
 from nbv.mission import MissionResult
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import is_photographed
-from tuner.missions.registry import mission_function
+from tuner.missions.registry import kind_on
 from tuner.problem.intervals import mean_interval
 
 F_SCORE = "observable.f_score_48mm"
@@ -77,12 +77,11 @@ def run_missions(asked: argparse.Namespace) -> None:
         range(asked.first, asked.first + asked.replicates), asked.arm, asked.rock
     ):
         bare = rock.partition("@")[0]
-        fidelity = "photographs" if is_photographed(bare) else asked.fidelity
         base = base_config(rock, asked.seeds, asked.views).with_values(dict(_values(asked.set)))
         slug = "".join(c if c.isalnum() or c in ".@=-" else "_" for c in name)
         where = asked.out / f"{rock}_{asked.seeds}+{asked.views}" / slug / f"r{k}"
         if not (where / "mission.json").exists():
-            result = mission_function(fidelity)(arm(base, name), bare, k, where, keep="all")
+            result = kind_on(bare, asked.fidelity)(arm(base, name), bare, k, where, keep="all")
             for folder in ("images", "sparse"):
                 shutil.rmtree(where / folder, ignore_errors=True)
             for cloud in where.glob("*.ply"):

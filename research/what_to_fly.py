@@ -26,7 +26,7 @@ from nbv.types import Floats
 from tuner.campaign.rock_problem import plain_plans
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.missions.registry import mission_function
+from tuner.missions.registry import kind_on
 from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
 from tuner.problem.intervals import mean_interval
@@ -92,7 +92,7 @@ def outcome(s: CampaignSettings, values: Mapping[str, Any], rock: str, replicate
     config = s.problem.config(values)
     key = config.digest(), rock, replicate
     if key not in _known:
-        result = mission_function("geometric")(config, rock, replicate, None)
+        result = kind_on(rock, "geometric")(config, rock, replicate, None)
         _known[key] = None if result.status == "failed" else result.metric(METRIC)
     return _known[key]
 

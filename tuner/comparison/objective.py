@@ -12,7 +12,7 @@ from optuna.distributions import BaseDistribution
 from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import resolved_settings
-from tuner.missions.registry import mission_function
+from tuner.missions.registry import kind_on
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Values
 from tuner.samplers.optuna import distributions
@@ -63,11 +63,12 @@ class MissionObjective:
             A path is not in the space, or a value is out of its range.
         """
         s, found = self.settings, self._by_path(values)
-        run, measurements = mission_function(s.fidelity), list[float]()
+        measurements = list[float]()
         for instance in s.problem.instances:
             config = s.problem.config(found, instance.condition)
             for replicate in range(s.replicates):
-                result = run(config, s.problem.drawn_rock(instance.rock, replicate), replicate, None)
+                rock = s.problem.drawn_rock(instance.rock, replicate)
+                result = kind_on(rock, s.fidelity)(config, rock, replicate, None)
                 measured = {**result.metrics, "costs": result.costs}
                 value, _ = s.objective.value_or_reason(result.status, measured)
                 if value is None:

@@ -168,9 +168,3 @@ def code_of(fidelity: str) -> str:
         adapter = Path(__file__).parent / "external" / "mission.py"
         return hashlib.sha256(adapter.read_bytes()).hexdigest()[:32]
     return code_digest(modules_of(fidelity)[0])
-
-
-def mission_function(fidelity: str) -> Callable[..., MissionResult]:
-    """The `nbv.mission.MissionFunction` of that name; ``UserError`` where there is none."""
-    FIDELITIES.require(fidelity)
-    return mission_kind(fidelity).function

@@ -39,7 +39,7 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
     def fails(config, rock, replicate, directory):
         return MissionResult("failed", "seeds", "", config.digest(), rock, replicate, {}, [], {}, {})
 
-    monkeypatch.setattr("tuner.comparison.objective.mission_function", lambda fidelity: fails)
+    monkeypatch.setattr("tuner.comparison.objective.kind_on", lambda rock, fidelity: fails)
     assert math.isnan(tuner.objective("gate", ["slab"])({}))
     f = tuner.objective("gate", ["slab"], failed=-1.0)
     assert f({}) == -1.0
