@@ -27,7 +27,7 @@ def read_only(value: Any) -> Any:
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.ndarray(value.shape, value.dtype, value.tobytes())
     if isinstance(value, tuple):
-        return tuple(map(read_only, value)) if any(map(_has_arrays, value)) else value
+        return tuple(map(read_only, value))
     is_dict = isinstance(value, dict)
     if not is_dict and (not dataclasses.is_dataclass(value) or isinstance(value, type)):
         return value
@@ -37,10 +37,6 @@ def read_only(value: Any) -> Any:
     for name, item in vars(value).items() if hasattr(value, "__dict__") else ():
         object.__setattr__(other, name, read_only(item))
     return other
-
-
-def _has_arrays(value: Any) -> bool:
-    return isinstance(value, (np.ndarray, dict, tuple)) or dataclasses.is_dataclass(value)
 
 
 class Guard:
