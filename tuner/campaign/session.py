@@ -107,6 +107,7 @@ class _Session:
         self._lost = list[Trial]()  # ended by the machine: their trials stay open
         self._to_retry = collections.deque[_Prepared]()
         self._in_flight: dict[str, Trial] = {}
+        self._search_ended: tuple[Ending, str] = "budget", "the budget is used"
         self._nothing_registers: bool | None = None  # whether nothing planned registers; None: not known yet
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
@@ -129,34 +130,19 @@ class _Session:
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
             return self._end("interrupted", waiting)
-        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
-            return self._end(
-                "exhausted",
-                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
-                f"left to try, and used {self._finished} of {self._settings.budget} missions",
-            )
         if self.cancelled:
             return self._end(
                 "failing",
                 f"{len(self._failed_in_row)} missions failed in a row, the last with {_reason(self._failed_in_row[-1])}; "
                 "mend the cause, then resume",
             )
-        if self._no_planned_view_can_register(self._ledger.trials()):
-            return self._end("failing", NOTHING_REGISTERS)
         if self._lost:
             return self._end(
                 "failing",
                 f"{len(self._lost)} missions were ended by the machine, the last with {_reason(self._lost[-1])}; they are "
                 "not counted, and run again by a resume",
             )
-        left = self._settings.budget - self._finished
-        if left > 0 and self._has_run_all(self._ledger.trials()):
-            return self._end(
-                "exhausted",
-                f"all {self._settings.space.size:.0f} configurations have run with every replicate: the other {left} missions "
-                "of the budget would repeat them; for repeats give --replicates",
-            )
-        return self._end("budget", "the budget is used")
+        return self._end(*self._search_ended)
 
     def _end(self, stopped: Ending, message: str) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
@@ -234,12 +220,8 @@ class _Session:
         started = time.monotonic()
         if self._simplified:
             proposal: Proposal | None = self._simplified.popleft()
-        elif (
-            left <= 0
-            or self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS
-            or self._no_planned_view_can_register(trials)
-            or self._has_run_all(trials)
-        ):
+        elif (ended := self._end_of_search(trials, left)) is not None:
+            self._search_ended = ended
             return None
         elif in_step is None and self.executor.capacity >= FROM_WORKERS:
             proposal = self.prefetch.next(trials, self.executor.capacity, left)
@@ -262,6 +244,25 @@ class _Session:
             return self._refuse(enter(), error)
         trial = enter(config.digest())
         return _Prepared(trial, self.campaign.job(trial, config))
+
+    def _end_of_search(self, trials: Sequence[Trial], left: int) -> tuple[Ending, str] | None:
+        """Return how the search ends, and why; None while there is more to propose. ``left``: of the budget."""
+        s = self._settings
+        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
+            return "exhausted", (
+                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
+                f"left to try, and used {self._finished} of {s.budget} missions"
+            )
+        if self._no_planned_view_can_register(trials):
+            return "failing", NOTHING_REGISTERS
+        if left <= 0:
+            return "budget", "the budget is used"
+        if self._has_run_all(trials):
+            return "exhausted", (
+                f"all {s.space.size:.0f} configurations have run with every replicate: the other {left} missions of the "
+                "budget would repeat them; for repeats give --replicates"
+            )
+        return None
 
     def _has_run_all(self, trials: Sequence[Trial]) -> bool:
         """Return whether every configuration has run with every replicate in every instance: what follows would be repeats."""
