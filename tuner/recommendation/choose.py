@@ -74,11 +74,7 @@ def recommend(
     """
     if not any(o.feasible for o in history):
         return None
-    observations = goal.as_modelled(history)
-    every = InstanceMeanGP(problem.space, observations, problem.instances)
-    model, outliers = without_outliers(every, problem.repeatable)
-    constraint = constraint_of(problem, goal, history, model)
-    choice = Choice(problem, goal, observations, model, constraint, outliers, only_verified=only_verified)
+    choice = Choice(problem, goal, history, only_verified=only_verified)
     return choice.recommendation(choice.chosen_index())
 
 
@@ -108,40 +104,6 @@ class Candidate:
         return {(o.instance, o.replicate): o.outcome for o in self.missions}
 
 
-def candidates_of(
-    problem: Problem,
-    goal: Goal,
-    observations: Sequence[Observation],
-    constraint: Constraint | None,
-    outliers: Collection[Observation],
-    *,
-    only_verified: bool,
-) -> list[Candidate]:
-    """Return the configurations that have run with success, ``outliers`` left out; at least one may be recommended."""
-    groups: dict[Key, list[Observation]] = {}
-    for o in (o for o in observations if o not in outliers):
-        groups.setdefault(configuration_key(problem.space, o.values), []).append(o)
-    missions = [group for group in groups.values() if any(o.feasible for o in group)]
-    values = [dict(group[0].values) for group in missions]
-    keeps = [True] * len(values) if constraint is None else constraint.keeps(values)
-    allowed = [True] * len(values)
-    if only_verified:
-        allowed = may_be_recommended(problem, observations, values)
-    # Where even the default has failed there is nothing better than what has not.
-    kept = [i for i, keep in enumerate(keeps) if keep]
-    eligible = [i for i in kept if allowed[i]] or kept
-    if constraint is not None and not kept:
-        chance = constraint.probability(values)
-        eligible = [int(chance.argmax())]
-        if chance.max() < MAY_KEEP:
-            least = _violations(missions, constraint, second=goal.exact.first is None)
-            eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
-    return [
-        Candidate(own, ran, keep, i in eligible)
-        for i, (own, ran, keep) in enumerate(zip(values, missions, keeps))
-    ]
-
-
 def _violations(
     missions: Sequence[Sequence[Observation]], constraint: Constraint, *, second: bool
 ) -> list[float]:
@@ -163,29 +125,48 @@ class Choice:
     """The candidates with their joint posterior, the choice among them, and what is said of it."""
 
     def __init__(
-        self,
-        problem: Problem,
-        goal: Goal,
-        observations: Sequence[Observation],
-        model: InstanceMeanGP,
-        constraint: Constraint | None,
-        outliers: Sequence[Observation],
-        *,
-        only_verified: bool,
+        self, problem: Problem, goal: Goal, history: Sequence[Observation], *, only_verified: bool
     ) -> None:
-        self.problem, self.goal, self.model = problem, goal, model
-        self.constraint, self.outliers = constraint, outliers
+        observations = goal.as_modelled(history)
+        every = InstanceMeanGP(problem.space, observations, problem.instances)
+        self.problem, self.goal = problem, goal
+        self.model, self.outliers = without_outliers(every, problem.repeatable)
+        self.constraint = constraint_of(problem, goal, history, self.model)
         self.failures = sum(not o.feasible for o in observations)
-        self.candidates = candidates_of(
-            problem, goal, observations, constraint, outliers, only_verified=only_verified
-        )
+        self.candidates = self._all_candidates(observations, only_verified=only_verified)
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
         # In the candidates' order, and the default behind them.
         values = [*(candidate.values for candidate in self.candidates), problem.default]
-        self.modelled = self.objective = model.posterior(values)
+        self.modelled = self.objective = self.model.posterior(values)
         if goal.exact.first is not None:
             self.objective = DeterministicOutcome(problem.space, goal.exact.first).posterior(values)
+
+    def _all_candidates(self, observations: Sequence[Observation], *, only_verified: bool) -> list[Candidate]:
+        """Return the configurations that have run with success, outliers left out; at least one may be recommended."""
+        space, constraint = self.problem.space, self.constraint
+        groups: dict[Key, list[Observation]] = {}
+        for o in (o for o in observations if o not in self.outliers):
+            groups.setdefault(configuration_key(space, o.values), []).append(o)
+        missions = [group for group in groups.values() if any(o.feasible for o in group)]
+        values = [dict(group[0].values) for group in missions]
+        keeps = [True] * len(values) if constraint is None else constraint.keeps(values)
+        allowed = [True] * len(values)
+        if only_verified:
+            allowed = may_be_recommended(self.problem, observations, values)
+        # Where even the default has failed there is nothing better than what has not.
+        kept = [i for i, keep in enumerate(keeps) if keep]
+        eligible = [i for i in kept if allowed[i]] or kept
+        if constraint is not None and not kept:
+            chance = constraint.probability(values)
+            eligible = [int(chance.argmax())]
+            if chance.max() < MAY_KEEP:
+                least = _violations(missions, constraint, second=self.goal.exact.first is None)
+                eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
+        return [
+            Candidate(own, ran, keep, i in eligible)
+            for i, (own, ran, keep) in enumerate(zip(values, missions, keeps))
+        ]
 
     @property
     def eligible(self) -> list[int]:
