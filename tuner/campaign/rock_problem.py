@@ -178,9 +178,6 @@ class RockProblem(MissionProblem):
         config, number = self.config(tuned.values), tuned.photographs
         return config if number is None or not config.stop.may_end_early else ending_at(config, number)
 
-    def provenance(self) -> tuple[str, str]:
-        return "mission preset", self.base.preset
-
     def can_run(self, values: Mapping[str, Any]) -> bool:
         try:
             self.config(values)

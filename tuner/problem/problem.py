@@ -119,10 +119,6 @@ class MissionProblem(Problem, abc.ABC):
         """Return what tells a gain from chance where the recommendation is confirmed."""
         return Strategies({})
 
-    @abc.abstractmethod
-    def provenance(self) -> tuple[str, str]:
-        """Return what configurations are made from, and its name."""
-
     def options(self) -> list[str]:
         """Return the options of commands that run missions which a settings file may not replace."""
         return []

@@ -327,7 +327,7 @@ def _slices(campaign: Campaign, best: Recommendation) -> list[str]:
 
 
 def _provenance(s: CampaignSettings, trials: Sequence[Trial]) -> list[tuple[str, str]]:
-    """When, by what, with which settings, on which rocks."""
+    """When, by what and on which rocks; the settings stand below it."""
     rocks, word = dict(zip(s.rocks, short_names(s.rocks))), s.problem.instance_word
     hashes = {rocks[t.rock]: t.record.rock_sha256[:12] for t in trials if t.record.rock_sha256}
     times = (
@@ -339,15 +339,7 @@ def _provenance(s: CampaignSettings, trials: Sequence[Trial]) -> list[tuple[str,
     return [
         ("run between", between),
         *recorded_rows(recorded([t.record.directory for t in trials])),
-        s.problem.provenance(),
-        ("conditions", ", ".join(condition.name for condition in s.conditions)),
         ("base configuration", s.problem.base.digest()),
-        ("sampler and seed", f"{s.sampler}, {s.seed}"),
-        (
-            "ledger",
-            "an Optuna study with one trial per mission: its study.best_trial is the best single mission"
-            f"{' that met the constraint' if s.limit is not None else ''}, on one {word}, not the recommendation",
-        ),
         (f"{word}s (SHA-256)", named or "not recorded"),
     ]
 

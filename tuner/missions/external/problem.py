@@ -108,9 +108,6 @@ class MissionFileProblem(MissionProblem):
             {TUNED: self.config(tuned.values), **{name: self.config(known[name]) for name in names or known}}
         )
 
-    def provenance(self) -> tuple[str, str]:
-        return "mission file", f"{self.mission.path} (SHA-256 {self.mission.sha256[:12]}…)"
-
     def options(self) -> list[str]:
         """Return the option that names the file: a settings file may not choose what is run."""
         return ["--mission", str(self.mission.path)]
