@@ -20,15 +20,15 @@ from tuner.report.answer import (
     advice_lines,
     changed_table,
     gate_sentences,
+    mean_text,
     rock_table,
     runner_up_sentence,
     worth_sentences,
 )
 from tuner.report.labels import (
-    bracketed,
     counted,
-    decimals_for,
     duration,
+    metric_label,
     number_text,
 )
 
@@ -56,7 +56,9 @@ class CampaignProgress(MissionProgress):
         elif event.kind in ("interrupted", "stopped"):
             output.print(f"{event.kind}: {event.message}", style="yellow")
         if event.recommendation is not None:
-            self._best = f", best {best_text(event.recommendation)}"
+            best = event.recommendation
+            label = metric_label(best.metric)
+            self._best = f", best {mean_text(label, best.mean, best.sd, best.interval_95)}"
         failed = f", {self._failed} failed" if self._failed else ""
         counts = f"{event.finished}/{event.budget}{failed}{self._best}"
         self.reached(event.finished, event.budget, counts)
@@ -78,13 +80,6 @@ def expected_text(missions: int, about_s: float) -> str:
     if not about_s:
         return f"{to_run}; their duration is known when the first has ended"
     return f"{to_run}, in about {duration(about_s)} where nothing else runs"
-
-
-def best_text(found: Recommendation) -> str:
-    """``26`` for a deterministic metric, else ``98.3 [97.8, 98.8]``."""
-    if found.exact:
-        return f"{found.mean:g}"
-    return bracketed(found.mean, *found.interval_95, decimals_for(found.sd, 1))
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:

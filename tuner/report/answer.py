@@ -229,9 +229,9 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     word, label = s.problem.instance_word, metric_label(best.metric)
     alone = best.keep_default and not best.exact
     subject = _subject(label) if best.exact else f"By the model, {_subject(label).replace('The ', 'the ')}"
-    said = f"{subject} is {_mean(label, best.mean, best.sd, best.interval_95 if alone else None)}"
+    said = f"{subject} is {mean_text(label, best.mean, best.sd, best.interval_95 if alone else None)}"
     if not best.keep_default:
-        said += f" in place of {_mean(label, best.default_mean, best.sd)}"
+        said += f" in place of {mean_text(label, best.default_mean, best.sd)}"
     if not best.exact:
         said += f" on the training {word}s"
     if not best.exact and not best.keep_default:
@@ -284,8 +284,8 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     ``instance_word`` is what an instance is called in the singular, such as "rock".
     """
     label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
-    own = _mean(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
-    said, default = f"{_subject(label)} is {own}", _mean(label, limit.default_mean, limit.sd)
+    own = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
+    said, default = f"{_subject(label)} is {own}", mean_text(label, limit.default_mean, limit.sd)
     if not limit.exact:
         default += f", with probability {limit.default_probability:.2f}"
     said += f"; the constraint is {asked}"
@@ -461,7 +461,9 @@ def _subject(label: MetricLabel) -> str:
     return f"The number of {name.lower()}" if name.endswith("hotographs") else name
 
 
-def _mean(label: MetricLabel, mean: float, sd: float, interval_95: tuple[float, float] | None = None) -> str:
+def mean_text(
+    label: MetricLabel, mean: float, sd: float, interval_95: tuple[float, float] | None = None
+) -> str:
     """``98.3 %``, or ``98.3 [97.8, 98.8] %``; what a configuration decides (``sd`` 0) as it is."""
     if sd <= 0:
         return f"{mean:.4g} {label.unit}".strip()
