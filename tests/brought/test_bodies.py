@@ -1,5 +1,6 @@
 """Meshes of several bodies: the object is kept whole, and what it stands on or before, specks and hidden bodies are left out and named."""
 
+import itertools
 import re
 
 import numpy as np
@@ -102,8 +103,7 @@ CASES = {
 CASES["a turned body"][0][1].invert()
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+@pytest.mark.parametrize(("case", "suffix"), [*zip(CASES, itertools.cycle([".ply", ".glb"]))])
 def test_the_object_is_kept(tmp_path, case, suffix):
     own, others, says = CASES[case]
     whole = trimesh.util.concatenate([*others, *own])

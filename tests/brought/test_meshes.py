@@ -31,17 +31,9 @@ UV = np.stack(
 UP_Y = POINTS[:, [0, 2, 1]] * (1, 1, -1)
 
 
-def picture(swap: bool = False) -> Image.Image:
-    return Image.fromarray(
-        np.kron(
-            COLORS[[1, 0, 3, 2] if swap else [0, 1, 2, 3]].reshape(2, 2, 3), np.ones((16, 16, 1), np.uint8)
-        )
-    )
-
-
-def png(**options) -> bytes:
+def png() -> bytes:
     file = io.BytesIO()
-    picture(**options).save(file, "PNG")
+    Image.fromarray(np.kron(COLORS.reshape(2, 2, 3), np.ones((16, 16, 1), np.uint8))).save(file, "PNG")
     return file.getvalue()
 
 
@@ -375,41 +367,22 @@ def test_an_mtl_of_very_many_materials(tmp_path):
 
 
 def ply(
-    path: Path,
-    *,
-    at=POINTS,
-    points="double",
-    colors="",
-    of="vertex",
-    pictures=0,
-    scale=1,
-    prefix="",
-    named=True,
+    path: Path, *, at=POINTS, colors="", of="vertex", texture=False, named=True, scale=1, prefix=""
 ) -> Path:
-    """The ball as ASCII PLY; colours as numbers of the type ``colors``, from 0 to ``scale``; v goes up there."""
-    for k in range(pictures):
-        (path.parent / f"t{k}.png").write_bytes(png(swap=bool(k)))
+    """The ball as ASCII PLY; colours as numbers of the type ``colors``, from 0 to ``scale``."""
     told = [f"property {colors} {prefix}{c}" for c in ("red", "green", "blue")] if colors else []
     values = SRGB / 255 * scale if scale != 1 or colors in ("float", "double") else SRGB
     shown = [" " + " ".join(f"{x:g}" for x in row) if colors else "" for row in values]
-    head = ["ply", "format ascii 1.0", *(f"comment TextureFile t{k}.png" for k in range(pictures * named))]
-    head += [f"element vertex {len(at)}", *(f"property {points} {axis}" for axis in "xyz")]
-    head += [
-        *(told if of == "vertex" else ()),
-        f"element face {len(FACES)}",
-        "property list uchar int vertex_indices",
-    ]
-    head += ["property list uchar float texcoord", "property int texnumber"] if pictures else []
+    head = ["ply", "format ascii 1.0", *(["comment TextureFile t0.png"] if texture and named else [])]
+    head += [f"element vertex {len(at)}", *(f"property double {axis}" for axis in "xyz")]
+    head += [*(told if of == "vertex" else ()), f"element face {len(FACES)}"]
+    head += ["property list uchar int vertex_indices"]
+    head += ["property list uchar float texcoord", "property int texnumber"] if texture else []
     head += [*(told if of == "face" else ()), "end_header"]
     for k, point in enumerate(at):
         head.append(" ".join(f"{x:.17g}" for x in point) + (shown[k] if of == "vertex" else ""))
-    for k, (a, b, c) in enumerate(FACES):
-        which = k % 2 if pictures > 1 else 0
-        uv = [(1 - u if which else u, 1 - v) for u, v in UV[[a, b, c]]]
-        texture = "6 " + " ".join(f"{x:g}" for pair in uv for x in pair) + f" {which}"
-        head.append(
-            f"3 {a} {b} {c}" + (f" {texture}" if pictures else "") + (shown[a] if of == "face" else "")
-        )
+    for a, b, c in FACES:
+        head.append(f"3 {a} {b} {c}" + " 6 0 0 1 0 1 1 0" * texture + (shown[a] if of == "face" else ""))
     path.write_text("\n".join(head) + "\n")
     return path
 
@@ -421,9 +394,8 @@ def ply(
         *[({"colors": kind, "scale": scale}, f"not read: colours and textures ({kind} red: save them as uchar red, green and blue)")
           for kind, scale in [("ushort", 65535), ("float", 1), ("double", 255), ("int", 255)]],
         ({"colors": "uchar", "prefix": "diffuse_"}, "(uchar diffuse_red: save them"),
-        ({"pictures": 1}, "not read: colours and textures (a texture of a PLY file: export it as GLB or OBJ)"),
-        ({"pictures": 1, "named": False, "colors": "uchar"}, ""),
-        ({"pictures": 2}, "not read: colours and textures (a texture of a PLY file: export it as GLB or OBJ)"),
+        ({"texture": True}, "not read: colours and textures (a texture of a PLY file: export it as GLB or OBJ)"),
+        ({"texture": True, "named": False, "colors": "uchar"}, ""),
     ],
     ids=str,
 )  # fmt: skip
