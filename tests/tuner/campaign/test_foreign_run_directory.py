@@ -1,6 +1,5 @@
 """Run directories that somebody else made: an archive or a clone keeps links, a disk flips bits, names hold what steers a terminal."""
 
-import dataclasses
 import errno
 import json
 import os
@@ -26,7 +25,6 @@ from nbv.safe_files import open_to_write, remove_links, require_whole, write_ato
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.commands.console import output, show_table
-from tuner.comparison.of_campaign import confirmation
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import run_evaluation
 from tuner.missions.job import MissionJob
@@ -223,17 +221,6 @@ def test_nothing_steers_the_terminal_or_the_page(gatetune: Any, tmp_path: Path) 
     show_table((evil,), [(evil,)], evil)
     output.print(evil)
     assert not set("\x1b\x07\x9b\u202e") & set((run / "report.html").read_text())
-
-
-def test_a_confirmation_flies_replicates_that_the_campaign_has_not(made: Path) -> None:
-    """A configuration that has run all of them gets fresh numbers."""
-    campaign = Campaign.open(made, read_only=True)
-    trials = campaign.trials()
-    campaign.ledger.trials = lambda: [dataclasses.replace(trials[0], replicate=6), *trials]
-    best = dataclasses.replace(campaign.recommended(), values=trials[1].values)
-    campaign.recommended = lambda: best
-    found = confirmation(campaign)
-    assert found is not None and found.plan.first_replicate == 7
 
 
 def test_a_store_keeps_its_size_whoever_puts(tmp_path: Path) -> None:

@@ -25,11 +25,10 @@ from tuner.export.photogrammetry_nbv import read_file
 from tuner.problem.baselines import TUNED, baseline
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
-from tuner.problem.space_files import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import recommend
 from tuner.report.answer import use_sentence
 
-SEEDS = {"kind": "int", "low": 8, "high": 30}
 TWENTY = {"seed.count": 12, "stop.adaptive_budget": 8}
 
 
@@ -60,14 +59,6 @@ def test_what_the_user_sets_is_the_default_and_is_checked() -> None:
     ] == pytest.approx(30.0)
     with pytest.raises(UserError, match=r"seed\.lowest_deg has the default 80"):
         settings(overrides={**TWENTY, "seed.lowest_deg": 80.0})
-
-
-@pytest.mark.parametrize("kind", ["base", "parameters"])
-def test_what_equal_photographs_decides_is_refused(kind: str) -> None:
-    tree: dict[str, Any] = {"equal_photographs": True, "parameters": {"seed.count": SEEDS}, "base": {}}
-    tree[kind]["stop.adaptive_budget"] = 5 if kind == "base" else {"kind": "int", "low": 0, "high": 5}
-    with pytest.raises(UserError, match=r"equal_photographs decides stop\.adaptive_budget"):
-        space_from_dict(tree, "mine.yaml")
 
 
 @pytest.mark.parametrize("budget", [6, 16, 24])
