@@ -15,6 +15,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
+from tuner.commands.console import executor_at
 from tuner.jobs import evaluate
 
 FLY = """
@@ -41,6 +42,13 @@ FILE = {
     "time_limit_s": 20,
 }
 RUN = ["campaign", "run", "--mission", "toy.yaml", "--sampler", "sobol", "--workers", 1]
+
+
+@pytest.fixture(autouse=True)
+def in_process(monkeypatch):
+    """Each mission is a program of its own in any case."""
+    monkeypatch.setattr("tuner.commands.campaign.executor_at", lambda *_: InProcessExecutor())
+    monkeypatch.setattr("tuner.comparison.of_campaign.local_executor", lambda *_: InProcessExecutor())
 
 
 @pytest.fixture
@@ -227,7 +235,8 @@ def test_a_mistake_is_one_line_before_anything_flies(gatetune, toy, options, say
         ({"function": None, "command": ["no-such-program"]}, "cannot run 'no-such-program'"),
     ],
 )
-def test_what_no_mission_can_mend_stops_the_campaign(gatetune, toy, changes, says):
+def test_what_no_mission_can_mend_stops_the_campaign(gatetune, toy, monkeypatch, changes, says):
+    monkeypatch.setattr("tuner.commands.campaign.executor_at", executor_at)  # a worker's log is a file
     file = {key: value for key, value in {**FILE, **changes}.items() if value is not None}
     (toy / "toy.yaml").write_text(yaml.safe_dump(file))
     assert says in gatetune.refused(*RUN, "--budget", 6)
