@@ -283,25 +283,44 @@ def test_without_a_size_the_photographs_own_holds(tmp_path: Path, orientation: i
     assert "names none of the photographs" in refusal(read_model, tmp_path / "transforms.json", source)
 
 
-@pytest.mark.parametrize("poses", [1, 2])
-def test_a_model_with_the_poses_of_hardly_any(tmp_path: Path, poses: int) -> None:
-    source = source_of(ball.write_photographs(tmp_path / "photographs"))
-    (tmp_path / "transforms.json").write_text(json.dumps({**CAMERA, "frames": frames()[:poses]}))
-    said = refusal(read_model, tmp_path / "transforms.json", source)
-    assert (
-        f"has the poses of {poses} of the {len(source.photographs)} photographs; 3 or more are needed" in said
-    )
+def mirrored(frame: dict) -> dict:
+    pose = np.array(frame["transform_matrix"]) @ np.diag([-1, 1, 1, 1])
+    return {**frame, "transform_matrix": pose.tolist()}
 
 
-def test_a_model_of_other_photographs_or_none(tmp_path: Path) -> None:
+METASHAPE = "File > Export > Export Cameras as Colmap"
+NO_MODELS = {  # of a model the file, what it holds (None: there is none), and the words that refuse it
+    "one pose": (
+        "transforms.json",
+        {"frames": frames()[:1]},
+        "has the poses of 1 of the 14 photographs; 3 or",
+    ),
+    "two poses": (
+        "transforms.json",
+        {"frames": frames()[:2]},
+        "has the poses of 2 of the 14 photographs; 3 or",
+    ),
+    "others": (
+        "transforms.json",
+        {"frames": [{**frames()[0], "file_path": "a.jpg"}]},
+        "none of its 1 images",
+    ),
+    "other sizes": ("transforms.json", {"w": 1000, "frames": frames()}, "it has view_01.png with 1000 x 120"),
+    "mirrored": ("transforms.json", {"frames": [*map(mirrored, frames())]}, "is not a rigid transform"),
+    "none": ("absent.json", None, "there is no model"),
+    "a folder": ("photographs", None, "no COLMAP model"),
+    "Metashape": ("cameras.xml", {}, METASHAPE),
+    "OpenSfM": ("reconstruction.json", {}, "export_colmap"),
+}
+
+
+@pytest.mark.parametrize("case", NO_MODELS)
+def test_what_is_no_model_of_the_photographs_is_one_line(tmp_path: Path, case: str) -> None:
     source = source_of(ball.write_photographs(tmp_path / "photographs"))
-    path = tmp_path / "transforms.json"
-    path.write_text(json.dumps({**CAMERA, "frames": [{**frames()[0], "file_path": "other.jpg"}]}))
-    assert "other photographs: none of its 1 images" in refusal(read_model, path, source)
-    path.write_text(json.dumps({**CAMERA, "w": 1000, "frames": frames()}))
-    assert "other photographs: it has view_01.png with 1000 x 120" in refusal(read_model, path, source)
-    assert "there is no model" in refusal(read_model, tmp_path / "absent.json", source)
-    assert "no COLMAP model" in refusal(read_model, tmp_path / "photographs", source)
+    name, held, words = NO_MODELS[case]
+    if held is not None:
+        (tmp_path / name).write_text(json.dumps({**CAMERA, **held}))
+    assert words in refusal(read_model, tmp_path / name, source)
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -327,42 +346,9 @@ def test_a_colmap_model_is_what_it_was_written_from(tmp_path: Path, text: bool) 
         assert "cannot be read" in refusal(read_model, tmp_path, source)
 
 
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        ("TIFF", "it is TIFF"),
-        (b"\0\0\0\x18ftypheic", "it is HEIC"),
-        (b"not a picture", "it is neither JPEG nor PNG"),
-    ],
-)
-def test_a_file_that_is_not_what_its_name_says(tmp_path: Path, content: object, what: str) -> None:
-    folder = ball.write_photographs(tmp_path / "photographs")
-    victim = sorted(folder.iterdir())[0]
-    if isinstance(content, bytes):
-        victim.write_bytes(content)
-    else:
-        Image.new("RGB", (160, 120), (90, 90, 90)).save(victim, "TIFF")
-    said = refusal(read_folder, folder, silent)
-    assert what in said and victim.name in said and "BytesIO" not in said and "mogrify" in said
-
-
 def test_a_bad_name_is_that_of_a_set(tmp_path: Path) -> None:
     said = refusal(import_photographs, tmp_path, "My Set", ImportOptions(), silent)
     assert "'My Set' cannot name a set of photographs" in said
-
-
-def test_a_mirrored_pose_and_models_of_metashape_and_opensfm_are_refused(tmp_path: Path) -> None:
-    source = source_of(ball.write_photographs(tmp_path / "photographs"))
-    mirrored = frames()
-    for frame in mirrored:
-        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ np.diag([-1, 1, 1, 1])).tolist()
-    (tmp_path / "transforms.json").write_text(json.dumps({**CAMERA, "frames": mirrored}))
-    assert "is not a rigid transform" in refusal(read_model, tmp_path / "transforms.json", source)
-    (tmp_path / "cameras.xml").write_text("<document><chunk/></document>")
-    (tmp_path / "reconstruction.json").write_text('[{"cameras": {}, "shots": {}}]')
-    for name in ("cameras.xml", "reconstruction.json"):
-        message = refusal(read_model, tmp_path / name, source)
-        assert "File > Export > Export Cameras as Colmap" in message and "export_colmap" in message
 
 
 @pytest.mark.parametrize(
@@ -455,6 +441,9 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
         "eps.heic": (eps.getvalue(), "eps.heic is neither JPEG nor PNG; convert such files"),
         "eps.jpg": (eps.getvalue(), "whatever its name says"),
         "bmp.png": (Image.fromarray(deep.astype(np.uint8)), "whatever its name says"),
+        "tiff.jpg": (Image.fromarray(deep), "it is TIFF"),
+        "heic.jpg": (b"\0\0\0\x18ftypheic", "it is HEIC"),
+        "text.jpg": (b"not a picture", "it is neither JPEG nor PNG"),
     }
     for name, (content, words) in cases.items():
         folder = tmp_path / name.replace(".", "_")
@@ -466,9 +455,10 @@ def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
         if isinstance(content, bytes):
             (folder / name).write_bytes(content)
         else:
-            content.save(folder / name, "BMP" if name == "bmp.png" else None)
+            content.save(folder / name, {"bmp.png": "BMP", "tiff.jpg": "TIFF"}.get(name))
         if words is not None:
-            assert words in refusal(read_folder, folder, silent)
+            said = refusal(read_folder, folder, silent)
+            assert words in said and name in said and "BytesIO" not in said
             continue
         whole = source_of(folder, max_size_px=64).pixels("full")
         assert (whole[..., 0] == (deep * 16) >> 8).all()

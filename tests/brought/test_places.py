@@ -200,30 +200,6 @@ def test_control_points_in_any_system(
     assert f"read as {system.strip()}" in found.notes[0]
 
 
-def test_what_is_read_is_said(tmp_path: Path) -> None:
-    longitude, latitude, up = on_earth(POINTS, (46.0, 7.0))
-
-    def read(x: np.ndarray, y: np.ndarray, z: np.ndarray, header: str = "EPSG:4326") -> str:
-        file = marks(tmp_path / "gcp.txt", header=header, said=np.column_stack([x, y, z]))
-        return find_scale(MODEL, photographs(), None, file).notes[0]
-
-    assert read(longitude, latitude, up).endswith("read as EPSG:4326 (WGS 84), heights in metre")
-    with pytest.raises(UserError, match=r"does not fit the model: .* read as EPSG:4326"):
-        read(longitude, latitude, up / 0.3048)
-    for x, y in ((latitude, longitude), (longitude + 90, latitude * 0 + 91)):
-        with pytest.raises(
-            UserError, match=r"does not fit the model|no such places in EPSG:4326; .* X is east"
-        ):
-            read(x, y, up)
-    with pytest.raises(UserError, match="no such places in EPSG:4326"):
-        marks(tmp_path / "gcp.txt", header="EPSG:4326")
-    with pytest.raises(
-        UserError,
-        match=r"does not fit the model: 0.\d+ m rms, scale to about \d+ %; read as metres of your own",
-    ):
-        read(*(POINTS * [1, 2, 3]).T, header="local")
-
-
 @pytest.mark.parametrize("relief", [0.0, 0.02, 0.3])
 def test_east_and_north_that_change_places_are_refused(tmp_path: Path, relief: float) -> None:
     """On level ground a mirror image fits, with the cameras below it."""
