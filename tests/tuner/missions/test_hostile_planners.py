@@ -65,9 +65,7 @@ FAIL = {
     "kills its parent": "came to no end in 3 attempts in FILE (worker_killed: signal 9",
     "os.abort": "attempts at FILE, line 16 (worker_died: signal 6",
     "sys.exit(3)": "raised SystemExit: 3 (FILE, line 16)",
-    "KeyboardInterrupt": "raised KeyboardInterrupt (FILE, line 16)",
     "raises MissionFailure disk_full": "raised MissionFailure: not me (FILE, line 16)",
-    "raises MissionFailure user_error": "raised MissionFailure: not me (FILE, line 16)",
     "raises what cannot be printed": "raised E: (it cannot be printed) (FILE, line 16)",
     "hangs and ignores signals": "the limit of a mission (--timeout-s) at FILE, line 16; see",
     "returns details of 50 MB": "returned details of 50000008 bytes",
@@ -78,7 +76,6 @@ GO_ON += ("replaces the pool's positions", "starts a thread")
 AWAY = {
     "import, not in the command: hangs": "the limit of a mission (--timeout-s) at FILE, line 10; see",
     "import, not in the command: os._exit(0)": "came to no end in 2 attempts in FILE (worker_died: exit 0",
-    "import, not in the command: sys.exit(0)": "cannot be imported: SystemExit: 0 (FILE, line 10)",
 }
 
 

@@ -71,8 +71,10 @@ def test_where_missions_repeat_exactly_nothing_is_left_out() -> None:
     assert best.default_mean < on_a_line({0: -0.3}).default_mean
 
 
-@pytest.mark.parametrize("outcome", [-0.3, -1.0, -10.0, -1e12, -1e300, 0.2, 1.0, 1e12])
-@pytest.mark.parametrize("where", [0, 7, 13])
+@pytest.mark.parametrize(
+    ("outcome", "where"),
+    [(-0.3, 0), (-1.0, 7), (-10.0, 13), (-1e12, 0), (-1e300, 7), (0.2, 0), (0.2, 13), (1.0, 7), (1e12, 13)],
+)
 def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentieth(
     outcome: float, where: int
 ) -> None:
