@@ -47,7 +47,7 @@ def test_a_run_is_written_skipped_and_summarised(tmp_path: Path, capsys: pytest.
 def test_paired_difference_and_cost_ratio() -> None:
     def run(strategy: str, seed: int, truths: list[float]) -> summary.Run:
         costs = np.array([2.0, 4.0, 8.0])
-        return summary.Run("p", strategy, seed, 8.0, None, costs, np.array(truths), np.zeros(1), np.zeros(0))
+        return summary.Run("p", strategy, seed, 8.0, None, costs, np.array(truths), np.zeros(1))
 
     table = {
         "gp": {s: run("gp", s, [0.5, 0.9 + 0.01 * s, 1.0]) for s in range(4)},
