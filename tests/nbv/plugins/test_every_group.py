@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 from nbv import plugins
 from nbv.cache import Store
 from nbv.config import preset
-from nbv.errors import UserError
 from nbv.geometry.frames import look_at
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
-from nbv.rocks import load_coarse_rock, load_rock
+from nbv.rocks import load_coarse_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.types import Viewpoint
 from tuner.campaign.campaign import Campaign
@@ -95,16 +94,3 @@ def test_a_campaign_uses_sampler_fidelity_and_family(installed, tmp_path):
     assert {trial.state for trial in trials} == {"complete"} and len(trials) >= 4
     assert "drawn" in {trial.record.metadata["sampler"] for trial in trials}
     assert all("views" in trial.metrics for trial in trials)
-
-
-def test_parts_with_names_of_ours_are_refused(installed):
-    def again(group, name):
-        plugins.registry._registered.clear()
-        plugins.register(group, name, plugins.plugins(group)[every_part.PLACES[group][0]].loaded)
-
-    again("families", "boulder")
-    with pytest.raises(UserError, match=r"family 'boulder' .* has the name of one that is built in"):
-        load_rock("boulder-3")
-    again("renderers", "raycast")
-    with pytest.raises(UserError, match=r"renderer 'raycast' .* has the name of one that is built in"):
-        preset("campaign").with_values({"scene.backend": "gone"})

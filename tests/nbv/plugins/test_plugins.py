@@ -109,24 +109,12 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
     [
         ([("a", "no_such_module:A")], {"gate.kind": "a"}, "scorer 'a' of mine-dist 1.2 cannot be imported"),
         ([("a", "mine_package:GONE")], {"gate.kind": "a"}, "has no attribute 'GONE'"),
-        (
-            [("a", "mine_package:NOTHING")],
-            {"gate.kind": "a"},
-            "is no scorer: an object without main_term, weights, rank",
-        ),
+        ([("a", "mine_package:NOTHING")], {"gate.kind": "a"}, "is no scorer: an object without main_term"),
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
         ([], {"gate.kind": "mine"}, "or a plug-in that is installed or named with gatetune --plugin"),
         ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
-        (
-            [("mine-low", "mine_package:LOW")],
-            {"mine_low.alpha": 2},
-            "mine_low.alpha is 2.0; it must be between 0 and 1",
-        ),
-        (
-            [("mine-low", "mine_package:LOW")],
-            {"mine_low.beta": 2},
-            "unknown mission parameter 'mine_low.beta'",
-        ),
+        ([("mine-low", "mine_package:LOW")], {"mine_low.alpha": 2}, "mine_low.alpha is 2.0; it must be"),
+        ([("mine-low", "mine_package:LOW")], {"mine_low.beta": 2}, "parameter 'mine_low.beta'"),
     ],
 )
 def test_a_bad_plug_in_is_one_line_before_anything_runs(package, parts, values, said):
@@ -190,14 +178,8 @@ def moving(gate, state, pool, rankings):
 @pytest.mark.parametrize(
     ("decide", "said"),
     [
-        (
-            lambda gate, state, pool, ranked: ranked["covis"].scores.fill(0.0),
-            "must not change what it is given",
-        ),
-        (
-            lambda gate, state, pool, ranked: ranked["predicted"].terms["main"].fill(0.0),
-            "must not change what",
-        ),
+        (lambda gate, state, pool, ranked: ranked["covis"].scores.fill(0.0), "must not change what"),
+        (lambda gate, state, pool, ranked: ranked["predicted"].terms["main"].fill(0.0), "must not change"),
         (lambda gate, state, pool, ranked: None, "returned NoneType, no"),
         (moving, "to (0.05, 0.05, 0.05), out of the pool"),
     ],
@@ -280,12 +262,12 @@ print(mission.status, *mission.provenance["plugins"], config.digest())
         ('{"scores": None}', "names no view of the pool"),
         ('{"scores": 3}', "no usable answer (Expected `array | null`, got `int`"),
         ("[1, 2]", "no usable answer (Expected `object`, got `array`"),
-        ("time.sleep(60)", "no usable answer (killed after 5 s)"),
+        ("time.sleep(60)", "no usable answer (killed after 1 s)"),
         ("sys.exit(3)", "no usable answer (exit status 3)"),
     ],
 )
 def test_a_planner_in_another_process(package, tmp_path, monkeypatch, answer, said):
-    monkeypatch.setattr(external, "ANSWER_S", 5.0)
+    monkeypatch.setattr(external, "ANSWER_S", 1.0 if "sleep" in answer else 30.0)
     (tmp_path / "planner.py").write_text(PROGRAM.replace("{ANSWER}", answer))
     external.bring(f"outside={sys.executable} {tmp_path / 'planner.py'}")
     mission = flown("outside")
@@ -382,3 +364,6 @@ def test_an_installed_part_with_a_built_in_name_is_left_out_and_named(package):
     said = {line.partition(" of ")[0]: line for line in plugins.left_out()}
     assert {"scorer 'covis'", "gate 'random'", "renderer 'raycast'", "family 'boulder'"} <= said.keys()
     assert said["scorer 'covis'"].endswith("is left out; rename it or uninstall mine-dist")
+    plugins.register("families", "slab", lambda p, rng, seed: p)
+    with pytest.raises(UserError, match=r"family 'slab' .* has the name of one that is built in; rename it"):
+        load_coarse_rock("slab-3", Store())
