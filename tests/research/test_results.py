@@ -66,16 +66,6 @@ def test_pages_that_the_code_names_exist():
     assert named and not [page for page in named if not (ROOT / page).is_file()]
 
 
-def test_every_image_is_shown_somewhere():
-    texts = "".join(
-        page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    )
-    unused = [
-        image.name for image in (ROOT / "docs" / "images").iterdir() if f"images/{image.name}" not in texts
-    ]
-    assert not unused
-
-
 def test_figures_are_drawn_from_the_data_alone():
     spec = importlib.util.spec_from_file_location("result_figures", ROOT / "research" / "result_figures.py")
     assert spec is not None and spec.loader is not None
