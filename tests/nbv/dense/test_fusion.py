@@ -34,33 +34,26 @@ def views():
 
 
 def all_at_once(depths, images, poses):
-    """Voxels as keys of a dictionary, members in the order of views and pixels."""
-    target = np.array(TARGET, np.float32)
-    members = {}
+    """Points, normals and colours of the voxels, each from sums over all its members."""
+    members = []
     for name in sorted(depths):
+        known = np.isfinite(depths[name])
         rotation = poses[name][:3, :3].astype(np.float32)
         grid = backproject(depths[name], CAMERA)
-        pixels = np.argwhere(np.isfinite(depths[name]))
-        if not len(pixels):
-            continue
-        normals = depth_normals(grid)
-        local = grid[pixels[:, 0], pixels[:, 1]]
-        world = (local - poses[name][:3, 3].astype(np.float32)) @ rotation
-        normal = normals[pixels[:, 0], pixels[:, 1]]
+        local, normal = grid[known], depth_normals(grid)[known]
         guess = -1e-3 * local / np.linalg.norm(local, axis=1, keepdims=True)
         normal = np.where(np.isfinite(normal[:, :1]), normal, guess) @ rotation
-        for (row, column), point, n in zip(pixels, world, normal):
-            offset = point - target
-            if np.abs(offset).max() <= CONFIG.crop_half_width_m:
-                cell = tuple(np.floor(offset / np.float32(CONFIG.fusion_voxel_m)).astype(int))
-                members.setdefault(cell, []).append((point, n, images[name][row, column]))
-    points, normals, colors = [], [], []
-    for cell in sorted(members):
-        point, normal, color = (np.array(v, float) for v in zip(*members[cell]))
-        points.append(point.mean(axis=0))
-        normals.append(normal.sum(axis=0) / np.linalg.norm(normal.sum(axis=0)))
-        colors.append(np.rint(color.sum(axis=0) / len(color)))
-    return np.array(points), np.array(normals), np.array(colors)
+        world = (local - poses[name][:3, 3].astype(np.float32)) @ rotation
+        members.append(np.hstack([world, normal, images[name][known]]))
+    every = np.concatenate(members)
+    offset = every[:, :3].astype(np.float32) - np.array(TARGET, np.float32)
+    inside = np.abs(offset).max(axis=1) <= CONFIG.crop_half_width_m
+    cells = np.floor(offset[inside] / np.float32(CONFIG.fusion_voxel_m)).astype(int)
+    _, of_cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    sums = np.column_stack([np.bincount(of_cell.ravel(), column) for column in every[inside].T])
+    points, normals, colors = np.split(sums, 3, axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return points / count[:, None], normals, np.rint(colors / count[:, None])
 
 
 def fused(depths, images, poses):
@@ -81,9 +74,5 @@ def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
     whole = fused(*views)
     monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
     slabs = fused(*views)
-    for a, b in (
-        (whole.points_m, slabs.points_m),
-        (whole.normals, slabs.normals),
-        (whole.colors, slabs.colors),
-    ):
-        np.testing.assert_array_equal(a, b)
+    for part in ("points_m", "normals", "colors"):
+        np.testing.assert_array_equal(getattr(whole, part), getattr(slabs, part))

@@ -117,36 +117,24 @@ def test_a_view_may_be_flown_again_and_again(config):
     assert (result.status, result.costs["registered_images"]) == ("ok", 28)
 
 
-LIMITED = {
-    "scene.match_angle_deg": 45.0,
-    "sparse.ground_features": 2000,
-    "sparse.min_registered_seeds": 3,
-    "seed.lowest_deg": 25.0,
-}
-
-
-def test_where_features_match_less_far_a_ring_of_few_falls_apart(config):
-    """As photographs of the stone figure do, whose rings of 12 register and whose rings of 8 do in part."""
-
-    def registered(seeds, **more):
-        ring = {**LIMITED, "seed.count": seeds, "stop.adaptive_budget": 0, **more}
-        return run_geometric_mission(config.with_values(ring), ROCK).costs["registered_images"]
-
-    assert registered(8, **{"scene.match_angle_deg": 180.0}) == 8
-    assert registered(12) == 12
-    assert registered(7) < 7
-
-
-def test_a_second_turn_joins_the_seeds_that_are_out(config):
+def test_where_features_match_less_far_few_seeds_fall_apart_and_a_second_turn_joins_them(config):
     """Photographs between the seeds take the place of planned ones, no more of them than it takes."""
-    ring = {**LIMITED, "seed.count": 8, "stop.adaptive_budget": 6}
-    without, turned = (
-        run_geometric_mission(config.with_values(ring | {"seed.second_turn": turn}), ROCK)
-        for turn in (False, True)
+    limited = {
+        "scene.match_angle_deg": 45.0,
+        "sparse.ground_features": 2000,
+        "sparse.min_registered_seeds": 3,
+        "seed.lowest_deg": 25.0,
+        "seed.count": 8,
+        "stop.adaptive_budget": 6,
+    }
+    others = ({"scene.match_angle_deg": 180.0}, {"seed.count": 12}, {}, {"seed.second_turn": True})
+    far, many, few, turned = (
+        run_geometric_mission(config.with_values(limited | other), ROCK) for other in others
     )
-    assert without.trace[0].n_registered < 8 and "unregistered_seed" in without.message
+    assert [mission.trace[0].n_registered for mission in (far, many)] == [8, 12]
+    assert few.trace[0].n_registered < 8 and "unregistered_seed" in few.message
     assert [record.n_registered for record in turned.trace] == [10, 11, 12, 13]
-    assert turned.costs["images"] == without.costs["images"] == 14
+    assert turned.costs["images"] == few.costs["images"] == 14
 
 
 @pytest.mark.slow

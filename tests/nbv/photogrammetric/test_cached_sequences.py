@@ -48,46 +48,28 @@ def bits(reports):
     return told
 
 
-@pytest.fixture(scope="module")
-def plain():
-    """Reports of missions without a store, by the captures after the seeds."""
-    return {
-        len(later): bits(reconstruct_all(reconstructor(), later)[1:])
-        for later in (LATER, [*LATER[:2], *ELSEWHERE])
-    }
-
-
-@pytest.fixture
-def store(tmp_path):
-    return Store(tmp_path / "store")
-
-
-def filled(store):
-    return reconstruct_all(reconstructor(store=store), LATER)
-
-
-def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
-    assert bits(filled(store)[1:]) == plain[len(LATER)]
-    world = Counting(SEEDS + LATER)
-    again = reconstructor(world, store)
-    reports = reconstruct_all(again, LATER)
-    assert bits(reports[1:]) == plain[len(LATER)]
-    assert world.asked == 0  # the reconstructor behind has not moved
-    assert len(reports[0].model.camera_names) == len(SEEDS)
-
-
-def test_a_mission_that_leaves_a_known_sequence_goes_on_exactly(store, plain):
-    filled(store)
-    reports = reconstruct_all(reconstructor(store=store), [*LATER[:2], *ELSEWHERE])
-    assert bits(reports[1:]) == plain[4]
-
-
-def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
-    filled(store)
+@pytest.mark.parametrize(
+    ("later", "lost", "asked"),
+    [
+        (LATER, None, 0),  # the reconstructor behind does not move
+        ([*LATER[:2], *ELSEWHERE], None, 16),
+        (LATER, 3, 15),
+    ],
+    ids=["known", "left after two", "an entry in the middle was pruned"],
+)
+def test_what_is_kept_of_a_sequence_changes_no_bit(tmp_path, later, lost, asked):
+    """Photographs are looked at again as far as something is not known."""
+    expected = bits(reconstruct_all(reconstructor(), later)[1:])
+    store = Store(tmp_path / "store")
+    reconstruct_all(reconstructor(store=store), LATER)
     entries = sorted((store.root / "sequence-models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
-    entries[3].unlink()
-    assert bits(reconstruct_all(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
-    assert entries[3].exists()
+    if lost is not None:
+        entries[lost].unlink()
+    world = Counting(SEEDS + LATER + ELSEWHERE)
+    reports = reconstruct_all(reconstructor(world, store), later)
+    assert bits(reports[1:]) == expected and world.asked == asked
+    assert len(reports[0].model.camera_names) == len(SEEDS)
+    assert all(entry.exists() for entry in entries)
 
 
 def test_a_partial_model_leaves_nothing_behind(monkeypatch):
