@@ -15,7 +15,7 @@ from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)
-RADIUS_M = 0.6
+RADIUS_M = 0.8
 
 
 def surface_distance_m(points):

@@ -73,7 +73,7 @@ def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
         error = (scene.camera.focal_px * baseline * np.abs(1 / depth - 1 / true))[on_sphere]
         known = np.isfinite(error)
         assert known.mean() > completeness, name
-        assert np.median(error[known]) < 0.25, name
+        assert np.median(error[known]) < 0.2, name
         assert np.mean(error[known] < 1.0) > 0.95, name
 
 
@@ -91,7 +91,7 @@ def test_backend_is_deterministic_and_ignores_distant_views(scene):
 
 def near_the_sphere(points_m):
     """Every 40th of the sphere's points that a view sees, as a sparse model might have them."""
-    return points_m[np.abs(np.linalg.norm(points_m - np.array(TARGET), axis=1) - 0.6) < 0.01][::40]
+    return points_m[np.abs(np.linalg.norm(points_m - np.array(TARGET), axis=1) - 0.8) < 0.01][::40]
 
 
 def test_searching_near_the_sparse_points_only_finds_the_same(scene):
@@ -111,4 +111,4 @@ def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     assert np.isfinite(near).sum() < 0.8 * np.isfinite(full).sum()  # the ground behind and before is left out
     found = np.isfinite(near)
     offset = (backproject(near, scene.camera)[found] - pose[:3, 3]) @ pose[:3, :3] - np.array(TARGET)
-    assert np.abs(offset).max() < 0.6 + 2.5 * SEARCH_MARGIN_M
+    assert np.abs(offset).max() < 0.8 + 2.5 * SEARCH_MARGIN_M
