@@ -42,20 +42,6 @@ def test_commands_on_a_page_exist_with_their_options(page):
         assert not unknown, f"{line}: {unknown}"
 
 
-@pytest.mark.parametrize("page", sorted((DOCS / "results").glob("*.md")), ids=lambda page: page.stem)
-def test_a_page_of_results_names_a_script_that_is_there_or_the_commit_that_has_it(page):
-    text = page.read_text()
-    for module in re.findall(r"python -m (research[.\w]*)", text):
-        path = ROOT / module.replace(".", "/")
-        there = path.is_dir() or path.with_suffix(".py").is_file()
-        assert there or "git checkout" in text[: text.find(f"python -m {module} ")], module
-    old = text.find("python benchmarks/")  # they are gone
-    assert old < 0 or "git checkout" in text[:old]
-    assert page.stem == "index" or re.search(r"^ {4}\w|`[^`]*(gatetune|make|python) ", text, re.M), (
-        "no command"
-    )
-
-
 def command_lines(text: str) -> list[str]:
     """Indented or fenced lines that call gatetune or one of our scripts, continued lines joined."""
     joined = re.sub(r"\\\n\s*", "", text)

@@ -23,6 +23,10 @@ def test_a_page_has_its_limits_command_and_data(page):
         assert part in text, part
     known = any(page.name in row["page"].split(", ") for row in SOURCES)
     assert known or "python -m research" in text, "its data stand in sources.csv, or its commands make them"
+    for module in re.findall(r"python -m (research[.\w]*)", text):
+        path = ROOT / module.replace(".", "/")
+        there = path.is_dir() or path.with_suffix(".py").is_file()
+        assert there or "git checkout" in text[: text.find(f"python -m {module} ")], module
 
 
 def test_the_index_names_every_page():

@@ -23,10 +23,9 @@ def reconstructor(world, config=CONFIG):
     return SparseReconstructor(mission(config), world)
 
 
-def reconstruct_all(world=None, later=LATER):
-    world = world or LabelledPoints(SEEDS + LATER)
-    sparse = reconstructor(world)
-    reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in later]
+def reconstruct_all():
+    sparse = reconstructor(LabelledPoints(SEEDS + LATER))
+    reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in LATER]
     return sparse, reports
 
 
