@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from tuner.problem.instances import Instance
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
+POOR_COVERAGE = 0.85  # of 95 % intervals, below which it is said that they are too narrow
+MIN_MISSIONS_FOR_COVERAGE = 12
 FEW = 3  # changes that a sentence can name
 PLAN = ("seed.", "stop.")  # parameters that `plan_words` puts into words
 OPTIMISM_NOTE = "The recommendation was selected on these trials, so its intervals are optimistic."
@@ -255,6 +257,15 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
             f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
         )
     lines += outlier_sentences(best)
+    if best.observations < MIN_MISSIONS_FOR_COVERAGE:
+        missions = counted(best.observations, "successful mission")
+        lines.append(
+            f"The model has only {missions}, so its priors dominate and its intervals cannot be checked yet."
+        )
+    elif (coverage := best.leave_one_out["coverage_95"]) < POOR_COVERAGE:
+        lines.append(
+            f"The model's 95 % intervals contained only {100 * coverage:.0f} % of the left-out missions: all intervals are too narrow."
+        )
     if mission_kind(s.fidelity).predicts:
         lines.append(GEOMETRIC)
     if best.keep_default:

@@ -24,7 +24,6 @@ from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import advice_of, next_step
 from tuner.comparison.result import all_results
 from tuner.missions.job import Trial
-from tuner.missions.registry import mission_kind
 from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
@@ -44,7 +43,6 @@ from tuner.report.answer import (
 from tuner.report.comparison import REPORT_FILE, earned_sentences, legend_of, results_table
 from tuner.report.figures import draw_outcomes, draw_slices, plan_figure
 from tuner.report.labels import (
-    counted,
     decimals_for,
     duration,
     measure_text,
@@ -58,8 +56,6 @@ from tuner.report.style import embed, short_names
 from tuner.report.table import Table
 
 VIEW_FILE = "view.html"
-POOR_COVERAGE = 0.85  # of 95 % intervals, below which the page says that they are too narrow
-MIN_MISSIONS_FOR_COVERAGE = 12
 NEAR_A_BOUND = 0.01  # of the range
 BEYOND = (0.1, 0.02)  # of the range: how far beyond a bound a mission is tried
 
@@ -198,24 +194,9 @@ def _subtitle(s: CampaignSettings) -> str:
 
 
 def _warnings(campaign: Campaign, best: Recommendation | None, trials: Sequence[Trial]) -> list[str]:
-    s, status = campaign.settings, campaign.status()
-    out = []
-    kind = mission_kind(s.fidelity)
-    if kind.predicts:
-        out.append(f"{kind.note} They rank configurations and do not measure them.")
-    if status.remaining:
-        out.append(_stop_reason(status, trials))
-    if best is not None and best.observations < MIN_MISSIONS_FOR_COVERAGE:
-        out.append(
-            f"The model has only {counted(best.observations, 'successful mission')}, so its priors dominate and its intervals "
-            "cannot be checked yet."
-        )
-    elif best is not None and (coverage := best.leave_one_out["coverage_95"]) < POOR_COVERAGE:
-        out.append(
-            f"The model’s 95 % intervals contained only {100 * coverage:.0f} % of the left-out missions: all intervals on "
-            "this page are too narrow."
-        )
-    if best is not None and (at_bounds := bounds_text(best, s)):
+    status = campaign.status()
+    out = [_stop_reason(status, trials)] if status.remaining else []
+    if best is not None and (at_bounds := bounds_text(best, campaign.settings)):
         out.append(at_bounds)
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
