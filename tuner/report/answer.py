@@ -320,7 +320,7 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     if rival is None:
         return ""
     label = metric_label(best.metric)
-    worth = f"{_subject(label)} is {_mean(label, rival.mean, 0.0)}"
+    worth = f"{_subject(label)} is {mean_text(label, rival.mean, 0.0)}"
     if not best.exact:
         low, high = rival.difference_interval_95
         worth = f"Its gain over the recommendation is {_gain(rival.difference, (low, high), (high - low) / 4, label)}"
