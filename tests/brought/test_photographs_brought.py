@@ -71,7 +71,7 @@ MASKS = {  # form: of a mask (H, W) the picture, and the words that refuse it
 }
 
 
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lens=st.sampled_from(sorted(ball.LENSES)),
     orientation=st.sampled_from(sorted(ball.STORED)),
@@ -226,22 +226,16 @@ FOV = {"w": 160, "h": 120, "camera_angle_x": 1.0, "camera_angle_y": 0.8}
             "camera_type is PERSPECTIVE, which camera_model FULL_OPENCV does not",
         ),
         ({**CAMERA, "k1": 0.1, "distortion_model": "none"}, "distortion_model is none, which"),
-        ({**CAMERA, "is_fisheye": True, "camera_type": "perspective"}, "camera_type is perspective, which"),
         ({**CAMERA, "fl_y": 1e9}, "a camera of 160 x 120 px with focal length 130 and 1e+09 px"),
-        ({**CAMERA, "fl_x": 1e9, "fl_y": 1e9}, "focal length 1e+09 and 1e+09 px"),
         ({**CAMERA, "fl_x": 0.01, "fl_y": 0.01}, "focal length 0.01 and 0.01 px"),
         ({**CAMERA, "cx": 1e6}, "principal point at (1e+06, 59), outside the picture"),
-        ({**CAMERA, "cy": -3}, "principal point at (81, -3), outside the picture"),
         ({**CAMERA, "frame": {"w": 320, "h": 240}}, "has a size of its own, but no fl_x of its own"),
         ({**CAMERA, "camera_angle_x": 1.3}, "fl_x is 130, but camera_angle_x says 105.2"),
         ({**CAMERA, "radial": [0.1, 0.2]}, "radial is [0.1, 0.2]"),
         ({**CAMERA, **LENS_4}, "k4 is -0.001, which camera_model FULL_OPENCV does not have; remove it"),
         ({**CAMERA, "p1": 0.01, "is_fisheye": True}, "p1 is 0.01, which camera_model OPENCV_FISHEYE"),
-        ({**CAMERA, "b1": 2.0}, "b1 is 2.0"),
-        ({**CAMERA, "distortion_params": [0, 0.1]}, "distortion_params is"),
         ({**CAMERA, "ftheta_p0": 0.1}, "ftheta_p0 is 0.1"),
         ({**CAMERA, "camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
-        ({**CAMERA, "camera_model": "OMNIDIRECTIONALSTEREO_L"}, "none of COLMAP's"),
         ({**CAMERA, "camera_model": "SIMPLE_RADIAL_FISHEYE"}, "has one focal length"),
         ({**FOV, "camera_angle_x": 0}, "camera_angle_x is 0; it lies between 0 and pi"),
         ({**CAMERA, "w": 0, "h": 0}, "a camera of 0 x 0 px"),

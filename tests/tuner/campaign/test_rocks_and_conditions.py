@@ -128,8 +128,6 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
         ({"rocks": ("a", "a")}, "named twice"),
         ({"rocks": ("any-pebble",)}, "no family 'pebble' of rocks; choose from boulder, slab"),
         ({"rocks": ("any-slab", "fin")}, "any-slab is a family of rocks and 'fin' is a rock"),
-        ({"conditions": ()}, "there is no condition to run under"),
-        ({"conditions": (*TWO, TWO[1])}, "condition 'field' is named twice"),
         ({"overrides": {"telemetry.drift_m": 0.1}}, "drift_m is set by condition 'field' and by overrides"),
         ({"overrides": {"telemetry": "rtk"}}, "telemetry is set by condition 'field' and by overrides"),
     ],

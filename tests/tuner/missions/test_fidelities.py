@@ -14,12 +14,11 @@ def test_a_fidelity_of_ones_own_is_a_plug_in() -> None:
     assert mission_kind("of-yesterday").targets == "own"
 
 
-@pytest.mark.parametrize("name", ["photogrametric", "fake_missions:fake_mission"])
-def test_unknown_fidelities_are_refused_with_a_remedy(name: str) -> None:
+def test_an_unknown_fidelity_is_refused_with_a_remedy() -> None:
     with pytest.raises(
-        UserError, match="no such fidelity is known here; name its plug-in with gatetune --plugin"
+        UserError, match=r"no such fidelity is known here; name its plug-in with gatetune --plugin"
     ):
-        _ = mission_kind(name).function
+        _ = mission_kind("photogrametric").function
 
 
 def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,10 +71,8 @@ def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says
     ("result", "message"),
     [
         ('{"metrics": {"loss": NaN}}', "loss is nan"),
-        ('{"metrics": {"loss": -Infinity}}', "loss is -inf"),
         ('{"metrics": {"loss": 1e999}}', "loss is inf"),
         ('{"metrics": {"loss": null}}', "loss is None"),
-        ('{"metrics": {"loss": "n/a"}}', "loss is 'n/a'"),
         ('{"metrics": {"loss": 1}, "costs": {"fuel": NaN}}', "costs.fuel is nan"),
     ],
 )
