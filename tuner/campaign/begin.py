@@ -19,6 +19,7 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.missions.long_runs import exclusive
+from tuner.samplers.registry import make_sampler
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -41,6 +42,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     learned = None
     if settings.sources:
         learned = learn_from(settings.sources, settings.problem, settings.objective)
+    make_sampler(settings.sampler, settings.search)  # refuses a search space that it cannot handle
     identity = uuid.uuid4().hex
     try:
         directory.mkdir(parents=True, exist_ok=True)
