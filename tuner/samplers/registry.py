@@ -19,7 +19,7 @@ SAMPLERS = Registry("samplers", BUILT_IN)
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     """Return the sampler called ``name``.
 
-    Raises `UserError`: no such sampler.
+    Raises `UserError`: no such sampler, or one (of a plug-in) that cannot handle the search space.
     """
     sampler: Sampler = SAMPLERS.load(name, BUILT_IN)(settings, name)
     return sampler
