@@ -197,7 +197,7 @@ def test_control_points_in_any_system(
     assert found.metres_per_model_unit == pytest.approx(1 / 0.37, rel=max(0.01, 1.2 * told))
     assert found.up is None or found.up @ TURN @ [0, 0, 1] > np.cos(np.deg2rad(1.5))
     assert (found.up is not None) == (told < 0.02)
-    assert f"read as {system.strip()}" in found.notes[0]
+    assert f"read as {system.strip()}" in found.notes[0] and ", heights in " in found.notes[0]
 
 
 @pytest.mark.parametrize("relief", [0.0, 0.02, 0.3])

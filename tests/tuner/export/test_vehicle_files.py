@@ -39,7 +39,9 @@ def test_preset_paper_code_is_the_published_files(kind):
     # Optional there; and read only where the block above them is missing.
     left_out = ("weights.geometry_aware_repair", f"{BASELINE_AWARE}.weakness_weights")
     same = {path: value for path, value in written.items() if not path.startswith(left_out)}
-    assert same.items() <= published(FILES[kind][1]).items() and len(written) > 30
+    known = published(FILES[kind][1])
+    assert same == {path: known[path] for path in same} and len(written) > 30
+    assert len(DIRECT) == 37
 
 
 @pytest.mark.parametrize(
