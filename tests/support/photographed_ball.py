@@ -4,9 +4,7 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
-import pycolmap
 import trimesh
-from colmap_workspace import model_of
 from PIL import Image
 from scene_helpers import BALL_RADIUS_M, CENTRE_M, SMALL_GROUND, around, make_ball
 
@@ -32,7 +30,7 @@ def spread(count: int) -> np.ndarray:
 def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> PhotographSet:
     """Keep the set ``name``; not rendered: photographs of one grey, for what does not look at them."""
     folder = set_folder(name)
-    for part in ("images", "masks", "sparse"):
+    for part in ("images", "masks"):
         (folder / part).mkdir(parents=True)
     ball = make_ball()
     renderer = None
@@ -55,13 +53,6 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
         make_rock(name, ball.vertices_m, ball.faces, ball.albedo, split="extra", difficulty="a ball"),
         folder / "surface.npz",
     )
-    tracked, normals = (values[:: len(points) // 300] for values in (points, normals))
-    to_camera = np.array([p.camera_center_m for p in photographs])[:, None] - tracked
-    seen = np.einsum("npk,pk->np", to_camera, normals) > 0.5 * np.linalg.norm(to_camera, axis=2)
-    params = [CAMERA.focal_px, CAMERA.focal_px, CAMERA.width_px / 2, CAMERA.height_px / 2]
-    lens = pycolmap.Camera(model="PINHOLE", width=CAMERA.width_px, height=CAMERA.height_px, params=params)
-    poses, names = zip(*((p.camera_from_world, f"{p.name}.jpg") for p in photographs))
-    model_of(lens, names, poses, tracked, seen).write(str(folder / "sparse"))
     made = PhotographSet(
         name=name,
         folder=folder,
@@ -72,9 +63,7 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
         metres_per_unit=None,
         scale_source="none",
         reference_error_m=0.001,
-        halves=HalvesAgreement(
-            (90.0, 95.0, 99.0, 99.0, 99.0), (90.0, 95.0, 99.0, 99.0, 99.0), (90.0, 95.0, 99.0, 99.0, 99.0)
-        ),
+        halves=HalvesAgreement(*[(90.0, 95.0, 99.0, 99.0, 99.0)] * 3),
         weak=(),
         notes=(),
         source_folder="rendered",
