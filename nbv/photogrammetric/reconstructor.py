@@ -6,7 +6,7 @@ of them, and one that ends with them has the same cloud and metrics. So these ar
 
 What cannot be kept is the mapper itself: COLMAP's hash tables carry the order in which they were filled, that
 order reaches the last bits of every later adjustment, and files do not hold it. A mission that leaves a known
-sequence is therefore replayed from its seed model before it goes on, at the price that it would have paid anyway.
+sequence is therefore replayed from its seeds before it goes on, at the price that it would have paid anyway.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         self._seeds: tuple[Capture, ...] = ()
         self._waiting: list[Capture] = []
         self._to_refine = False
-        self._key = self._seed_key = ""  # of the sequence so far, and of its seeds
+        self._key = ""  # of the sequence so far
 
     def partial_model(self, captures: Sequence[Capture]) -> SparseModel | None:
         """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
@@ -83,7 +83,7 @@ class PhotogrammetricReconstructor(Reconstructor):
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         self._seeds = tuple(captures)
         self._images.update({capture.name: capture.image for capture in captures})
-        self._key = self._seed_key = cache_key(
+        self._key = cache_key(
             __name__,
             self._config.camera,
             self._config.sparse,
@@ -192,23 +192,12 @@ class PhotogrammetricReconstructor(Reconstructor):
         assert sparse is not None
         if self._seeds:
             seeds, self._seeds = self._seeds, ()
-            report = self._seed_model(sparse, seeds)
+            report = sparse.bootstrap(seeds)
         while self._waiting:
             report = sparse.add(self._waiting.pop(0))
         if self._to_refine:
             self._to_refine = False
             sparse.refine()
-        return report
-
-    def _seed_model(self, sparse: SparseReconstructor, seeds: Sequence[Capture]) -> UpdateReport:
-        """Of many missions on one (rock, replicate) it is the same, so its files are kept."""
-        if self._store is None:
-            return sparse.bootstrap(seeds)
-        if (entry := self._store.get("seed-models", self._seed_key)) is not None:
-            return sparse.bootstrap_from(seeds, {name: data.tobytes() for name, data in entry.items()})
-        report = sparse.bootstrap(seeds)
-        files = {name: np.frombuffer(content, np.uint8) for name, content in sparse.seed_files().items()}
-        self._store.put("seed-models", self._seed_key, files)
         return report
 
 

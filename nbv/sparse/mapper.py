@@ -1,7 +1,7 @@
 """COLMAP's incremental mapper (Schönberger and Frahm, "Structure-from-Motion Revisited", CVPR 2016), step by step in this process.
 
 Between updates the whole state is the reconstruction, the keypoints and the verified pairs; COLMAP's mapper
-object (with its hidden counters) lives only inside one update. That lets a seed model be kept and continued bit for bit.
+object (with its hidden counters) lives only inside one update.
 """
 
 from __future__ import annotations
@@ -111,11 +111,14 @@ class IncrementalModel:
                 mapper.end_reconstruction(True)  # frees the rejected model's images for the next initial pair
                 continue
             mapper.end_reconstruction(False)
-            # In the order in which it would be read from disk: the order of COLMAP's hash tables depends on their
-            # history and reaches the last bits of the adjustments.
-            self.reconstruction = model_of(files_of(reconstruction))
+            self.reconstruction = reconstruction
+            self.put_in_order()
             return
         raise failure
+
+    def put_in_order(self) -> None:
+        """Give COLMAP's hash tables the order of a model read from disk: theirs depends on their history, down to the last bits of adjustments."""
+        self.reconstruction = model_of(files_of(self.reconstruction))
 
     def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""

