@@ -153,7 +153,7 @@ def resume(
     """
     output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, mission=mission)
-    if missions is not None:
+    if missions is not None and missions != campaign.settings.budget:  # given again where a resume was refused
         campaign = extend_campaign(campaign, missions)
     ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)
     run_and_report(campaign, ready, accept_changes=accept_changes)

@@ -200,11 +200,11 @@ def test_the_mission_file_named_is_the_campaigns_own(gatetune, toy):
 def test_a_changed_program_is_asked_about(gatetune, toy):
     begun(toy, 2)
     (toy / "toy_mission.py").write_text(FLY + "\n")
-    resume = ("campaign", "resume", "runs/toy", "--mission", "toy.yaml", "--workers", 1)
+    resume = ("campaign", "resume", "runs/toy", "--mission", "toy.yaml", "--missions", 6, "--workers", 1)
     said = gatetune.refused(*resume)
     assert "the program of its missions changed after trial" in said and "--accept-changes" in said
     gatetune.ok(*resume, "--accept-changes")
-    assert len(Campaign.open(toy / "runs/toy", read_only=True).trials()) == 4
+    assert len(Campaign.open(toy / "runs/toy", read_only=True).trials()) == 6
 
 
 @pytest.mark.parametrize(
