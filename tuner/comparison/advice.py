@@ -45,7 +45,6 @@ class Advice:
     fly: str
     config: Configuration
     results: Results
-    reference: str
     plain: str  # the best plain plan (an orbit, random views, the default) with as many photographs; empty without one
     is_plain: bool  # whether ``fly`` runs the missions of a plain plan
     over_plain: Verdict | None  # the recommendation against that plan; None where they are one
@@ -66,40 +65,36 @@ def leaves_room(ceiling: Interval | None) -> bool:
 def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     """Return the advice from everything in the campaign's directory; ``best``: its recommendation."""
     s = campaign.settings
-    tuned, quality = s.problem.config(best.values), s.goal.shown
-    reference = s.problem.reference
-    found = held_out_results(campaign, tuned)
+    reference, quality = s.problem.reference, s.goal.shown
+    found = held_out_results(campaign, s.problem.config(best.values))
     if found is None or not _plain(found.strategies, reference):
         found = training_results(campaign, best)
-    key = mission_key(tuned)
-    plain = {name: found.strategies[name] for name in _plain(found.strategies, reference)}
-    gains = _gains(found.records, plain, quality)
+    records, missions = found.records, {name: mission_key(c) for name, c in found.strategies.items()}
+
+    def against(strategy: str, other: str) -> Verdict | None:
+        """None where one of the two was not run, or both run the same missions."""
+        if not {strategy, other} <= missions.keys() or missions[strategy] == missions[other]:
+            return None
+        return judge(records, strategy, other, quality)
+
+    plain = _plain(found.strategies, reference)
+    gains = _gains(records, plain, quality)
     named = max(gains, key=lambda name: gains[name], default="")
-    over_plain = None
-    if named and mission_key(plain[named]) != key:
-        over_plain = judge(found.records, TUNED, named, quality)
-    fly = TUNED
-    if found.held_out and over_plain is not None and over_plain.kind is Kind.WORSE:
-        fly = named
-    flown = found.strategies[fly]
+    over_plain = against(TUNED, named)
+    is_worse = over_plain is not None and over_plain.kind is Kind.WORSE
+    fly = named if found.held_out and is_worse else TUNED
     orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
     oracle = next((name for name in found.strategies if base_name(name) == CEILING), "")
-    elsewhere = reference in found.strategies and mission_key(found.strategies[reference]) != mission_key(
-        flown
-    )
     return Advice(
         fly=fly,
-        config=flown,
+        config=found.strategies[fly],
         results=found,
-        reference=reference,
         plain=named,
-        is_plain=mission_key(flown) in {mission_key(c) for c in plain.values()},
+        is_plain=missions[fly] in {missions[name] for name in plain},
         over_plain=over_plain,
-        over_reference=judge(found.records, fly, reference, quality) if elsewhere else None,
-        by_orbit=judge(found.records, orbit, fly, quality)
-        if orbit and mission_key(plain[orbit]) != mission_key(flown)
-        else None,
-        ceiling=judge(found.records, oracle, named, quality).gain if oracle and named else None,
+        over_reference=against(fly, reference),
+        by_orbit=against(orbit, fly),
+        ceiling=judge(records, oracle, named, quality).gain if oracle and named else None,
     )
 
 
