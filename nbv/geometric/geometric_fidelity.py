@@ -14,7 +14,6 @@ from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import world_of
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.run_directory import METRICS, RunDirectory
 from nbv.rocks import load_coarse_rock
 from nbv.types import Camera, Capture, Cloud, Floats, Viewpoint
 
@@ -64,10 +63,6 @@ class GeometricFidelity(Fidelity):
         """Predicted scores; ``metrics["fidelity"]`` says that they are."""
         with self.context.stopwatch.timed("evaluation"):
             return predicted_metrics(self._world, self.reconstructor.predicted(), self.context.config)
-
-    def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
-        """The metrics in a file of their own."""
-        run.write_json(METRICS, {"metrics": metrics})
 
 
 # Run one mission without images and predict its completeness: a `nbv.mission.MissionFunction`.

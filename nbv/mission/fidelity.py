@@ -21,7 +21,7 @@ from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
-from nbv.mission.run_directory import FLIGHT, PROGRESS, PROVENANCE, RESULT, RunDirectory
+from nbv.mission.run_directory import FLIGHT, PROGRESS, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
 from nbv.plugins import failure_of, used
 from nbv.provenance import provenance
@@ -106,9 +106,8 @@ class Fidelity(ABC):
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """The metrics of the mission's cloud; `MissionFailure` where it has none."""
 
-    @abstractmethod
-    def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
-        """Write what a whole run directory holds of this fidelity; ``metrics`` are empty when the mission failed."""
+    def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:  # noqa: B027  some have nothing
+        """Write what a whole run directory holds of this fidelity alone; ``metrics`` are empty when the mission failed."""
 
     @classmethod
     def run(
@@ -147,8 +146,6 @@ class Fidelity(ABC):
                 all_files.write_json(FLIGHT, mission.flight.to_dict())
         stopwatch.total_s["total"] = time.perf_counter() - started
         result = fidelity.result(mission, outcome, config.digest())
-        if all_files is not None:
-            all_files.write_json(PROVENANCE, result.provenance)
         if files is not None:
             (files.root / PROGRESS).unlink(missing_ok=True)
             write_atomic(files.root / RESULT, result.to_json())  # last: the mission has finished

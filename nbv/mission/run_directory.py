@@ -4,7 +4,6 @@
 
     config.yaml            the complete configuration
     located.yaml           the same with the target as it was found, where it had to be looked for
-    provenance.json        rock hash, seeds, versions, backends
     images/NAME.png        every photograph
     progress.txt           while it runs: a line ``12/32`` per photograph taken
     trace.jsonl            one line per adaptive capture, written as it happens
@@ -12,9 +11,8 @@
     sparse/0/              the final sparse model in COLMAP's format and as points.ply, world frame, metres
     dense.ply cleaned.ply  the fused cloud before and after cleaning
     flight.json            legs with their trajectories
-    photographs.txt        names of the photographs taken, where they are of a set
-    metrics.json           metrics and the cleaning report
-    mission.json           the result; written last, atomically: its presence means "finished"
+    cleaning.json          what the cleaning took off the dense cloud
+    mission.json           the result with metrics and provenance; written last, atomically: its presence means "finished"
     worker.log             what the mission printed, where the tuner ran it
 """
 
@@ -44,11 +42,10 @@ from nbv.safe_files import (
 )
 from nbv.types import Cloud, PointCloud
 
-CONFIG, LOCATED, RESULT, PROVENANCE = "config.yaml", "located.yaml", "mission.json", "provenance.json"
+CONFIG, LOCATED, RESULT = "config.yaml", "located.yaml", "mission.json"
 PROGRESS, TRACE, WORKER_LOG = "progress.txt", "trace.jsonl", "worker.log"
 IMAGES, STATES, SPARSE_MODEL = "images", "states", "sparse/0"
-DENSE, CLEANED, FLIGHT, METRICS = "dense.ply", "cleaned.ply", "flight.json", "metrics.json"
-TAKEN = "photographs.txt"
+DENSE, CLEANED, CLEANING, FLIGHT = "dense.ply", "cleaned.ply", "cleaning.json", "flight.json"
 _REMOVED_AT_START = (RESULT, PROGRESS, IMAGES, STATES, "sparse", TRACE, LOCATED, DENSE, CLEANED)
 
 

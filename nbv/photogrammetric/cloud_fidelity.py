@@ -9,7 +9,7 @@ from nbv.cache import cached_json
 from nbv.evaluation import Evaluation
 from nbv.evaluation.registry import METRIC_REGISTRY
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.run_directory import CLEANED, METRICS, RunDirectory, write_ply
+from nbv.mission.run_directory import CLEANED, CLEANING, RunDirectory, write_ply
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.threads import limit_threads
 from nbv.types import Cloud
@@ -57,6 +57,6 @@ class CloudFidelity(Fidelity):
         if metrics:
             evaluation = self._evaluation or self.evaluate(self._cloud)
             write_ply(run.root / CLEANED, evaluation.cleaned)
-            run.write_json(METRICS, {"metrics": metrics, "cleaning": evaluation.cleaning})
+            run.write_json(CLEANING, evaluation.cleaning)
         if self.reconstructor.has_model:
             self.reconstructor.export_sparse(run.sparse_model, run.images)

@@ -17,7 +17,7 @@ from nbv.config.presets import REDUCED_SFM
 from nbv.evaluation import Evaluation
 from nbv.gates import GroundTruthOracle
 from nbv.mission.fidelity import MissionContext
-from nbv.mission.run_directory import LOCATED, TAKEN, RunDirectory
+from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
@@ -25,7 +25,6 @@ from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
-from nbv.safe_files import write_atomic
 from nbv.types import Cloud
 
 # Defaults for photograph sets, where the configuration has its preset's value. Work is left out that scores do not show; photographs
@@ -102,7 +101,6 @@ class PhotographFidelity(CloudFidelity):
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         run.write_config(self.vehicle_config.to_dict(), LOCATED)
-        write_atomic(run.root / TAKEN, "".join(f"{name}\n" for name in self.camera.taken))
         super().export(run, metrics)
 
 
