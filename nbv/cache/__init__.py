@@ -12,7 +12,6 @@ Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue`
 """
 
 from nbv.cache.keys import cache_key, cached, cached_json, code_digest, digest
-from nbv.cache.machine_key import keyed, machine_key, use_machine_key
 from nbv.cache.recent import Recent
 from nbv.cache.store import Arrays, KnownOnly, Store, home
 
@@ -27,7 +26,4 @@ __all__ = [
     "code_digest",
     "digest",
     "home",
-    "keyed",
-    "machine_key",
-    "use_machine_key",
 ]

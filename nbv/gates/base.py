@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -22,16 +23,15 @@ class Gate(ABC):
     """Chooses the ranking whose best view is taken.
 
     A control or a planner of its own returns a ranking that is not among those given, under its own name, so that
-    the mission loop is the same for all. A gate that draws (`nbv.gates.controls.RandomGate`) draws from a stream
-    keyed by rock, replicate and iteration.
+    the mission loop is the same for all. A plug-in's gate draws by `rng`, a built-in one from a stream keyed by rock, replicate
+    and iteration.
 
     Parameters
     ----------
     config
         The vehicle's; the gate's own settings are in its ``gate``.
     rock_sha256
-        Which rock it is, for draws and caches. A plug-in's is keyed (`nbv.cache.keyed`): it tells rocks apart without
-        telling which of the catalogue they are, on this machine only.
+        Which rock it is, for the draws of built-in gates; a plug-in is not told.
     oracle
         The ground truth, for a gate that says ``sees_ground_truth``, and for no other.
     """
@@ -51,8 +51,9 @@ class Gate(ABC):
         return self.oracle
 
     def rng(self, state: PlanningState) -> np.random.Generator:
-        """A generator for one decision, keyed by gate, rock, replicate and iteration."""
-        return keyed_rng(self.config.gate.kind, self.rock_sha256, self.replicate, state.iteration)
+        """A generator for one decision, keyed by gate, sparse model, replicate and iteration."""
+        seen = hashlib.sha256(state.model.points_m.tobytes()).hexdigest()
+        return keyed_rng(self.config.gate.kind, seen, self.replicate, state.iteration)
 
     def retargeted(self, config: MissionConfig) -> Self:
         """A copy of this gate for ``config``, whose ``target_m`` is where the mission has found the target."""

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv import plugins
-from nbv.cache import machine_key, use_machine_key
 from nbv.checksums import CHECKSUM
 from nbv.errors import UserError
 from nbv.gates.external import bring
@@ -70,7 +69,6 @@ class MissionJob:
             "config": self.config.to_dict(),
             "directory": str(self.directory.absolute()),
             "plugins": plugins.plugin_specs(self.planners),
-            "machine_key": machine_key().hex(),
             "identity": {"config_digest": self.config.digest(), "condition": self.config.condition},
             "planners": [plugin.label for plugin in self.planners],
         }
@@ -78,7 +76,6 @@ class MissionJob:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        use_machine_key(bytes.fromhex(tree["machine_key"]))
         for text in tree["plugins"]:
             bring(text)
         own = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
