@@ -138,8 +138,7 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
 def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     sampler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The lower angle may not be above the upper one: some points of the space are no mission, and in a row end no campaign."""
-    monkeypatch.setattr(session, "MAX_CONSECUTIVE_FAILURES", 2)
+    """The lower angle may not be above the upper one: some points of the space are no mission."""
     low, high = {"low": 0, "high": 24}, {"low": 6, "high": 26}
     angles = {"b_aware.theta_low_deg": low, "b_aware.theta_saturation_deg": high}
     space = space_from_dict({"name": "angles", "parameters": angles}, "test")
@@ -158,7 +157,6 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
-    assert any(a.state == b.state == "failed" for a, b in itertools.pairwise(resumed.trials()))
     assert all("theta_low_deg" in t.record.message and "\n" not in t.record.message for t in refused)
     assert not any(t.record.directory.exists() for t in refused)
     assert [e.message for e in events if e.kind == "failed"] == [t.record.message for t in refused]
