@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scene_helpers import SMALL_GROUND
 
 from nbv.config import config_from_dict, preset
 from nbv.mission.result import MissionResult
@@ -25,6 +26,15 @@ def config():
             "dense.agreeing_views": 3,
         }
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_ground(tmp_path_factory):
+    """And a home of its own, so that no other test meets these photographs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GATETUNE_HOME", str(tmp_path_factory.mktemp("home")))
+        patch.setattr("nbv.scene.bake.GroundSpec", lambda: SMALL_GROUND)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import cv2
 import every_part
 import numpy as np
 import pytest
+from scene_helpers import SMALL_GROUND
 from typer.testing import CliRunner
 
 from nbv import plugins
@@ -35,7 +36,10 @@ def installed(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_family(installed, tmp_path):
+def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_family(
+    installed, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("nbv.scene.bake.GroundSpec", lambda: SMALL_GROUND)
     config = preset("campaign").with_values(
         {
             "stop.adaptive_budget": 1,
@@ -72,7 +76,7 @@ def test_photographs_and_rocks_are_made_again_where_the_source_changes(installed
 
         def renderer(camera):
             made.append(rock.sha256)
-            return make_renderer(build_scene(rock, config.scene, camera), "dim")
+            return make_renderer(build_scene(rock, config.scene, camera, SMALL_GROUND), "dim")
 
         camera = SimulatedCamera(renderer, rock, 0, config, store)
         return camera.photograph(Viewpoint("a", (3.5, 0.0, 1.5), 0.0, 20.0, "low"), pose)
