@@ -73,6 +73,7 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
         run_geometric_mission(config, ROCK, 0, tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "ground_features", "status"), [(12, 0, "failed"), (16, 0, "ok"), (8, 2000, "ok")]
 )

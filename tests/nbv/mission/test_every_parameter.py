@@ -318,7 +318,7 @@ def test_fewer_pixels_see_less():
     scores = []
     for camera in ((640, 480, f), (1280, 960, 2 * f), (640, 480, 200.0), (64, 48, 46.57)):
         values = dict(zip(("camera.width_px", "camera.height_px", "camera.focal_px"), camera))
-        tree = json.loads(mission(json.dumps(FEW | values)))
+        tree = json.loads(mission(json.dumps({"rock": "slab-3", **FEW, **values})))
         scores.append(tree["metrics"]["observable"]["f_score_48mm"] if tree["metrics"] else 0.0)
     same, finer, coarser, tiny = scores
     assert finer > same > coarser > tiny == 0.0
