@@ -53,11 +53,13 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
+from tuner.comparison.advice import advice_of
 from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
 from tuner.missions.registry import mission_kind
-from tuner.report.answer import use_sentence
+from tuner.problem.baselines import TUNED
+from tuner.report.answer import advice_lines
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
@@ -153,7 +155,9 @@ def resume(
     """
     output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, mission=mission)
-    if missions is not None and missions != campaign.settings.budget:  # given again where a resume was refused
+    if (
+        missions is not None and missions != campaign.settings.budget
+    ):  # given again where a resume was refused
         campaign = extend_campaign(campaign, missions)
     ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)
     run_and_report(campaign, ready, accept_changes=accept_changes)
@@ -227,11 +231,13 @@ def _row(directory: Path) -> dict[str, Any]:
     try:
         campaign = Campaign.open(directory, read_only=True)
         s, counts, best = campaign.settings, campaign.status(), campaign.saved_recommendation()
+        advice = None if best is None else advice_of(campaign, best)
     except UserError as error:
         return {**row, "values": None, "answer": f"cannot be read: {error}"}
     answer = f"none yet: {campaign.nothing_yet()}"
-    if best is not None:
-        answer = f"{best.mean:.4g}: {use_sentence(best, s)}"
+    if best is not None and advice is not None:
+        mean = f"{best.mean:.4g}: " if advice.fly == TUNED else ""  # the recommendation's
+        answer = mean + advice_lines(advice, best, s)[0]
     elif not campaign.nothing_yet():
         answer = f"not computed yet: gatetune campaign status {directory}"
     return {
