@@ -29,7 +29,7 @@ from tuner.commands.campaign_display import (
     show_recommendation,
 )
 from tuner.commands.console import (
-    LOADING_ROCKS,
+    LOADING,
     AsJson,
     answer_json,
     executor_at,
@@ -120,7 +120,7 @@ def run(
         campaign = Campaign.open(directory, mission=named_mission)
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
-    with working(LOADING_ROCKS):
+    with working(LOADING["instance" if fields.get("mission") else "rock"]):
         asked = resolved_settings(fields, str(settings or "command line"))
         require_comparable(asked)
     if executor == "local" and scheduler is None:
@@ -303,7 +303,7 @@ def run_and_report(
                 f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
             )
             if settings.compare_on and summary.found:
-                output.print(f"preparing the comparison, {LOADING_ROCKS}")
+                output.print(f"preparing the comparison, {LOADING[settings.problem.instance_word]}")
 
         summary = run_to_end(
             campaign,

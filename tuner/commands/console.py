@@ -58,6 +58,10 @@ errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
 LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"
+LOADING = {
+    "rock": LOADING_ROCKS,
+    "instance": "reading the mission file's instances",
+}  # by what missions run on
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0

@@ -15,6 +15,7 @@ from nbv.photographs import PhotographSet
 from tuner.campaign.campaign import Campaign
 from tuner.commands.campaign_display import show_answer
 from tuner.commands.console import (
+    LOADING,
     LOADING_ROCKS,
     AsJson,
     ComparisonProgress,
@@ -70,7 +71,7 @@ def evaluate(
     """
     output.print(f"evaluating the recommendation of {campaign}")
     source = _open(campaign, mission)
-    with working(LOADING_ROCKS):
+    with working(LOADING[source.settings.problem.instance_word]):
         planned = held_out(
             source,
             rocks=rocks,
@@ -101,7 +102,7 @@ def confirm(
     """
     output.print(f"confirming the recommendation of {campaign}")
     source = _open(campaign, mission)
-    with working(LOADING_ROCKS):
+    with working(LOADING[source.settings.problem.instance_word]):
         planned = confirmation(source, rocks=rocks, replicates=replicates, fidelity=fidelity)
     if planned is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"

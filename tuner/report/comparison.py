@@ -285,7 +285,7 @@ def strategy_table(
         rocks = {name: cell.rocks for name, cell in shown.cells.items() if cell is not None}
         fewer = [strategy_label(name) for name, count in rocks.items() if count < max(rocks.values())]
         if fewer:
-            notes.append(f"On fewer of these rocks: {', '.join(fewer)}; compare differences, not means.")
+            notes.append(f"On fewer of them: {', '.join(fewer)}; compare differences, not means.")
     if oracles := [strategy_label(name) for name in table.strategies if sees_ground_truth(name)]:
         see = "sees" if len(oracles) == 1 else "see"
         notes.append(f"{' and '.join(oracles)} {see} the true surface, which a vehicle does not know.")

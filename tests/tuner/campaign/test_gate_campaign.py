@@ -1,5 +1,6 @@
 """A campaign over the gate, interrupted and to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import fake_missions  # noqa: F401  registers its fidelities
 import pytest
 
 from nbv.geometric import run_geometric_mission
@@ -140,6 +142,8 @@ def test_a_mission_that_is_not_in_the_store_is_not_known(ended):
     config = campaign.settings.problem.config(campaign.settings.problem.default)
     job = MissionJob("1", config, "slab", 977, campaign.directory)
     assert known_photographs(job) == ""  # photogrammetric, a replicate that nobody has run
+    # A plug-in's missions need not know the store.
+    assert known_photographs(dataclasses.replace(job, fidelity="fake-on-rocks")) == ""
 
 
 def test_a_search_without_a_plan_left_to_try_runs_nothing_when_resumed(tmp_path):

@@ -79,7 +79,7 @@ def test_strategies_on_fewer_rocks_are_named() -> None:
     records = [r for r in run.records if (r.strategy, r.rock) != ("covis", "slab")]
     facts = made_facts(dataclasses.replace(run, records=records))
     caption = strategy_table(facts.summary, "", "observable.f_score_48mm").caption
-    assert "On fewer of these rocks: Covis; compare differences, not means." in caption
+    assert "On fewer of them: Covis; compare differences, not means." in caption
 
 
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
