@@ -30,7 +30,7 @@ class PhotogrammetricFidelity(CloudFidelity):
             self._renderer, context.rock, context.replicate, self.vehicle_config, store
         )
         self.reconstructor = PhotogrammetricReconstructor(
-            self.vehicle_config, store, keep_sparse=context.keeps_everything
+            self.vehicle_config, store, keep_sparse=context.keeps_everything, stopwatch=context.stopwatch
         )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
 

@@ -29,6 +29,7 @@ from nbv.mission.planning_state import arrays_of, model_of
 from nbv.sparse.colmap import export_colmap
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Cloud, LazyCloud, Point, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.
@@ -54,16 +55,18 @@ class PhotogrammetricReconstructor(Reconstructor):
         *,
         keep_sparse: bool = True,
         half_extents_m: Point | None = None,
+        stopwatch: Stopwatch | None = None,
     ) -> None:
         self._half_extents_m = half_extents_m
         self._config, self._store = config, store
         self._keep_sparse = keep_sparse
+        self._stopwatch = stopwatch
         self._images: dict[str, Any] = {}
         self.has_model = False
         self._begin()
 
     def _begin(self) -> None:
-        source = Correspondences(self._config, self._store)
+        source = Correspondences(self._config, self._store, self._stopwatch)
         self._sparse: SparseReconstructor | None = SparseReconstructor(self._config, source)
         # Not reconstructed yet: the seeds, and what came after them.
         self._seeds: tuple[Capture, ...] = ()

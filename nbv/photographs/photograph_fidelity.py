@@ -79,6 +79,7 @@ class PhotographFidelity(CloudFidelity):
             context.store,
             keep_sparse=context.keeps_everything,
             half_extents_m=(x_m, y_m, z_m),
+            stopwatch=context.stopwatch,
         )
         self.facts = {
             "photographs": len(self.photographs.registered),

@@ -13,6 +13,7 @@ from nbv.config import MissionConfig
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.ground_features import extract_ground_features
 from nbv.sparse.matching import VerifiedPair, match_pair, verify_pair
+from nbv.stopwatch import Stopwatch
 from nbv.types import Floats
 
 GROUND_MATCH_RATIO = 0.9  # nearly all ground matches are right even so, and with GNSS every one is needed
@@ -21,8 +22,11 @@ GROUND_MATCH_RATIO = 0.9  # nearly all ground matches are right even so, and wit
 class Correspondences:
     """Features and verified pairs: pure functions of the arguments and the options, kept in the store where there is one."""
 
-    def __init__(self, config: MissionConfig, store: Store | None = None) -> None:
+    def __init__(
+        self, config: MissionConfig, store: Store | None = None, stopwatch: Stopwatch | None = None
+    ) -> None:
         self.config = config
+        self.stopwatch = stopwatch or Stopwatch()  # of all sparse stages
         self._store = store
 
     def features(self, image: NDArray[np.uint8]) -> Features:
@@ -44,7 +48,8 @@ class Correspondences:
     def _cached_features(self, extract: Callable[[], Features], module: str, inputs: list[Any]) -> Features:
 
         def make() -> Arrays:
-            features = extract()
+            with self.stopwatch.timed("sparse.features"):
+                features = extract()
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
         entry = cached(self._store, "features", make, code=module, inputs=inputs)
@@ -55,8 +60,10 @@ class Correspondences:
         camera, c = self.config.camera, self.config.sparse
 
         def make() -> Arrays:
-            matches = self._match(a, b)
-            pair = verify_pair(a, b, matches, camera, c)
+            with self.stopwatch.timed("sparse.matching"):
+                matches = self._match(a, b)
+            with self.stopwatch.timed("sparse.verification"):
+                pair = verify_pair(a, b, matches, camera, c)
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
         inputs = [camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]

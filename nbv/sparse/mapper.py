@@ -17,6 +17,7 @@ from nbv.config import MissionConfig, SparseConfig
 from nbv.errors import MissionFailure
 from nbv.sparse.colmap import CAMERA_ID, colmap_camera, files_of, model_of, pipeline_options
 from nbv.sparse.matching import VerifiedPair
+from nbv.stopwatch import Stopwatch
 
 _SEED = 0
 _MAX_INITIAL_PAIRS = 3  # seed models tried before giving up
@@ -56,13 +57,14 @@ class IncrementalModel:
     Where telemetry errs somebody compares poses with it, so that fewer matches may register a photograph.
     """
 
-    def __init__(self, config: MissionConfig) -> None:
+    def __init__(self, config: MissionConfig, stopwatch: Stopwatch) -> None:
         self.camera, self.config = config.camera, config.sparse
         self.names: list[str] = []
         self.keypoints_px: list[NDArray[np.float64]] = []  # (K, 2) per image
         self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
         self.reconstruction = pycolmap.Reconstruction()
         self.captures_since_global = 0
+        self.stopwatch = stopwatch
         self._usual = mapping_options(self.config)
         if not config.telemetry.is_exact:  # else COLMAP's own thresholds stand
             self._usual.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
@@ -93,7 +95,8 @@ class IncrementalModel:
         is raised, or ``seed_model_failed`` where no pair is fit to start from. ``judge_pose`` is for `_join`.
         """
         pycolmap.set_random_seed(_SEED)
-        mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
+        with self.stopwatch.timed("sparse.mapping"):
+            mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
         failure = MissionFailure("seed_model_failed", "no pair of seed images is fit to start from")
         for _ in range(_MAX_INITIAL_PAIRS):
             reconstruction = pycolmap.Reconstruction()
@@ -124,24 +127,26 @@ class IncrementalModel:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
         options = self._usual.get_mapper()
-        initial_pair = None
-        for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
-            relaxed = self._usual.get_mapper()
-            relaxed.init_min_num_inliers = int(options.init_min_num_inliers * inlier_factor)
-            relaxed.init_min_tri_angle = options.init_min_tri_angle * angle_factor
-            initial_pair = mapper.find_initial_image_pair(relaxed, invalid, invalid)
-            if initial_pair is not None:
-                break
-            mapper.reset_initialization_stats()
-        if initial_pair is None:
-            return False
-        (first, second), second_from_first = initial_pair
-        mapper.register_initial_image_pair(options, first, second, second_from_first)
-        for image_id in (first, second):
-            mapper.triangulate_image(self._usual.get_triangulation(), image_id)
-        mapper.adjust_global_bundle(options, self.global_ba)
-        mapper.reconstruction.normalize()
-        mapper.filter_points(options)
+        with self.stopwatch.timed("sparse.mapping"):
+            initial_pair = None
+            for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
+                relaxed = self._usual.get_mapper()
+                relaxed.init_min_num_inliers = int(options.init_min_num_inliers * inlier_factor)
+                relaxed.init_min_tri_angle = options.init_min_tri_angle * angle_factor
+                initial_pair = mapper.find_initial_image_pair(relaxed, invalid, invalid)
+                if initial_pair is not None:
+                    break
+                mapper.reset_initialization_stats()
+            if initial_pair is None:
+                return False
+            (first, second), second_from_first = initial_pair
+            mapper.register_initial_image_pair(options, first, second, second_from_first)
+            for image_id in (first, second):
+                mapper.triangulate_image(self._usual.get_triangulation(), image_id)
+        with self.stopwatch.timed("sparse.ba"):
+            mapper.adjust_global_bundle(options, self.global_ba)
+            mapper.reconstruction.normalize()
+            mapper.filter_points(options)
         return mapper.reconstruction.num_points3D() > 0
 
     def _grow(
@@ -154,7 +159,8 @@ class IncrementalModel:
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
-            candidates = mapper.find_next_images(options.get_mapper(), False)
+            with self.stopwatch.timed("sparse.mapping"):
+                candidates = mapper.find_next_images(options.get_mapper(), False)
             if all(self._register(mapper, image_id, options, judge) for image_id in candidates):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
@@ -167,14 +173,16 @@ class IncrementalModel:
         options, model = self._for_judged_poses(), mapper.reconstruction
         options.triangulation.ignore_two_view_tracks = False
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
-        for image_id in sorted(held):
-            mapper.triangulate_image(options.get_triangulation(), image_id)
+        with self.stopwatch.timed("sparse.mapping"):
+            for image_id in sorted(held):
+                mapper.triangulate_image(options.get_triangulation(), image_id)
         self._grow(mapper, options, judge)
         # Points of two images hold those that joined; the others did without.
-        for point_id in sorted(set(model.point3D_ids()) - before):
-            seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
-            if len(seen_by) == 2 and seen_by <= held:
-                mapper.observation_manager.delete_point3D(point_id)
+        with self.stopwatch.timed("sparse.mapping"):
+            for point_id in sorted(set(model.point3D_ids()) - before):
+                seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
+                if len(seen_by) == 2 and seen_by <= held:
+                    mapper.observation_manager.delete_point3D(point_id)
         self._refine_globally(mapper, self._usual)
 
     def _for_judged_poses(self) -> pycolmap.IncrementalPipelineOptions:
@@ -229,10 +237,12 @@ class IncrementalModel:
         ):
             if limit:
                 ba.ceres.solver_options.max_num_iterations = limit
-        mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
-        mapper.begin_reconstruction(self.reconstruction)
+        with self.stopwatch.timed("sparse.mapping"):
+            mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
+            mapper.begin_reconstruction(self.reconstruction)
         yield mapper
-        mapper.end_reconstruction(False)
+        with self.stopwatch.timed("sparse.mapping"):
+            mapper.end_reconstruction(False)
 
     def _try_all(
         self,
@@ -277,34 +287,37 @@ class IncrementalModel:
         judge: Judge | None,
     ) -> str:
         """Register one image and adjust locally about it; returns as `_try`."""
-        visible = mapper.observation_manager.num_visible_points3D(image_id)
-        if not mapper.register_next_image(options.get_mapper(), image_id):
-            return f"no consistent pose from {visible} visible points"
-        if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
-            mapper.observation_manager.deregister_frame(image_id)
-            return reason
-        mapper.triangulate_image(options.get_triangulation(), image_id)
-        mapper.iterative_local_refinement(
-            self.config.local_ba_rounds,
-            _LOCAL_CHANGE,
-            options.get_mapper(),
-            self._local_ba,
-            options.get_triangulation(),
-            image_id,
-        )
+        with self.stopwatch.timed("sparse.mapping"):
+            visible = mapper.observation_manager.num_visible_points3D(image_id)
+            if not mapper.register_next_image(options.get_mapper(), image_id):
+                return f"no consistent pose from {visible} visible points"
+            if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
+                mapper.observation_manager.deregister_frame(image_id)
+                return reason
+            mapper.triangulate_image(options.get_triangulation(), image_id)
+        with self.stopwatch.timed("sparse.ba"):
+            mapper.iterative_local_refinement(
+                self.config.local_ba_rounds,
+                _LOCAL_CHANGE,
+                options.get_mapper(),
+                self._local_ba,
+                options.get_triangulation(),
+                image_id,
+            )
         return ""
 
     def _refine_globally(
         self, mapper: pycolmap.IncrementalMapper, options: pycolmap.IncrementalPipelineOptions
     ) -> None:
-        mapper.iterative_global_refinement(
-            _GLOBAL_REFINEMENTS,
-            _GLOBAL_CHANGE,
-            options.get_mapper(),
-            self.global_ba,
-            options.get_triangulation(),
-            True,
-        )
+        with self.stopwatch.timed("sparse.ba"):
+            mapper.iterative_global_refinement(
+                _GLOBAL_REFINEMENTS,
+                _GLOBAL_CHANGE,
+                options.get_mapper(),
+                self.global_ba,
+                options.get_triangulation(),
+                True,
+            )
 
     def _database_cache(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> pycolmap.DatabaseCache:
         """All images and some pairs as COLMAP's in-memory cache, with one frame an image and one rig, as COLMAP wants."""

@@ -44,7 +44,8 @@ class SparseReconstructor:
         )
         self.target_m = np.array(config.target_m)
         self._source = correspondences or Correspondences(config)
-        self._model = IncrementalModel(config)
+        self._stopwatch = self._source.stopwatch
+        self._model = IncrementalModel(config, self._stopwatch)
         self._captures: list[Capture] = []
         self._features: list[Features] = []
 
@@ -166,12 +167,13 @@ class SparseReconstructor:
         return np.array([self._captures[i - 1].camera_from_world for i in ids]).reshape(-1, 4, 4)
 
     def _align(self, reconstruction: pycolmap.Reconstruction) -> None:
-        self.alignment = align_cameras(
-            camera_from_model_poses(reconstruction),
-            self._telemetry(reconstruction),
-            self.tolerance_m,
-            self.telemetry,
-        )
+        with self._stopwatch.timed("sparse.alignment"):
+            self.alignment = align_cameras(
+                camera_from_model_poses(reconstruction),
+                self._telemetry(reconstruction),
+                self.tolerance_m,
+                self.telemetry,
+            )
 
     def _hold_by_telemetry(self) -> None:
         """After a global adjustment, one more in which telemetry that errs is a prior; it puts the model into the world frame.
@@ -197,9 +199,10 @@ class SparseReconstructor:
             config.set_constant_cam_intrinsics(camera_id)
         options = pycolmap.PosePriorBundleAdjustmentOptions()
         options.alignment_ransac.random_seed = 0
-        pycolmap.create_pose_prior_bundle_adjuster(
-            self._model.global_ba, options, config, priors, reconstruction
-        ).solve()
+        with self._stopwatch.timed("sparse.priors"):
+            pycolmap.create_pose_prior_bundle_adjuster(
+                self._model.global_ba, options, config, priors, reconstruction
+            ).solve()
 
     def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
         """Whether a pose just found agrees with telemetry as the other cameras do."""
@@ -237,5 +240,6 @@ class SparseReconstructor:
         return f"taken out, pose disagrees with telemetry: {', '.join(names)}"
 
     def _report(self, registered: bool, message: str) -> UpdateReport:
-        model = to_sparse_model(self.reconstruction, self.alignment)
+        with self._stopwatch.timed("sparse.model"):
+            model = to_sparse_model(self.reconstruction, self.alignment)
         return UpdateReport(model, registered, message)

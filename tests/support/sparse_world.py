@@ -10,6 +10,7 @@ from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfi
 from nbv.geometry.frames import camera_centers_m, intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
+from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Viewpoint
 
 CAMERA = CameraConfig()
@@ -35,6 +36,7 @@ class LabelledPoints:
     """``Correspondences`` that project known points with noise and match them by label."""
 
     def __init__(self, captures: list[Capture], points: int = 500, noise_px: float = 0.3) -> None:
+        self.stopwatch = Stopwatch()
         self.blind: set[int] = set()  # captures that see nothing, by index
         self.only_with: dict[int, set[int]] = {}  # capture -> the only captures it matches
         rng = np.random.default_rng(7)
