@@ -174,6 +174,8 @@ def _exported(campaign: Campaign, best: Recommendation, advice: Advice, strategy
         config = problem.config(best.values)
     elif name == advised:
         config = advice.config
+    elif name in problem.arms:
+        config = problem.config(problem.arms[name])
     else:
         config = baseline(name, (TUNED,)).config(builtin(problem.base))
     return Exported(campaign, best, name, config)

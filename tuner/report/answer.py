@@ -381,6 +381,8 @@ def gate_sentences(best: Recommendation, campaign: Campaign) -> list[str]:
     if config.adaptive_budget == 0:
         return ["The recommended plan has no planned view, so no gate is used."]
     planned = [t for t in trials if t.record.switched is not None]
+    if not planned:
+        return []
     switched = sum(bool(t.record.switched) for t in planned)
     said = [f"The gate switched between scorers in {switched} of {len(planned)} missions."]
     reset = [
