@@ -415,8 +415,8 @@ def make_seeds(folder: Path) -> None:
 def _photographs(folder: Path) -> None:
     """A ball's, their models of all kinds, masks, control points and a set."""
     import drawn_ball
-    import made_photograph_set
     import numpy as np
+    import photographed_ball
     from PIL import Image
 
     photographs = drawn_ball.write_photographs(folder / "photographs", "PINHOLE", 6)
@@ -467,7 +467,7 @@ def _photographs(folder: Path) -> None:
         b"name,x,y,z\nview_01.png,0,0,1\n",
     ]
     os.environ["GATETUNE_HOME"] = str(folder / "of the set")
-    shutil.copytree(made_photograph_set.write_set().folder, folder / "set")
+    shutil.copytree(photographed_ball.write_part_of_a_set().folder, folder / "set")
     SEEDS["set of photographs"] = [(folder / "set" / "set.json").read_bytes()]
 
 

@@ -32,7 +32,7 @@ def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names:
         return made_trial(strategy, "ball", k, status="ok" if quality else "failed", measured=measured)
 
     records = [trial(s, k, *found) for s, several in values.items() for k, found in enumerate(several)]
-    return EvaluationRun(plan, records, True, 0.0)
+    return EvaluationRun(plan, records, True, 0.0, Path())
 
 
 def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ def test_an_unknown_fidelity_is_refused_with_a_remedy() -> None:
 
 
 def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(config, target):
-        raise UserError(f"no flights over {target}")
+    def refuse(config):
+        raise UserError(f"no flights with {config.preset}")
 
     sketch = MissionKind(
         fake_missions.fake_mission,
@@ -38,7 +38,7 @@ def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pyte
     suite = Suite(drawn_targets(2), fidelity="sketch")
     plans = comparison_plans(suite, {"random": None})
     assert list(plans[""].strategies) == ["random"]  # one mission tells of every number
-    with pytest.raises(UserError, match="no flights over boulder"):
+    with pytest.raises(UserError, match="no flights with campaign"):
         plans[""].require_runnable()
     assert measure_text("F", "sketch", ["slab"], ["ideal"]) == "F; drawn by hand; condition ideal"
     assert kind_on("slab", "sketch")(preset("campaign"), "slab", 0, None, keep="summary").status == "ok"
