@@ -58,10 +58,8 @@ errors = _Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
 LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"
-LOADING = {
-    "rock": LOADING_ROCKS,
-    "instance": "reading the mission file's instances",
-}  # by what missions run on
+# By what missions run on.
+LOADING = {"rock": LOADING_ROCKS, "instance": "reading the mission file's instances"}
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
@@ -132,8 +130,9 @@ class MissionProgress(Progress):
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             BarColumn(16),
             TimeElapsedColumn(),
-            TextColumn("and left"),
+            TextColumn("elapsed,"),
             TimeRemainingColumn(),
+            TextColumn("left"),
             console=output,
             refresh_per_second=_PER_SECOND,
             speed_estimate_period=_SPEED_PERIOD_S,
