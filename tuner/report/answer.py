@@ -35,6 +35,7 @@ from tuner.report.labels import (
     metric_label,
     number_text,
     parameter_label,
+    short_names,
 )
 from tuner.report.table import Cell, Row, Table
 
@@ -422,6 +423,7 @@ def rock_table(best: Recommendation, campaign: Campaign) -> Table:
     """Instance by instance what the recommendation and the default had there, with the number of their missions."""
     s, modelled, trials = campaign.settings, campaign.goal().modelled, campaign.trials()
     label, digits = metric_label(modelled.metric), decimals_for(best.noise_sd)
+    rocks = dict(zip(s.rocks, short_names(s.rocks)))
 
     def measured(values: Mapping[str, Any], instance: Instance) -> str:
         own = [t for t in trials if t.instance == instance and t.values == values]
@@ -431,7 +433,7 @@ def rock_table(best: Recommendation, campaign: Campaign) -> Table:
 
     rows = [
         (
-            row.instance.label,
+            row.instance._replace(rock=rocks.get(row.rock, row.rock)).label,
             format_number(label.possible(row.predicted), digits),
             *(measured(values, row.instance) for values in (best.values, best.default_values)),
         )

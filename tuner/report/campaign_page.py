@@ -48,11 +48,12 @@ from tuner.report.labels import (
     measure_text,
     metric_label,
     parameter_label,
+    short_names,
     with_unit,
 )
 from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
-from tuner.report.style import embed, short_names
+from tuner.report.style import embed
 from tuner.report.table import Table
 
 VIEW_FILE = "view.html"

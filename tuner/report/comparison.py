@@ -41,10 +41,10 @@ from tuner.report.labels import (
     interval_methods,
     measure_text,
     metric_label,
+    short_names,
     with_unit,
 )
 from tuner.report.pages import recorded, recorded_rows, write_tables
-from tuner.report.style import short_names
 from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"

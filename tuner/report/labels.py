@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nbv.config import parameter
@@ -215,3 +216,12 @@ def interval_methods(methods: Collection[str], word: str = "rock") -> str:
 def _words(key: str) -> str:
     text = key.replace("_", " ").strip()
     return text[:1].upper() + text[1:]
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Rocks may be mesh files: show the stem; names that would then collide stay whole."""
+    stems = [
+        Path(name).stem if "/" in name or name.endswith((".ply", ".obj", ".stl", ".glb")) else name
+        for name in names
+    ]
+    return [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names)]

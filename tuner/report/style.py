@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import functools
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -77,12 +76,3 @@ def save_figure(figure: Figure, directory: Path, name: str) -> Path:
 def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure that keeps its labels apart; not registered with pyplot, so nothing has to be closed."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
-
-
-def short_names(names: Sequence[str]) -> list[str]:
-    """Rocks may be mesh files: show the stem; names that would then collide stay whole."""
-    stems = [
-        Path(name).stem if "/" in name or name.endswith((".ply", ".obj", ".stl", ".glb")) else name
-        for name in names
-    ]
-    return [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names)]

@@ -1,5 +1,6 @@
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import fake_campaigns
@@ -11,7 +12,7 @@ from tuner.comparison.advice import Next, advice_of, next_step
 from tuner.problem.intervals import Interval
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import NextRock, Recommendation
-from tuner.report.answer import next_text, worth_sentences
+from tuner.report.answer import next_text, rock_table, worth_sentences
 from tuner.report.campaign_page import bounds_text
 
 
@@ -71,3 +72,15 @@ def step_of(campaign: Campaign, best: Recommendation, held_out: Sequence[str] = 
         results = dataclasses.replace(advice.results, held_out=True, records=records)
         advice = dataclasses.replace(advice, results=results, **of_advice)
     return next_step(campaign, best, advice)
+
+
+def test_a_mesh_file_is_called_by_its_name(tmp_path: Path) -> None:
+    asked = {
+        "space": load_search_space("gate"),
+        "rocks": ("scans/one.obj", "fin"),
+        "budget": 6,
+        "replicates": 1,
+    }
+    campaign = fake_campaigns.run(tmp_path / "run", sampler="sobol", **asked)
+    best = campaign.recommendation(save=False)
+    assert [row.name for row in rock_table(best, campaign).rows] == ["one", "fin"]
