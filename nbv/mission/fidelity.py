@@ -21,7 +21,7 @@ from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
-from nbv.mission.run_directory import FLIGHT, PROGRESS, RESULT, RunDirectory
+from nbv.mission.run_directory import FLIGHT, LOCATED, PROGRESS, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
 from nbv.plugins import failure_of, used
 from nbv.provenance import provenance
@@ -138,6 +138,8 @@ class Fidelity(ABC):
                 files.write_config(context.config.to_dict())
             fidelity = cls(context)
             all_files = files if context.keeps_everything else None
+            if all_files is not None and context.vehicle_config != context.config:
+                all_files.write_config(context.vehicle_config.to_dict(), LOCATED)
             mission = fidelity.mission(all_files, files, log)
         outcome = fidelity.outcome(mission)
         if all_files is not None:

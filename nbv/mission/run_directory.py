@@ -3,7 +3,7 @@
 ::
 
     config.yaml            the complete configuration
-    located.yaml           the same with the target as it was found, where it had to be looked for
+    located.yaml           the same with the target as the vehicle is told of it, then as it found it, where that is another
     images/NAME.png        every photograph
     progress.txt           while it runs: a line ``12/32`` per photograph taken
     trace.jsonl            one line per adaptive capture, written as it happens

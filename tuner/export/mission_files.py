@@ -45,7 +45,7 @@ def mission_config(run: Path) -> MissionConfig:
 
 
 def planned_config(run: Path) -> MissionConfig:
-    """The configuration that the mission planned with: with the target where the mission found it."""
+    """The configuration that the mission planned with: with the target as the vehicle knew it."""
     require_plain(run, 4)
     return config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else mission_config(run)
 
