@@ -209,6 +209,24 @@ def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
     assert advice.over_plain.gain.mean == pytest.approx(-0.6)
 
 
+def test_the_list_of_campaigns_names_what_is_advised(
+    gatetune: Any, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The recommendation of the campaign is not what to fly where a plain plan beats it on held-out rocks."""
+    problem = campaign.settings.problem
+    plans = {**problem.arms, TUNED: campaign.recommended().values}
+    configs = {name: problem.config(values) for name, values in plans.items()}
+    records = [
+        made_trial(name, rock, 0, measured={"metrics": made_metrics(score + k / 10)})
+        for k, rock in enumerate("abcd")
+        for name, score in {TUNED: 95.0, "random": 97.0}.items()
+    ]
+    results = Results(True, records, configs, True, campaign.settings)
+    monkeypatch.setattr("tuner.comparison.advice.held_out_results", lambda *_: results)
+    (listed,) = json.loads(gatetune.ok("campaign", "list", campaign.directory.parent, "--json"))
+    assert listed["answer"].startswith("Fly Random views ("), listed
+
+
 def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
     gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
