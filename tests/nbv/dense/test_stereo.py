@@ -112,3 +112,13 @@ def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     found = np.isfinite(near)
     offset = (backproject(near, scene.camera)[found] - pose[:3, 3]) @ pose[:3, :3] - np.array(TARGET)
     assert np.abs(offset).max() < 0.8 + 2.5 * SEARCH_MARGIN_M
+
+
+def test_depth_has_no_systematic_offset(scene):
+    # A half-pixel mistake in a principal point or a mirrored baseline would show here as centimetres.
+    maps = sgbm_depth_maps(of(scene))
+    for name, item in maps.items():
+        middle = np.s_[90:150, 130:190]  # all sphere
+        error = (item - scene.depths[name])[middle]
+        assert np.isfinite(error).mean() > 0.9
+        assert abs(np.nanmedian(error)) < 0.003, name

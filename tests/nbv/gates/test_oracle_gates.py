@@ -139,3 +139,16 @@ def test_greedy_beats_both_tops() -> None:
     rewards = decision.details["oracle_rewards"]
     assert rewards["greedy-oracle"] >= max(rewards["covis"], rewards["b-aware"])
     assert rewards["covis"] == gains[5] and rewards["b-aware"] == gains[60]
+
+
+def test_a_wall_in_between_hides() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS)
+    wall = trimesh.creation.box(extents=(0.02, 4.0, 4.0))
+    both = trimesh.util.concatenate(
+        [ball.apply_translation([0, 0, 0.8]), wall.apply_translation([1.5, 0, 0.8])]
+    )
+    o = GroundTruthOracle(both.vertices, both.faces, config("matchable"))
+    on_ball = np.linalg.norm(o.samples_m - [0, 0, 0.8], axis=1) < 0.82
+    assert on_ball.sum() > 500
+    assert not o.visible(np.array([3.5, 0.0, 0.8]))[on_ball].any()
+    assert o.visible(np.array([-3.5, 0.0, 0.8]))[on_ball].any()

@@ -148,3 +148,10 @@ def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
         for values in (gated, {"gate.kind": "predicted"})
     ]
     assert chosen[0] == chosen[1]
+
+
+def test_the_same_photographs_have_the_same_score_whatever_the_pool(config):
+    seeds = config.with_values({"stop.adaptive_budget": 0})
+    other = {"pool.radius_m": 2.5, "pool.lateral_elevations_deg": [20.0], "pool.upper_elevations_deg": [60.0]}
+    a, b = (run_geometric_mission(c, ROCK).metrics for c in (seeds, seeds.with_values(other)))
+    assert a == b

@@ -47,3 +47,15 @@ def test_alone_it_chooses_the_views_of_the_mission(gate, rock, tmp_path):
         )
         assert plan.next_view is not None and plan.decision is not None
         assert (plan.next_view.id, plan.decision.ranking.scorer) == (record.chosen, record.scorer)
+
+
+def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
+    config = preset("campaign").with_values({"stop.adaptive_budget": 1})
+    run_geometric_mission(config, "slab", 0, tmp_path)
+    state, _ = load_state(tmp_path / "states" / "iter_00.npz")
+    given = (state.model, state.visited_m, state.n_seeds, state.vehicle_position_m, 0.0)
+    dense = config.with_values({"stop.criterion": "both", "stop.knn_threshold_m": 10.0})
+    plan = nbv.Planner(dense).plan(*given)
+    assert plan.converged and plan.next_view is None
+    plan = nbv.Planner(config.with_values({"pool.max_travel_m": 0.001})).plan(*given)
+    assert not plan.converged and plan.next_view is None and plan.pool is not None and len(plan.pool) == 0

@@ -152,9 +152,8 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
         patch.setattr("tuner.campaign.session._Session._refuse", die)
         with pytest.raises(KeyboardInterrupt):
             run_campaign(campaign, InProcessExecutor())
-    monkeypatch.setattr(
-        "tuner.campaign.session.MAX_CONSECUTIVE_FAILURES", 1
-    )  # which counts missions that ran
+    # It counts missions that ran.
+    monkeypatch.setattr("tuner.campaign.session.MAX_CONSECUTIVE_FAILURES", 1)
     events: list[CampaignEvent] = []
     resumed = Campaign.open(tmp_path / "run")
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"

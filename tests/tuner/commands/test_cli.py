@@ -12,7 +12,10 @@ import trimesh
 import yaml
 
 from nbv import plugins
+from nbv.config import preset
 from tuner.cli import main
+from tuner.commands import console
+from tuner.missions.registry import mission_kind
 
 RUN = "campaign run --rock boulder"
 
@@ -204,3 +207,19 @@ def test_this_machine_can_fly(gatetune):
 
 def test_the_version(gatetune):
     assert gatetune.ok("--version").strip() == f"gatetune {metadata.version('gatetune')}"
+
+
+@pytest.mark.parametrize(
+    ("backend", "cards", "said"),
+    [("sgbm", "0", "on the CPU, though"), ("patchmatch", "0", "card 0, one mission")],
+)
+def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards, said):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", cards)
+    monkeypatch.setattr(console, "patchmatch_runs", lambda: True)
+    console.note_dense_stage(
+        mission_kind("photogrammetric"), preset("campaign").with_values({"dense.backend": backend})
+    )
+    out = capsys.readouterr().out
+    assert said in out and "32 photographs takes about" in out
+    console.note_dense_stage(mission_kind("geometric"), preset("campaign"))
+    assert capsys.readouterr().out == ""
