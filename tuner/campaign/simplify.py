@@ -14,7 +14,7 @@ from nbv.cache import KnownOnly
 from nbv.errors import MissionFailure
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import MissionJob, Trial
-from tuner.missions.registry import BUILT_IN, kind_on
+from tuner.missions.registry import kind_on, uses_store
 from tuner.problem.observations import Proposal, configuration_key, photographs_key
 from tuner.problem.search_space import Values
 
@@ -63,8 +63,8 @@ def known_photographs(job: MissionJob) -> str:
 
     The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
     """
-    if job.fidelity not in BUILT_IN or not BUILT_IN[job.fidelity].uses_catalogue:
-        return ""  # a plug-in's missions need not know the store
+    if not uses_store(job.fidelity):
+        return ""
     run = kind_on(job.rock, job.fidelity)
     try:
         result = run(job.config, job.rock, job.replicate, None, keep="summary", cache=KnownOnly())

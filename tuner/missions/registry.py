@@ -152,6 +152,11 @@ def kind_on(target: str, fidelity: str) -> MissionKind:
     return kind
 
 
+def uses_store(fidelity: str) -> bool:
+    """Whether missions of this fidelity keep what they share in the store: those that are built in, over rocks and sets of photographs."""
+    return fidelity in BUILT_IN and BUILT_IN[fidelity].uses_catalogue
+
+
 def modules_of(fidelity: str) -> tuple[str, ...]:
     """The modules that a worker imports to run ``fidelity``: its own, then libraries. Another's code is not imported for this."""
     if (plugin := FIDELITIES.plugin(fidelity)) is not None:

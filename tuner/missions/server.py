@@ -36,7 +36,7 @@ from nbv.safe_files import expanded, open_to_write
 from nbv.threads import single_thread_environment
 from tuner.missions.job import DUMP_SIGNAL
 from tuner.missions.keeper import adopt_orphans, end_children, keep
-from tuner.missions.registry import BUILT_IN
+from tuner.missions.registry import BUILT_IN, uses_store
 from tuner.missions.run_job import EXIT_FAILED, run_job
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
@@ -152,7 +152,7 @@ class MissionServer:
         """
         rock, fidelity = job["rock"], job["fidelity"]
         held = rock in self._known_rocks or self._held_bytes >= MAX_HELD_BYTES
-        if held or fidelity not in BUILT_IN or not BUILT_IN[fidelity].uses_catalogue:
+        if held or not uses_store(fidelity):
             return
         self._known_rocks.add(rock)
         try:
