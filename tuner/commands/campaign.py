@@ -155,9 +155,8 @@ def resume(
     """
     output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, mission=mission)
-    if (
-        missions is not None and missions != campaign.settings.budget
-    ):  # given again where a resume was refused
+    # The same number is given again where a resume was refused.
+    if missions is not None and missions != campaign.settings.budget:
         campaign = extend_campaign(campaign, missions)
     ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)
     run_and_report(campaign, ready, accept_changes=accept_changes)

@@ -117,7 +117,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         next_why=why,
         next_command=command,
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
-        warnings=_warnings(campaign, best, trials),
+        warnings=_warnings(s, status, best, trials),
         status=status,
         degraded=sum(t.state == "complete" and t.record.status == "degraded" for t in trials),
         computing=duration(status.mission_wall_s),
@@ -194,10 +194,11 @@ def _subtitle(s: CampaignSettings) -> str:
 # -- what limits the answer ------------------------------------------------------------------------------------
 
 
-def _warnings(campaign: Campaign, best: Recommendation | None, trials: Sequence[Trial]) -> list[str]:
-    status = campaign.status()
+def _warnings(
+    s: CampaignSettings, status: CampaignStatus, best: Recommendation | None, trials: Sequence[Trial]
+) -> list[str]:
     out = [_stop_reason(status, trials)] if status.remaining else []
-    if best is not None and (at_bounds := bounds_text(best, campaign.settings)):
+    if best is not None and (at_bounds := bounds_text(best, s)):
         out.append(at_bounds)
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
