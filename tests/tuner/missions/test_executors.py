@@ -58,7 +58,7 @@ import pathlib, sys
 from test_executors import job
 from tuner.missions.executors import LocalProcessExecutor
 executor = LocalProcessExecutor(1, preload=("fake",))
-executor.submit(job(pathlib.Path(sys.argv[1]), "hang"))
+executor.submit(job(pathlib.Path(sys.argv[1]), "once-hang"))
 while True:
     executor.wait_any(1.0)
 """
@@ -70,11 +70,16 @@ def test_nothing_outlives_a_killed_coordinator_though_its_server_was_stopped(
 ) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     with subprocess.Popen([sys.executable, "-c", COORDINATOR, tmp_path], env=environment) as coordinator:
-        below: list[psutil.Process] = []
-        while len(below) <= flies:
+        server: list[psutil.Process] = []
+        # A child that has not become the server yet is a copy of the coordinator, and cannot wake.
+        while not server or "tuner.missions.server" not in server[0].cmdline():
             time.sleep(0.02)
-            below = psutil.Process(coordinator.pid).children(recursive=True)
-        below[0].suspend()
+            server = psutil.Process(coordinator.pid).children()
+        while flies and not (tmp_path / "0000" / "once.txt").exists():
+            time.sleep(0.02)
+        below = server + server[0].children(recursive=True)
+        assert len(below) > 2 or not flies  # a mission and its keeper
+        server[0].suspend()
         coordinator.kill()
     assert not psutil.wait_procs(below, timeout=120.0)[1]
 
