@@ -72,7 +72,10 @@ class CoreLoader(_SafeLoader):  # type: ignore[misc]
 
 
 class CoreDumper(yaml.SafeDumper):
-    """SafeDumper that also quotes what is a text in YAML 1.1 and none in 1.2, such as ``1e-6``."""
+    """SafeDumper that also quotes what is a text in YAML 1.1 and none in 1.2, such as ``1e-6``, and writes no ``&id001``."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 for _kind, (_pattern, _first) in _CORE_SCHEMA.items():

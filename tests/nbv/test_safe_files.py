@@ -52,6 +52,10 @@ def test_no_yaml_text_ends_in_another_error(text: str) -> None:
         assert "\n" not in str(error)
 
 
+def test_yaml_repeats_what_stands_twice() -> None:
+    assert safe_files.to_yaml({"a": (twice := {"x": 1}), "b": twice}) == "a:\n  x: 1\nb:\n  x: 1\n"
+
+
 def test_only_regular_files_of_a_size_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(UserError, match="pipe is not a regular file"):

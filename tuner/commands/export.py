@@ -85,8 +85,7 @@ def export(
     """
     if (to is Format.plan) != (home is not None):
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
-    what = to.value if to else "the recommendation"
-    output.print(f"exporting {what} of {run}", soft_wrap=True)
+    output.print(f"reading {run}", soft_wrap=True)
     if to is Format.csv:
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan and not (run / SETTINGS_FILE).is_file():
