@@ -71,9 +71,9 @@ def tune(
         same = resolved_settings({**read_settings(where)[0], **given}, "tune()") if given else None
         campaign = Campaign.open(where, same, mission=mission)
     else:
-        asked = resolved_settings({"name": where.resolve().name, **given}, "tune()")
-        require_comparable(asked)
-        campaign = begin_campaign(where, asked)
+        resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")
+        require_comparable(resolved)
+        campaign = begin_campaign(where, resolved)
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:

@@ -92,14 +92,14 @@ def imported_modules(module: str) -> set[str]:
 
     `ValueError` where there is no such module.
     """
-    waiting, found = set(_modules_of(module)), set[str]()
+    waiting, imported = set(_modules_of(module)), set[str]()
     if not waiting:
         raise ValueError(f"there is no module {module}")
     while waiting:
         name = waiting.pop()
-        found.add(name)
-        waiting |= _imports_of(name) - found
-    return found
+        imported.add(name)
+        waiting |= _imports_of(name) - imported
+    return imported
 
 
 @functools.cache

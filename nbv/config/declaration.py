@@ -285,18 +285,18 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
     values = dict[str, Any]()
     for key, raw in tree.items():
-        path, found = canonical_path(f"{prefix}{key}"), dict[str, Any]()
+        path, below = canonical_path(f"{prefix}{key}"), dict[str, Any]()
         if path in known:
-            found = {path: raw}
+            below = {path: raw}
         elif any(other.startswith(f"{path}.") for other in known):
-            found = leaves(known, raw, what, f"{path}.")
+            below = leaves(known, raw, what, f"{path}.")
         elif path not in _WITHOUT_EFFECT or raw != _WITHOUT_EFFECT[path]:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
-        for twice in found.keys() & values.keys():
+        for twice in below.keys() & values.keys():
             raise UserError(
                 f"{what} {twice!r} has two values; leave one out (keys may be paths, or earlier names)"
             )
-        values |= found
+        values |= below
     return values
 
 
@@ -360,8 +360,8 @@ class Section:
 
     def __post_init__(self) -> None:
         """Check what the fields declare."""
-        own: type = type(self)
-        for path, declaration in declared(own).items():
+        cls: type = type(self)
+        for path, declaration in declared(cls).items():
             if "." not in path:  # a section inside checks itself
                 declaration.check(getattr(self, path))
 

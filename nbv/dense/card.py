@@ -77,10 +77,10 @@ class Card:
         """Its model, where nvidia-smi says it."""
         known = ""
         if shutil.which("nvidia-smi"):
-            asked = ["nvidia-smi", "-i", self.id, "--query-gpu=name", "--format=csv,noheader"]
+            command = ["nvidia-smi", "-i", self.id, "--query-gpu=name", "--format=csv,noheader"]
             with contextlib.suppress(OSError, subprocess.SubprocessError):
-                found = subprocess.run(asked, capture_output=True, text=True, timeout=20)
-                known = found.stdout.strip().partition("\n")[0] if found.returncode == 0 else ""
+                answer = subprocess.run(command, capture_output=True, text=True, timeout=20)
+                known = answer.stdout.strip().partition("\n")[0] if answer.returncode == 0 else ""
         return f"card {self.id}" + (f" ({known})" if known else "")
 
 
@@ -101,17 +101,17 @@ def free_card() -> Iterator[Card]:
 
     `MissionFailure` where there is no card.
     """
-    found = cards()
-    if not found:
+    present = cards()
+    if not present:
         raise MissionFailure("machine_error: card_lost", f"there is no NVIDIA card; {_REFUSALS[-1][2]}")
     with contextlib.ExitStack() as stack:
         folder = Path(tempfile.gettempdir())
         locks = [
             stack.enter_context(open_to_write(folder / f"gatetune-{os.getuid()}-card-{card.id}.lock", 0))
-            for card in found
+            for card in present
         ]
         while True:
-            for card, lock in zip(found, locks, strict=True):
+            for card, lock in zip(present, locks, strict=True):
                 with contextlib.suppress(BlockingIOError):
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     yield card

@@ -25,8 +25,8 @@ def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
     `MissionFailure` ``empty_dense_cloud``: no depth at all.
     """
     known = [name for name in sorted(depth_maps) if np.isfinite(depth_maps[name]).any()]
-    found = [_view_points(name, depth_maps[name], views) for name in known]
-    parts = [part for part in found if len(part.cells)]
+    per_view = [_view_points(name, depth_maps[name], views) for name in known]
+    parts = [part for part in per_view if len(part.cells)]
     if not parts:
         agreeing = views.config.agreeing_views
         raise MissionFailure(

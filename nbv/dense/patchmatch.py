@@ -98,9 +98,9 @@ def read_depth_maps(workspace: Path, names: Sequence[str]) -> DepthMaps:
     for name in sorted(names):
         file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.photometric.bin"
         if file.is_file():
-            found = pycolmap.DepthMap()
-            found.read(file)
-            depth_m = np.array(found.to_array(), dtype=np.float32)
+            depth_map = pycolmap.DepthMap()
+            depth_map.read(file)
+            depth_m = np.array(depth_map.to_array(), dtype=np.float32)
             maps[name] = np.where(depth_m > 0, depth_m, np.float32(np.nan))
     return maps
 

@@ -158,8 +158,8 @@ def _nearest_others(points_m: Floats, k: int) -> tuple[Floats, Ints]:
     """
     points = np.ascontiguousarray(points_m, dtype=np.float32)
     tree = cv2.flann.Index(points, {"algorithm": _SINGLE_TREE, "leaf_max_size": 16})
-    found, _ = tree.knnSearch(points, k + 1, params={"checks": -1, "eps": 0.0, "sorted": True})
-    nearest = found[:, 1:].astype(np.int64)  # the nearest is the point itself
+    indices, _ = tree.knnSearch(points, k + 1, params={"checks": -1, "eps": 0.0, "sorted": True})
+    nearest = indices[:, 1:].astype(np.int64)  # the nearest is the point itself
     squared_m2 = np.zeros(nearest.shape)
     for axis in points_m.T:
         away_m = axis[nearest]

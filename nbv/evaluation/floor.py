@@ -61,8 +61,8 @@ def perfect_cloud(rock: Rock, config: MissionConfig) -> Floats:
     wanted = SAMPLES_PER_VOXEL * float(face_areas(rock.vertices_m, rock.faces).sum()) / voxel_m**2
     count = int(np.clip(wanted, MIN_SAMPLES, MAX_SAMPLES))
     samples, normals = sample_surface(rock.vertices_m, rock.faces, count, _SEED)
-    kept = samples[:, 2] > config.evaluation.ground_ransac_threshold_m
-    samples, normals = samples[kept], normals[kept]
+    above_ground = samples[:, 2] > config.evaluation.ground_ransac_threshold_m
+    samples, normals = samples[above_ground], normals[above_ground]
     if len(samples):
         caster = RayCaster(rock.vertices_m, rock.faces)
         samples = samples[observable_mask(caster, samples, normals, camera_shell(config))]

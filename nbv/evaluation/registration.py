@@ -35,8 +35,8 @@ def place_on_target(points_m: Floats, target_m: Floats) -> Similarity:
     Where none is found in the cloud, its middle is taken for the target's.
     """
     points = _picked(np.asarray(points_m, dtype=float), _TARGET_POINTS)
-    found = find_target(points, points.mean(axis=0))
-    center_m = np.percentile(points, [1.0, 99.0], axis=0).mean(axis=0) if found is None else found.center_m
+    target = find_target(points, points.mean(axis=0))
+    center_m = np.percentile(points, [1.0, 99.0], axis=0).mean(axis=0) if target is None else target.center_m
     return Similarity(1.0, np.eye(3), np.asarray(target_m, dtype=float) - center_m)
 
 
@@ -48,12 +48,12 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
     sample to the nearest point as well: one direction alone would shrink the cloud into a corner of the surface.
     Identity where nothing is within reach.
     """
-    found = Similarity(1.0, np.eye(3), np.zeros(3))
+    truth_from_cloud = Similarity(1.0, np.eye(3), np.zeros(3))
     for reach_m in reaches_m:
         count = COARSE_POINTS if reach_m >= _FINE_REACH_M else MAX_POINTS
         cloud, truth = (_picked(np.asarray(p, dtype=float), count) for p in (points_m, truth_m))
         to_truth = cKDTree(truth)
-        moved = found.apply(cloud)
+        moved = truth_from_cloud.apply(cloud)
         for _ in range(ROUNDS):
             forward_m, nearest = to_truth.query(moved, distance_upper_bound=reach_m)
             ahead = np.isfinite(forward_m)
@@ -66,13 +66,13 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
             if len(source) < _MIN_PAIRS:
                 break
             if reach_m > _FINE_REACH_M:
-                found = Similarity(1.0, np.eye(3), (target - source).mean(axis=0))
+                truth_from_cloud = Similarity(1.0, np.eye(3), (target - source).mean(axis=0))
             else:
-                found = align_umeyama(target, source)
-            before, moved = moved, found.apply(cloud)
+                truth_from_cloud = align_umeyama(target, source)
+            before, moved = moved, truth_from_cloud.apply(cloud)
             if np.abs(moved - before).max() < _STILL_M:
                 break
-    return found
+    return truth_from_cloud
 
 
 def moved(cloud: Cloud, target_from_cloud: Similarity) -> PointCloud:

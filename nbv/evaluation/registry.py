@@ -110,10 +110,10 @@ PREDICTED = ("completeness_{t}mm", "f_score_{t}mm", "f_score_auc")
 
 def all_metrics() -> dict[str, Metric]:
     """Those built in, then those of plug-ins."""
-    found = {plugin.loaded.key: plugin for plugin in METRIC_REGISTRY.plugins().values()}
-    for taken in METRICS.keys() & found.keys():
-        leave_out(found.pop(taken))
-    return {**METRICS, **{key: plugin.loaded for key, plugin in found.items()}}
+    of_plugins = {plugin.loaded.key: plugin for plugin in METRIC_REGISTRY.plugins().values()}
+    for taken in METRICS.keys() & of_plugins.keys():
+        leave_out(of_plugins.pop(taken))
+    return {**METRICS, **{key: plugin.loaded for key, plugin in of_plugins.items()}}
 
 
 def measure_all(distances: Distances) -> dict[str, Any]:

@@ -44,10 +44,10 @@ class Solid:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         shape = np.array(self.cells.shape)
         flat = np.ravel_multi_index(tuple(index.T), self.cells.shape)
-        found = _cells(known_m, self.low_m, shape, self.cell_m)
-        places = np.bincount(found, minlength=self.cells.size)
+        cell_of = _cells(known_m, self.low_m, shape, self.cell_m)
+        places = np.bincount(cell_of, minlength=self.cells.size)
         here, shown = places[flat], binary_dilation(places.reshape(self.cells.shape) > 0)[tuple(index.T)]
-        sums = [np.bincount(found, known_m[:, k], minlength=self.cells.size)[flat] for k in range(3)]
+        sums = [np.bincount(cell_of, known_m[:, k], minlength=self.cells.size)[flat] for k in range(3)]
         middles = self.low_m + (index + 0.5) * self.cell_m
         means = np.stack(sums, axis=1) / np.maximum(here, 1)[:, None]
         return np.where(here[:, None] > 0, means, middles), normals, shown

@@ -52,10 +52,10 @@ class Recorder:
 
     def retargeted(self, target_m: Point | None) -> None:
         """The first seeds have shown the target at this place, or None where they show none."""
-        found = (
+        text = (
             "not found yet" if target_m is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*target_m)
         )
-        self._log(f"target {found}")
+        self._log(f"target {text}")
 
     def interleaved_seeds(self, reason: str, seeds: int) -> None:
         """The seeds have made no model, or not all are in it: so many further seeds between them."""

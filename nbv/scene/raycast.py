@@ -166,11 +166,11 @@ class RaycastRenderer:
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
         fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
-        found = self._cast(rays, position, fine_columns, fine_rows, self._caster)
-        hit = found.face < len(self._face_radiance)  # else it is relief, or nothing
+        hits = self._cast(rays, position, fine_columns, fine_rows, self._caster)
+        hit = hits.face < len(self._face_radiance)  # else it is relief, or nothing
         index = np.flatnonzero(hit)  # one index a ray: masks of two axes take longer
-        corners = self._face_radiance.take(found.face.take(index), axis=0)
-        u, v = np.hsplit(found.uv.reshape(-1, 2).take(index, axis=0), 2)
+        corners = self._face_radiance.take(hits.face.take(index), axis=0)
+        u, v = np.hsplit(hits.uv.reshape(-1, 2).take(index, axis=0), 2)
         radiance = np.zeros((*hit.shape, 3), dtype=np.float32)
         radiance.reshape(-1, 3)[index] = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
         # Sums over a pixel's rays as whole arrays: NumPy's own over two axes takes five times as long.

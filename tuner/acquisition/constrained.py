@@ -82,11 +82,11 @@ class Constraint:
 
     def means_and_sds(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
         """Return (m,) means and standard deviations of the second objective, larger is better."""
-        found = [
+        beliefs = [
             self.model.posterior(configurations[i : i + _CHUNK])
             for i in range(0, len(configurations), _CHUNK)
         ]
-        return np.concatenate([b.mean for b in found]), np.concatenate([b.sd for b in found])
+        return np.concatenate([b.mean for b in beliefs]), np.concatenate([b.sd for b in beliefs])
 
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
         """Return (m,) probabilities that each meets the constraint."""
@@ -144,14 +144,14 @@ class Constraint:
         unit, configurations = surrogate_of((first, self.model)).evaluated
         chance = self.probability(configurations)
         if isinstance(first, DeterministicOutcome):
-            own = first.posterior(configurations).mean
+            means = first.posterior(configurations).mean
         else:
             with torch.no_grad():
-                own, _ = moments(first.model.posterior(first.inputs(unit)))
+                means, _ = moments(first.model.posterior(first.inputs(unit)))
         nearest = -self.means_and_sds(configurations)[0]
-        order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(nearest)
-        found: Floats = unit[order[:LOCAL_BEST]]
-        return found
+        order = np.lexsort((-means, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(nearest)
+        best: Floats = unit[order[:LOCAL_BEST]]
+        return best
 
     def allowed(self) -> Allowed | None:
         """Return a function that tells which (n, d) unit positions meet the constraint; None where that is uncertain."""
@@ -184,12 +184,12 @@ def propose_constrained(
             acquisition: AcquisitionFunction = noisy_improvement(model, near, running, seed)
         elif known is not None:
             unit, _ = model.evaluated
-            kept = unit[known(unit)]
+            baseline = unit[known(unit)]
             running = None if running is None else running[known(running[:, : model.space.dimension].numpy())]
-            acquisition = noisy_improvement(model, kept if len(kept) else near[:1], running, seed)
+            acquisition = noisy_improvement(model, baseline if len(baseline) else near[:1], running, seed)
         elif isinstance(first, DeterministicOutcome):
             _, evaluated = model.evaluated
-            keeping = [v for v, kept in zip(evaluated, constraint.keeps(evaluated)) if kept]
+            keeping = [v for v, keeps in zip(evaluated, constraint.keeps(evaluated)) if keeps]
             # Before anything counts as meeting the constraint, all that may keep it saves against the most expensive there is.
             best = float(max(first.posterior(keeping).mean) if keeping else first.worst() - 1.0)
             at_least, quantile = constraint.at_least, constraint.quantile

@@ -45,9 +45,9 @@ class LogExpectedSaving(AcquisitionFunction):
         if running is not None:
             with torch.no_grad():
                 chance = self._log_chance(running.unsqueeze(1)).exp()
-            for own, p in sorted(zip(cost.at(running).tolist(), chance.tolist())):
-                if own > best:
-                    levels.append(own)
+            for level, p in sorted(zip(cost.at(running).tolist(), chance.tolist())):
+                if level > best:
+                    levels.append(level)
                     chances.append(p)
             self._recent = running[-RECENT:]
         # The best level reached: each with the probability that none above it is.

@@ -114,12 +114,12 @@ def only_allowed(
     model: InstanceMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int
 ) -> Floats:
     """Return those of the (n, d) unit positions that are ``allowed``, and more where these are few; all where none is."""
-    found = points[allowed(points)]
-    if len(found) < FEW:
+    inside = points[allowed(points)]
+    if len(inside) < FEW:
         rng = np.random.default_rng(seed)
         more = np.array([model.space.snap(u) for u in rng.random((MORE_POINTS, model.space.dimension))])
-        found = np.concatenate([found, more[allowed(more)]])
-    return found if len(found) else points
+        inside = np.concatenate([inside, more[allowed(more)]])
+    return inside if len(inside) else points
 
 
 class _WhereAllowed(AcquisitionFunction):
@@ -211,14 +211,14 @@ class LogNoisyImprovement(AcquisitionFunction):
             across = torch.linalg.solve_triangular(noisy, kernel(x, baseline).to_dense(), upper=False)
             prior = kernel(baseline).to_dense()
             jitter = _JITTER * prior.diagonal().mean() * torch.eye(len(baseline), dtype=x.dtype)
-            own = psd_safe_cholesky(prior - across.T @ across + jitter)
+            root = psd_safe_cholesky(prior - across.T @ across + jitter)
             residual = (model.train_targets - mean(x))[:, None]
             told = torch.linalg.solve_triangular(noisy, residual, upper=False)
             normal = draw_sobol_normal_samples(len(baseline) + 1, draws, dtype=x.dtype, seed=seed).T
-            drawn = mean(baseline)[:, None] + across.T @ told + own @ normal[:-1]
+            drawn = mean(baseline)[:, None] + across.T @ told + root @ normal[:-1]
             self._inputs = torch.cat([x, baseline])
             above = torch.cat([noisy, torch.zeros_like(across)], dim=1)
-            self._root = torch.cat([above, torch.cat([across.T, own], dim=1)])
+            self._root = torch.cat([above, torch.cat([across.T, root], dim=1)])
             self._whitened = torch.cat([told.expand(-1, draws), normal[:-1]])
             self._residual, self._best = normal[-1], drawn.max(dim=0).values
 

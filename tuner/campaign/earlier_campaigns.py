@@ -38,7 +38,7 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
     for directory, place in zip(directories, places):
         if places.count(place) > 1:
             raise UserError(f"{directory} is named twice to learn from; name each campaign once")
-    found: list[Observation] = []
+    observations: list[Observation] = []
     rocks: list[str] = []
     for number, directory in enumerate(directories, start=1):
         if directory == SHIPPED:
@@ -47,29 +47,29 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
             one = _missions_of(directory, problem, objective)
         # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
         names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
-        found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
+        observations += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
         rocks += names.values()
-    return EarlierMissions(problem.space, tuple(rocks), tuple(found))
+    return EarlierMissions(problem.space, tuple(rocks), tuple(observations))
 
 
 def _missions_of(directory: str, problem: MissionProblem, objective: Objective) -> EarlierMissions:
     earlier = Campaign.open(Path(directory), read_only=True)
-    trials, own = earlier.trials(), list[Observation]()
+    trials, observations = earlier.trials(), list[Observation]()
     for t in trials:
         values = _values_in(problem, t.values, held=earlier.settings.problem.base)
         if values is None or not t.record.status:
             continue
         raw = t.raw if objective == earlier.settings.objective else t.measured(objective)
         outcome = objective.oriented(raw)
-        own.append(dataclasses.replace(t, values=values, raw=raw, outcome=outcome, second=None))
-    measured = sum(o.feasible for o in own)
+        observations.append(dataclasses.replace(t, values=values, raw=raw, outcome=outcome, second=None))
+    measured = sum(o.feasible for o in observations)
     if measured < MIN_OBSERVATIONS:
         raise UserError(
             f"{directory}: {measured} of its {len(trials)} missions are configurations of search space "
             f"{problem.space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
             "another campaign, or search the space it searched"
         )
-    return EarlierMissions(problem.space, earlier.settings.rocks, tuple(own))
+    return EarlierMissions(problem.space, earlier.settings.rocks, tuple(observations))
 
 
 def _values_in(problem: MissionProblem, tuned: Mapping[str, Any], held: Configuration) -> Values | None:

@@ -87,9 +87,9 @@ class Ledger:
 
     def _require_all_there(self) -> None:
         """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
-        found = sorted(p.name for p in (self._directory / "missions").glob("[0-9]*_*"))
+        names = sorted(p.name for p in (self._directory / "missions").glob("[0-9]*_*"))
         count = len(self.trials())  # after the listing: the campaign may be running
-        unknown = [name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= count]
+        unknown = [name for name in names if (n := name.partition("_")[0]).isdigit() and int(n) >= count]
         if unknown:
             raise UserError(
                 f"the ledger {self._shown} has {count} trials and knows nothing of missions/{unknown[0]}: its end was lost; "

@@ -57,7 +57,7 @@ class RockProblem(MissionProblem):
     @staticmethod
     def of(
         space: SearchSpace,
-        asked: MissionConfig,
+        config: MissionConfig,
         rocks: Sequence[str],
         conditions: Sequence[Condition],
         fidelity: str,
@@ -66,7 +66,7 @@ class RockProblem(MissionProblem):
         budget: int,
         seed: int,
     ) -> RockProblem:
-        """Return the problem; ``asked``: the preset with overrides and the fixed values of ``space``.
+        """Return the problem; ``config``: the preset with overrides and the fixed values of ``space``.
 
         Of a family every replicate is another rock: there are as many as the ``budget`` may need.
 
@@ -77,8 +77,8 @@ class RockProblem(MissionProblem):
         if are_drawn(rocks):
             replicates = max(replicates, -(-budget // len(instances)))
         begin, space = space.begin, replace(space, begin=())
-        default = space.default(asked)
-        base = space.config(asked, default)
+        default = space.default(config)
+        base = space.config(config, default)
         problem = RockProblem(
             space=space,
             instances=instances,
@@ -130,12 +130,12 @@ class RockProblem(MissionProblem):
     def _fewest_photographs(self) -> int:
         """Return the least number at the ends of what is tuned of the seed phase and of the stopping rule."""
         tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
-        found = list[int]()
+        counts = list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), MOST_ENDS):
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = self.config({**self.default, **{p.path: end for p, end in zip(tuned, ends)}})
-                found.append(config.seed.total if config.stop.may_end_early else photographs(config))
-        return min(found, default=0)
+                counts.append(config.seed.total if config.stop.may_end_early else photographs(config))
+        return min(counts, default=0)
 
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
@@ -149,8 +149,8 @@ class RockProblem(MissionProblem):
         """Return rocks that can be loaded; of families their held-out rocks, one replicate each."""
         if not rocks and are_drawn(self.rocks):
             rocks = self.rocks
-        if rocks and are_drawn(asked := with_families(rocks)):  # a replicate of a family is another rock
-            rocks, replicates = held_out_rocks_of(asked, replicates), 1
+        if rocks and are_drawn(expanded := with_families(rocks)):  # a replicate of a family is another rock
+            rocks, replicates = held_out_rocks_of(expanded, replicates), 1
         return tuple(rock_arguments(rocks or self.held_out())), replicates
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
@@ -188,15 +188,15 @@ class RockProblem(MissionProblem):
 
 def plain_plans(space: SearchSpace, base: MissionConfig, names: Sequence[str] = ARMS) -> dict[str, Values]:
     """Return the plain orbits and random views of these ``names`` that the space holds, all with the default's number."""
-    found = dict[str, Values]()
+    plans = dict[str, Values]()
     for name in names:
         config = baseline(name).config(base)
         values = {path: value_at(config, path) for path in space.paths}
         if all(p.contains(values[p.path]) for p in space.parameters) and (
             mission_key(base.with_values(space.complete(values))) == mission_key(config)
         ):
-            found[name] = space.settled(values)
-    return found
+            plans[name] = space.settled(values)
+    return plans
 
 
 def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:
@@ -227,11 +227,11 @@ def where_photographed(strategies: Mapping[str, MissionConfig], rocks: Sequence[
         f"Plain orbits run where the photographs were taken: one ring at {middle:g}° (the median), two at {low:g}° and "
         f"{high:g}° (the quartiles)."
     )
-    found, orbits = dict[str, MissionConfig](), set[MissionConfig]()
+    runnable, orbits = dict[str, MissionConfig](), set[MissionConfig]()
     for name, config in strategies.items():
         if not is_orbit(name):
-            found[name] = config
-        elif (own := placed(config)) not in orbits:  # rings of several elevations are one there
-            found[name] = own
-            orbits.add(own)
-    return Strategies(found, (note,))
+            runnable[name] = config
+        elif (orbit := placed(config)) not in orbits:  # rings of several elevations are one there
+            runnable[name] = orbit
+            orbits.add(orbit)
+    return Strategies(runnable, (note,))

@@ -189,13 +189,13 @@ class _Session:
     def next_jobs(self, free: int) -> list[MissionJob]:
         """Return the next mission to launch, which is in the ledger."""
         while not self._stop.is_set():
-            found = self._to_retry.popleft() if self._to_retry else self._next_trial()
-            if found is None:
+            upcoming = self._to_retry.popleft() if self._to_retry else self._next_trial()
+            if upcoming is None:
                 break
-            if isinstance(found, _Prepared):
-                self._in_flight[found.job.id] = found.trial
-                return [found.job]
-            self._count(found)  # refused by the configuration: a failure for which nothing ran
+            if isinstance(upcoming, _Prepared):
+                self._in_flight[upcoming.job.id] = upcoming.trial
+                return [upcoming.job]
+            self._count(upcoming)  # refused by the configuration: a failure for which nothing ran
         return []
 
     def launched(self, job: MissionJob) -> None:

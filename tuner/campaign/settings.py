@@ -283,12 +283,12 @@ class CampaignSettings(Section):
             raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
 
     def _check_conditions(self) -> None:
-        own = {
+        per_setting = {
             "overrides": self.overrides,
             "the search space": {**self.space.base, **dict.fromkeys(self.space.paths)},
         }
         for condition in self.conditions:
-            for what, values in own.items():
+            for what, values in per_setting.items():
                 for path in values:
                     if any(p == path or p.startswith(f"{path}.") for p in condition.paths):
                         raise UserError(
@@ -297,15 +297,15 @@ class CampaignSettings(Section):
             self.problem.config(self.problem.default, condition.name)
 
     def _check_options(self) -> None:
-        asked = {
+        exclusive = {
             "a second objective": self.second is not None,
             "learning from earlier campaigns": bool(self.sources),
         }
-        for what, wanted in asked.items():
+        for what, wanted in exclusive.items():
             if wanted and self.sampler != "gp":
                 raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
-        if all(asked.values()):
-            raise UserError(f"{' and '.join(asked)} cannot be combined; leave one of them out")
+        if all(exclusive.values()):
+            raise UserError(f"{' and '.join(exclusive)} cannot be combined; leave one of them out")
 
     def _check_limit(self) -> None:
         if (self.limit is None) != (self.second is None):

@@ -21,7 +21,7 @@ from tuner.campaign.rock_choice import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind
-from tuner.problem.goal import asked_goal
+from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
 from tuner.problem.objective import Direction, reached
 from tuner.problem.search_space import builtin
@@ -64,13 +64,13 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 def _checked(tree: Any, source: str) -> dict[str, Any]:
     """Return ``tree`` as a dictionary; raise `UserError` for an unknown setting."""
     try:
-        found = leaves(SETTINGS, tree, "setting")
+        values = leaves(SETTINGS, tree, "setting")
     except UserError as error:
         raise UserError(f"{source}: {error}") from None
-    for name, raw in found.items():
+    for name, raw in values.items():
         if raw is not None and SETTINGS[name].read is None:
             SETTINGS[name].from_yaml(raw, source)
-    return found
+    return values
 
 
 def _values(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
@@ -88,10 +88,10 @@ def _with_objectives_expanded(
     full = dict(tree)
     for key in ("second", "objective"):
         if isinstance(tree.get(key), str):
-            asked = asked_goal(tree[key], directions)
-            full[key] = SETTINGS[key].to_yaml(asked.objective)
-            if asked.second is not None:
-                full |= {"second": SETTINGS["second"].to_yaml(asked.second), "limit": asked.limit}
+            goal = parse_goal(tree[key], directions)
+            full[key] = SETTINGS[key].to_yaml(goal.objective)
+            if goal.second is not None:
+                full |= {"second": SETTINGS["second"].to_yaml(goal.second), "limit": goal.limit}
     return full
 
 

@@ -62,8 +62,8 @@ def _read(space: SearchSpace, objective: Objective) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     tree: dict[str, Any] = read_json(path, RESULT_BYTES, RESULT_NODES)
-    asked = (list(space.paths), objective.metric, objective.direction)
-    if asked != (tree["paths"], tree["metric"], tree["direction"]):
+    task = (list(space.paths), objective.metric, objective.direction)
+    if task != (tree["paths"], tree["metric"], tree["direction"]):
         return None
     fits = all(
         p.contains(value) for *_, values in tree["missions"] for p, value in zip(space.parameters, values)

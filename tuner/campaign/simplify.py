@@ -28,20 +28,20 @@ def simplified(campaign: Campaign) -> list[Proposal]:
     if best is None or best.keep_default or best.plain:
         return []
     trials, space = campaign.trials(), s.space
-    own = [t for t in trials if t.state == "complete" and t.values == best.values]
-    if not own or not all(t.record.photographs for t in own):
+    best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
+    if not best_trials or not all(t.record.photographs for t in best_trials):
         return []
     values = dict(best.values)
     for paths in _parts(best.changed):
         trial = {**values, **{path: best.default_values[path] for path in paths}}
-        if trial != values and _same_photographs(campaign, own, trial):
+        if trial != values and _same_photographs(campaign, best_trials, trial):
             values = trial
     tried = {configuration_key(space, t.values) for t in trials}
     if values == best.values or configuration_key(space, values) in tried:
         return []
     reset = [path for path in best.changed if values[path] == best.default_values[path]]
     metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
-    return [Proposal(values, metadata, t.instance, t.replicate) for t in own]
+    return [Proposal(values, metadata, t.instance, t.replicate) for t in best_trials]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
@@ -50,11 +50,11 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
     return [*(tuple(paths) for _, paths in sections), *((path,) for path in changed)]
 
 
-def _same_photographs(campaign: Campaign, own: Sequence[Trial], values: Values) -> bool:
+def _same_photographs(campaign: Campaign, best_trials: Sequence[Trial], values: Values) -> bool:
     config = campaign.settings.problem.config
     return all(
         known_photographs(campaign.job(trial, config(values, trial.condition))) == trial.record.photographs
-        for trial in own
+        for trial in best_trials
     )
 
 

@@ -121,15 +121,15 @@ def run(
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING["instance" if fields.get("mission") else "rock"]):
-        asked = resolved_settings(fields, str(settings or "command line"))
-        require_comparable(asked)
+        resolved = resolved_settings(fields, str(settings or "command line"))
+        require_comparable(resolved)
     if executor == "local" and scheduler is None:
-        mission_kind(asked.fidelity).require_dense_stage(asked.problem.base)
+        mission_kind(resolved.fidelity).require_dense_stage(resolved.problem.base)
     # Before anything is written: a wrong address leaves no campaign behind.
-    with executor_at(where, asked, workers, timeout_s) as ready:
+    with executor_at(where, resolved, workers, timeout_s) as ready:
         ready.begin()
         load(MODEL)
-        run_and_report(begin_campaign(directory, asked), ready, show_pair=quick)
+        run_and_report(begin_campaign(directory, resolved), ready, show_pair=quick)
 
 
 @app.command()
@@ -197,12 +197,12 @@ def list_(
 
     Example: gatetune campaign list
     """
-    found = sorted(path.parent for path in folder.glob(f"*/{SETTINGS_FILE}"))
-    if not found:
+    directories = sorted(path.parent for path in folder.glob(f"*/{SETTINGS_FILE}"))
+    if not directories:
         raise UserError(
             f"{folder} holds no campaign; begin one: gatetune campaign run, or name another folder"
         )
-    rows = [_row(directory) for directory in found]
+    rows = [_row(directory) for directory in directories]
     for row in rows:
         output.print(row["directory"], style="bold", soft_wrap=True)
         if row["objective"] is not None:

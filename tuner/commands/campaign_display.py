@@ -168,14 +168,14 @@ def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
     from tuner.comparison.result import all_results
     from tuner.report.comparison import campaign_document, legend_of, results_table
 
-    found = all_results(campaign, best)
-    if best is None or not found:
+    results = all_results(campaign, best)
+    if best is None or not results:
         return False
-    document = campaign_document(found, best)
+    document = campaign_document(results, best)
     write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
-    for own in found:
-        output.print(*results_table(own).for_terminal())
-    if legend := legend_of(found[0].table):
+    for each in results:
+        output.print(*results_table(each).for_terminal())
+    if legend := legend_of(results[0].table):
         output.print(legend, style="dim")
     for sentence in document["sentences"]:
         output.print(sentence, style="bold", highlight=False)

@@ -116,7 +116,7 @@ def compare(
         if suite is not None and not families and targets == TARGETS:
             drawn = curves.SUITES[suite].targets
         places, under = tuple(Instance(t.rock, c.name) for c in everywhere for t in drawn), everywhere
-    asked = curves.Suite(
+    requested = curves.Suite(
         places,
         _numbers(numbers),
         replicates,
@@ -126,9 +126,9 @@ def compare(
         {**curves.BASE, **parse_overrides(set_ or [])},
         under,
     )
-    if suite is not None and asked != curves.SUITES[suite]:
+    if suite is not None and requested != curves.SUITES[suite]:
         published = curves.SUITES[suite].to_dict()
-        changed = [name for name, value in asked.to_dict().items() if value != published[name]]
+        changed = [name for name, value in requested.to_dict().items() if value != published[name]]
         raise UserError(
             f"these settings are not those of the suite {suite} ({', '.join(changed)}); remove --suite, or the options that change it"
         )
@@ -137,30 +137,30 @@ def compare(
     reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
-    plans = curves.comparison_plans(asked, chosen)
+    plans = curves.comparison_plans(requested, chosen)
     if rocks or families or set_ or conditions:  # else the targets and views fit
         with working("looking at the targets"):
-            curves.require_room(asked)
+            curves.require_room(requested)
     if conditions and (note := mission_kind(fidelity).note):
         output.print(note, style="yellow")
     missions = sum(plan.missions for plan in plans.values())
     output.print(
-        f"{asked.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
+        f"{requested.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
     )
-    longest = curves.ending_at(asked.base, asked.numbers[-1])
+    longest = curves.ending_at(requested.base, requested.numbers[-1])
     for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
         note_dense_stage(kind, longest)
     runs = run_plans(plans, out, workers, timeout_s, DEFAULT_METRIC)
     records = [trial for run in runs for trial in run.records]
     with working("drawing"):
-        series = curves.all_series(asked, list(chosen), records)
-        found = curves.outcome(asked, series, reference)
-        document = write_curves(asked, series, found, out)
-    output.print(*answer_table(asked, found).for_terminal())
+        series = curves.all_series(requested, list(chosen), records)
+        outcome = curves.outcome(requested, series, reference)
+        document = write_curves(requested, series, outcome, out)
+    output.print(*answer_table(requested, outcome).for_terminal())
     output.print(" ".join(document["verdict"]), style="bold")
-    if found.score_0:
+    if outcome.score_0:
         output.print("These missions count with a score of 0:", style="red")
-    for zero in found.score_0:
+    for zero in outcome.score_0:
         output.print(f"- {zero_text(zero, len(places))}")
     output.print(f"report: {out / 'report.html'}")
     answer_json(document)
@@ -172,8 +172,8 @@ def _places(
     """Every rock under its own condition, of ROCK@CONDITION, or else ``everywhere``; and the conditions."""
     split = [(rock, "") if is_file(Path(rock)) else rock.partition("@")[::2] for rock in rocks]
     places, used = list[Instance](), list[Condition]()
-    for (_, own), rock in zip(split, rock_arguments([name for name, _ in split])):
-        for condition in (_condition(own),) if own else everywhere:
+    for (_, condition_name), rock in zip(split, rock_arguments([name for name, _ in split])):
+        for condition in (_condition(condition_name),) if condition_name else everywhere:
             places.append(Instance(rock, condition.name))
             used += [condition] if condition not in used else []
     return tuple(places), tuple(used)

@@ -50,7 +50,7 @@ def metrics(as_json: AsJson = False) -> None:
 
     Example: gatetune metrics, then gatetune campaign run --objective observable.completeness_48mm
     """
-    found = [
+    entries = [
         {
             "name": metric.key.replace("{t}", "T"),
             "what": metric.label.replace("{t}", "T"),
@@ -62,7 +62,7 @@ def metrics(as_json: AsJson = False) -> None:
     thresholds_mm = MissionConfig().evaluation.thresholds_mm
     costs = {name: path for name, path in SHORT.items() if path in COSTS}
     columns = ("name", "what it is", "unit", "better")
-    rows = [tuple(row.values()) for row in found]
+    rows = [tuple(row.values()) for row in entries]
     show_table(columns, rows, "--objective SURFACE.NAME, SURFACE observable or whole")
     output.print(
         f"T: a threshold in mm, one of {', '.join(f'{t:g}' for t in thresholds_mm)} (evaluation.thresholds_mm)"
@@ -70,4 +70,4 @@ def metrics(as_json: AsJson = False) -> None:
     output.print(
         f"costs, as in --objective 'f_score@photographs<=21': {', '.join(costs)}; or {', '.join(COSTS)}"
     )
-    answer_json({"metrics": found, "thresholds_mm": thresholds_mm, "costs": COSTS, "short_names": costs})
+    answer_json({"metrics": entries, "thresholds_mm": thresholds_mm, "costs": COSTS, "short_names": costs})

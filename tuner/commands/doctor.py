@@ -59,9 +59,9 @@ def doctor(as_json: AsJson = False) -> None:
     findings = []
     for check in (_libraries, _graphics, _machine, _disk):
         with working(f"checking {check.__name__[1:]}"):
-            found = list(check())
-        findings += found
-        for finding in found:
+            results = list(check())
+        findings += results
+        for finding in results:
             output.print(marks[finding.verdict], end=" ", markup=True)
             output.print(finding.what, highlight=False, soft_wrap=True)
             if finding.remedy:
@@ -129,9 +129,9 @@ def _graphics() -> Iterator[Finding]:
         import pycolmap
     except Exception:  # `_libraries` has said so
         return
-    found, driver = cards(), NVIDIA_DRIVER.exists()
-    if pycolmap.has_cuda and driver and found:
-        names = ", ".join(card.name for card in found)
+    nvidia_cards, driver = cards(), NVIDIA_DRIVER.exists()
+    if pycolmap.has_cuda and driver and nvidia_cards:
+        names = ", ".join(card.name for card in nvidia_cards)
         yield Finding("ok", f"COLMAP with CUDA on {names}: dense.backend=patchmatch is the default")
     elif pycolmap.has_cuda:
         lacking = "no NVIDIA card" if driver else f"no NVIDIA driver ({NVIDIA_DRIVER})"
@@ -144,13 +144,13 @@ def _graphics() -> Iterator[Finding]:
 def _machine() -> Iterator[Finding]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
-    found, fitting = f"{cores} cores, {memory_gib:.1f} GiB of memory", max(1, int(memory_gib / WORKER_GIB))
+    summary, fitting = f"{cores} cores, {memory_gib:.1f} GiB of memory", max(1, int(memory_gib / WORKER_GIB))
     if memory_gib < WORKER_GIB:
-        yield Finding("bad", found, f"a mission needs up to {WORKER_GIB} GiB")
+        yield Finding("bad", summary, f"a mission needs up to {WORKER_GIB} GiB")
     elif fitting < cores:
-        yield Finding("note", found, f"memory for {fitting} missions: --workers {fitting}")
+        yield Finding("note", summary, f"memory for {fitting} missions: --workers {fitting}")
     else:
-        yield Finding("ok", f"{found}: {cores} missions in parallel")
+        yield Finding("ok", f"{summary}: {cores} missions in parallel")
 
 
 def _disk() -> Iterator[Finding]:
@@ -159,12 +159,12 @@ def _disk() -> Iterator[Finding]:
     for what, folder in (("runs", Path.cwd()), ("store", store.root)):
         existing = next(path for path in (folder, *folder.parents) if path.exists())
         free_gib = shutil.disk_usage(existing).free / GIB
-        found = f"{what}: {existing}, {free_gib:.1f} GiB free"
+        disk = f"{what}: {existing}, {free_gib:.1f} GiB free"
         if not os.access(existing, os.W_OK):
-            yield Finding("bad", f"{found}, cannot be written", "choose another folder, or set GATETUNE_HOME")
+            yield Finding("bad", f"{disk}, cannot be written", "choose another folder, or set GATETUNE_HOME")
         elif free_gib < MIN_FREE_GIB:
-            yield Finding("note", found, "gatetune cache prune --max-gib 2 makes room")
+            yield Finding("note", disk, "gatetune cache prune --max-gib 2 makes room")
         else:
-            yield Finding("ok", found)
+            yield Finding("ok", disk)
     used_gib = sum(kind.size_bytes for kind in store.info()) / GIB
     yield Finding("ok", f"store holds {used_gib:.1f} GiB and is pruned at {store.max_bytes / GIB:.0f} GiB")

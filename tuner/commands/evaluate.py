@@ -196,8 +196,8 @@ def run_and_report(
     if paper:
         output.print(comparison.paper_note(plan.fidelity))
     output.print(f"{duration(facts.run.elapsed_s)}; report: {report}")
-    found = comparison.evaluation_document(facts)
-    answer_json({"title": planned.title, "directory": report.parent, "report": report, **found, **answer})
+    document = comparison.evaluation_document(facts)
+    answer_json({"title": planned.title, "directory": report.parent, "report": report, **document, **answer})
     for reason, times in facts.run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
     require_complete(facts.run)
@@ -238,9 +238,9 @@ def _ceiling(name: str) -> str:
     """The best score that a photograph set can show: that of one half of its photographs against the other."""
     from nbv.photographs.evaluation import ceiling
 
-    found = ceiling(PhotographSet.read(name))
+    halves = ceiling(PhotographSet.read(name))
     return (
         f"{name} is a set of photographs: 48 mm are 3 % of its height. The cloud of one half of its photographs, measured "
-        f"against the other half's, has an F-score of {found['f_score_48mm']:.1f} % and a completeness of "
-        f"{found['completeness_48mm']:.1f} %."
+        f"against the other half's, has an F-score of {halves['f_score_48mm']:.1f} % and a completeness of "
+        f"{halves['completeness_48mm']:.1f} %."
     )

@@ -191,13 +191,13 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
         said += "; it knows of nothing beside it" if config.ground.neighbours else ""
         views = [view.id for view in seed_viewpoints(config)]
         return _write_route(config, views, home, out or run / "route.plan", [said])
-    own = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
+    remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
     if not exported.is_recommended:
-        raise UserError(f"{exported.strategy} plans views, which hold for one target: {own}")
+        raise UserError(f"{exported.strategy} plans views, which hold for one target: {remedy}")
     source, shown = _recommended_mission(run), Path(s.problem.drawn_rock(s.rocks[0], 0)).stem
     if rock is None or Path(rock).stem != shown:
         raise UserError(
-            f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {own}"
+            f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {remedy}"
         )
     _write_plan(run, source, rock, home, out)
 

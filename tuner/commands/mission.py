@@ -130,7 +130,7 @@ def explain(
         )
     for entry in trace:
         best = ", ".join(
-            f"{name} {found['candidate']} {found['score']:.3f}" for name, found in entry.top.items()
+            f"{name} {scored['candidate']} {scored['score']:.3f}" for name, scored in entry.top.items()
         )
         said = f"step {entry.iteration + 1}: {entry.scorer} chose {entry.chosen}, since {entry.reason}"
         output.print(f"{said} (best scores: {best})", highlight=False, soft_wrap=True)
@@ -196,8 +196,8 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
     """
     from tuner.missions.external.mission import run_external_mission
 
-    found = load_mission_file(mission)
-    config, instance = external_config(found, {}), next(iter(found.instances))
+    loaded = load_mission_file(mission)
+    config, instance = external_config(loaded, {}), next(iter(loaded.instances))
     folder = Path(tempfile.mkdtemp(prefix="gatetune-check-"))
     reason = message = ""
     metrics: dict[str, Any] = {}
@@ -209,8 +209,8 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_j
     except MissionFailure as failure:
         reason, message = failure.reason, failure.message
     numbers = {name: Objective(name).measure(metrics) for name in dotted(metrics)}
-    if not reason and found.metric not in numbers:
-        reason, message = "no_metric", f"it has no metric {found.metric!r}, which the mission file tunes"
+    if not reason and loaded.metric not in numbers:
+        reason, message = "no_metric", f"it has no metric {loaded.metric!r}, which the mission file tunes"
     for name, value in numbers.items():
         output.print(f"{name} = {value:.6g}", markup=False, highlight=False)
     output.print(f"its files are in {folder / 'output'}", soft_wrap=True)

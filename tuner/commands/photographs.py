@@ -82,7 +82,7 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: gatetune photographs list
     """
-    found = [_facts(PhotographSet.read(name)) for name in list_sets()]
+    sets = [_facts(PhotographSet.read(name)) for name in list_sets()]
     rows = [
         (
             facts["name"],
@@ -91,12 +91,12 @@ def list_(as_json: AsJson = False) -> None:
             "–" if facts["height_m"] is None else f"{facts['height_m']:.3g}",
             f"{facts['f_score_halves_percent']:.1f}",
         )
-        for facts in found
+        for facts in sets
     ]
     show_table(
         ("set", "photographs", "registered", "height, m", "F-score, half against half, %"), rows, right=4
     )
-    answer_json(found)
+    answer_json(sets)
 
 
 @app.command()
@@ -165,28 +165,28 @@ def enough(
     answer_json(answer)
 
 
-def _facts(found: PhotographSet) -> dict[str, Any]:
+def _facts(photograph_set: PhotographSet) -> dict[str, Any]:
     return {
-        "name": found.name,
-        "photographs": len(found.photographs),
-        "registered": len(found.registered),
-        "height_m": found.true_height_m,
-        "f_score_halves_percent": found.halves.f_score[_MIDDLE],
-        "folder": str(found.folder),
-        "weak": found.weak,
+        "name": photograph_set.name,
+        "photographs": len(photograph_set.photographs),
+        "registered": len(photograph_set.registered),
+        "height_m": photograph_set.true_height_m,
+        "f_score_halves_percent": photograph_set.halves.f_score[_MIDDLE],
+        "folder": str(photograph_set.folder),
+        "weak": photograph_set.weak,
     }
 
 
-def _describe(found: PhotographSet) -> None:
-    height = found.true_height_m
+def _describe(photograph_set: PhotographSet) -> None:
+    height = photograph_set.true_height_m
     output.print(
-        f"{found.name}: {len(found.registered)} of {len(found.photographs)} photographs, "
+        f"{photograph_set.name}: {len(photograph_set.registered)} of {len(photograph_set.photographs)} photographs, "
         + (f"an object of {height:.3g} m" if height is not None else "no scale")
-        + f", {found.halves.f_score[_MIDDLE]:.1f} % F-score of one half against the other at 3 % of the height"
+        + f", {photograph_set.halves.f_score[_MIDDLE]:.1f} % F-score of one half against the other at 3 % of the height"
     )
-    for line in found.notes:
+    for line in photograph_set.notes:
         output.print(f"  - {line}")
-    for line in found.weak:
+    for line in photograph_set.weak:
         output.print(f"  - weak: {line}")
 
 

@@ -25,10 +25,10 @@ def list_(
 
     Example: gatetune rocks list --split train
     """
-    found = [info for info in list_rocks() if split is None or info.split == split]
-    rows = [(info.name, info.split, info.source, info.difficulty) for info in found]
+    rocks = [info for info in list_rocks() if split is None or info.split == split]
+    rows = [(info.name, info.split, info.source, info.difficulty) for info in rocks]
     show_table(("rock", "split", "source", "what makes it hard"), rows)
-    answer_json(found)
+    answer_json(rocks)
 
 
 @app.command()
@@ -104,13 +104,13 @@ def planning(
     output.print(f"flying geometric missions on {rock}")
     from tuner.comparison.ceiling import ceiling
 
-    found = ceiling(rock, photographs)
-    needs = "more than 48" if found.orbit_needs is None else found.orbit_needs
+    result = ceiling(rock, photographs)
+    needs = "more than 48" if result.orbit_needs is None else result.orbit_needs
     rows = [
-        (f"best plain plan of {photographs}", f"{found.best_plain}, {found.plain_percent:.1f} %"),
-        ("greedy oracle", f"{found.oracle_percent:.1f} %"),
+        (f"best plain plan of {photographs}", f"{result.best_plain}, {result.plain_percent:.1f} %"),
+        ("greedy oracle", f"{result.oracle_percent:.1f} %"),
         ("two rings reach 98 % with", f"{needs} photographs"),
     ]
     show_table(("fact", "value"), rows, rock)
-    output.print(found.verdict)
-    answer_json({**dataclasses.asdict(found), "verdict": found.verdict})
+    output.print(result.verdict)
+    answer_json({**dataclasses.asdict(result), "verdict": result.verdict})

@@ -66,10 +66,10 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     """Return the advice from everything in the campaign's directory; ``best``: its recommendation."""
     s = campaign.settings
     reference, quality = s.problem.reference, s.goal.shown
-    found = held_out_results(campaign, s.problem.config(best.values))
-    if found is None or not _plain(found.strategies, reference):
-        found = training_results(campaign, best)
-    records, missions = found.records, {name: mission_key(c) for name, c in found.strategies.items()}
+    results = held_out_results(campaign, s.problem.config(best.values))
+    if results is None or not _plain(results.strategies, reference):
+        results = training_results(campaign, best)
+    records, missions = results.records, {name: mission_key(c) for name, c in results.strategies.items()}
 
     def against(strategy: str, other: str) -> Verdict | None:
         """None where one of the two was not run, or both run the same missions."""
@@ -77,18 +77,18 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
             return None
         return judge(records, strategy, other, quality)
 
-    plain = _plain(found.strategies, reference)
+    plain = _plain(results.strategies, reference)
     gains = _gains(records, plain, quality)
     named = max(gains, key=lambda name: gains[name], default="")
     over_plain = against(TUNED, named)
     is_worse = over_plain is not None and over_plain.kind is Kind.WORSE
-    fly = named if found.held_out and is_worse else TUNED
+    fly = named if results.held_out and is_worse else TUNED
     orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
-    oracle = next((name for name in found.strategies if base_name(name) == CEILING), "")
+    oracle = next((name for name in results.strategies if base_name(name) == CEILING), "")
     return Advice(
         fly=fly,
-        config=found.strategies[fly],
-        results=found,
+        config=results.strategies[fly],
+        results=results,
         plain=named,
         is_plain=missions[fly] in {missions[name] for name in plain},
         over_plain=over_plain,

@@ -147,16 +147,16 @@ def comparison_plans(suite: Suite, strategies: Strategies) -> dict[str, Evaluati
         configs |= _missions_of(suite, name, given)
     rocks = [tuple(t.rock for t in suite.targets if t.condition == c.name) for c in suite.conditions]
     plan = functools.partial(EvaluationPlan, configs, replicates=suite.replicates, fidelity=suite.fidelity)
-    if len({frozenset(own) for own in rocks}) == 1:
+    if len({frozenset(names) for names in rocks}) == 1:
         return {"": plan(rocks[0], conditions=suite.conditions)}
-    return {c.name: plan(own, conditions=(c,)) for c, own in zip(suite.conditions, rocks)}
+    return {c.name: plan(names, conditions=(c,)) for c, names in zip(suite.conditions, rocks)}
 
 
 def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[str, MissionConfig]:
     base, source = suite.base, _strategy_run(name)
     if given is None:
-        own = baseline(source, (BY_HEIGHT,))
-        planned = own.config(ending_at(base, suite.numbers[-1]))
+        strategy = baseline(source, (BY_HEIGHT,))
+        planned = strategy.config(ending_at(base, suite.numbers[-1]))
     else:
         planned = with_sections_of(given, PLAN, base)
     measured_throughout = bool(planned.adaptive_budget) and all(
@@ -173,7 +173,7 @@ def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[s
     def at(n: int) -> MissionConfig:
         if planned.adaptive_budget:
             return ending_at(planned, n)
-        return own.orbit(base, n) if given is None else planned.with_values({"seed.count": n})
+        return strategy.orbit(base, n) if given is None else planned.with_values({"seed.count": n})
 
     return {f"{source}-{n}": at(n) for n in suite.numbers}
 
@@ -223,7 +223,7 @@ class Series:
         mean = self.mean_photographs(slice(None))
         if not mean[0] - 1.0 < number < mean[-1] + 1.0:
             return None
-        return np.array([np.interp(number, mean, own) for own in values.T])
+        return np.array([np.interp(number, mean, column) for column in values.T])
 
 
 def all_series(suite: Suite, strategies: Sequence[str], trials: Sequence[Trial]) -> list[Series]:
@@ -244,7 +244,7 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
     taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
     ended = missions_at[:1] if source in of else missions_at
     failed = tuple(
-        t for missions in ended for own in missions.values() for t in own if t.record.status == "failed"
+        t for missions in ended for trials in missions.values() for t in trials if t.record.status == "failed"
     )
     if name == BY_HEIGHT:
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
@@ -266,8 +266,8 @@ def _read(trial: Trial, number: int) -> tuple[float, float, float]:
     if curve := trial.metrics.get("curve"):
         _, score, predicted = max((step for step in curve if step[0] <= number), default=(0, 0.0, 0.0))
         return number, score, predicted
-    found = trial.value("registered.observable.f_score_48mm")
-    score = found if found is not None else trial.value("observable.f_score_48mm")
+    registered = trial.value("registered.observable.f_score_48mm")
+    score = registered if registered is not None else trial.value("observable.f_score_48mm")
     return trial.value("costs.images") or float(number), score or 0.0, 0.0
 
 
@@ -293,7 +293,7 @@ class Zero:
 
 def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list[Zero]:
     """Return each cause once: missions that failed, and targets of which a strategy had no model yet."""
-    found = list[Zero]()
+    zeros = list[Zero]()
     for one in series:
         of_reason: dict[str, list[Trial]] = {}
         for trial in one.failed:
@@ -301,13 +301,13 @@ def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list
         for reason, failed in of_reason.items():
             labels, first = tuple(dict.fromkeys(t.instance.label for t in failed)), failed[0]
             example = f"{first.strategy} on {first.instance.label}: {first.record.message}"
-            found.append(Zero(_strategy_run(one.name), labels, reason, len(failed), example))
+            zeros.append(Zero(_strategy_run(one.name), labels, reason, len(failed), example))
         ran = np.array([target not in {trial.instance for trial in one.failed} for target in targets])
         if (lacking := (one.scores == 0.0) & ran).any():
-            labels = tuple(t.label for t, own in zip(targets, lacking.T) if own.any())
+            labels = tuple(t.label for t, column in zip(targets, lacking.T) if column.any())
             numbers = one.photographs[lacking]
-            found.append(Zero(one.name, labels, photographs=(float(numbers.min()), float(numbers.max()))))
-    return list(dict.fromkeys(found))
+            zeros.append(Zero(one.name, labels, photographs=(float(numbers.min()), float(numbers.max()))))
+    return list(dict.fromkeys(zeros))
 
 
 @dataclass(frozen=True)
@@ -348,8 +348,8 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
         return bool(share and one.shares(score)[0] >= share - 1e-9)
 
     def photographs(one: Series, of: Ints) -> float:
-        found = one.needed(share, score, of)
-        return float(one.mean_photographs(of).max()) if found is None else found
+        number = one.needed(share, score, of)
+        return float(one.mean_photographs(of).max()) if number is None else number
 
     def finding(one: Series) -> Finding:
         needed, ratio, kind = one.needed(share, score, everyone), None, Kind.NOT_PAIRED
@@ -375,22 +375,24 @@ def share_compared(reference: Series, share: float, score: float) -> float:
     0 where it hardly reaches any.
     """
     reached = float(reference.shares(score).max())
-    found = share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
-    return found if found >= min(share, HARDLY) else 0.0
+    compared = share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
+    return compared if compared >= min(share, HARDLY) else 0.0
 
 
 def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[Standing]:
     """Return each strategy at an equal mean number of photographs, those left out that never take so few, or so many."""
-    theirs, found = reference.at(number, reference.scores), list[Standing]()
+    theirs, standings = reference.at(number, reference.scores), list[Standing]()
     for one in series:
         scores, reached = (one.at(number, v) for v in (one.scores, (one.scores >= score).astype(float)))
         if scores is None or reached is None:
             continue
         gain = None if theirs is None else bootstrap_means(scores - theirs)[0]
         kind = Kind.NOT_PAIRED if gain is None else kind_of(gain)
-        own = bootstrap_means(scores)[0], gain, float(reached.mean())
-        found.append(Standing(one.name, number, kind, *own, len(one.failed), int((scores == 0.0).sum())))
-    return found
+        figures = bootstrap_means(scores)[0], gain, float(reached.mean())
+        standings.append(
+            Standing(one.name, number, kind, *figures, len(one.failed), int((scores == 0.0).sum()))
+        )
+    return standings
 
 
 @dataclass(frozen=True)
@@ -420,7 +422,7 @@ def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
     number = within[-1] if within else int(base.mean_photographs(slice(None))[-1])
     shown = sorted({suite.numbers[0], number, suite.numbers[-1], *set(SHOWN_NUMBERS) & {*suite.numbers}})
     standings = [row for n in shown for row in at_number(series, base, n, score)]
-    scores = {one.name: own for one in series if (own := one.at(number, one.scores)) is not None}
+    scores = {one.name: v for one in series if (v := one.at(number, one.scores)) is not None}
     plain = {n: s.mean() for n, s in scores.items() if is_orbit(n) or n in ("random", BY_HEIGHT)}
     best, ceiling = max(plain, key=lambda name: plain[name], default=""), None
     if best and CEILING in scores:
@@ -437,8 +439,8 @@ def panels(suite: Suite, series: Sequence[Series]) -> dict[str, list[tuple[Float
         of_family.setdefault(named[0] if named else "others", []).append(r)
     reached = [np.where(one.scores >= suite.score, 100.0, 0.0) for one in series]
     everyone = np.arange(len(suite.targets))
-    found = {"share": [(s.mean_photographs(everyone), bootstrap_means(v)) for s, v in zip(series, reached)]}
+    drawn = {"share": [(s.mean_photographs(everyone), bootstrap_means(v)) for s, v in zip(series, reached)]}
     groups = {name: np.array(of) for name, of in of_family.items() if len(of_family) > 1}
     for name, of in {"": everyone, **groups}.items():
-        found[name] = [(s.mean_photographs(of), bootstrap_means(s.scores[:, of])) for s in series]
-    return found
+        drawn[name] = [(s.mean_photographs(of), bootstrap_means(s.scores[:, of])) for s in series]
+    return drawn

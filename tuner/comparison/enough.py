@@ -90,8 +90,8 @@ def enough_plans(
     if replicates < 2:
         raise UserError("--replicates must be 2 or more: the lower bound needs their spread")
     registered = len(photographs.registered)
-    kept = sorted({n for n in numbers if SEEDS <= n < registered})
-    if not kept:
+    sizes = sorted({n for n in numbers if SEEDS <= n < registered})
+    if not sizes:
         raise UserError(
             f"{photographs.name} has {registered} photographs to choose from; give --number at least {SEEDS} and fewer "
             "than that"
@@ -107,7 +107,7 @@ def enough_plans(
     )
     planner = tuned or baseline("predicted").config(base)
     strategies = {}
-    for number in kept:
+    for number in sizes:
         ring = base.with_values({"seed.count": number, "stop.adaptive_budget": 0})
         shared = base.with_values({"seed.count": SEEDS, "stop.adaptive_budget": number - SEEDS})
         strategies[_name(RING, number)] = ring
@@ -144,8 +144,8 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
     if whole is None or reached is None:
         why = "" if whole is None else f" ({whole.reason}: {whole.record.message})"
         raise UserError(f"the mission with all photographs gave no {DEFAULT_METRIC}{why}")
-    asked = keep_percent / 100.0 * reached
-    found: dict[str, list[Point]] = {way: [] for way in WAYS}
+    least = keep_percent / 100.0 * reached
+    ways: dict[str, list[Point]] = {way: [] for way in WAYS}
     smallest, smallest_rank = None, (math.inf, 0.0)
     for strategy in curves.plan.strategies:
         way, trials = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
@@ -160,8 +160,8 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
             for key in ("images", "registered_images")
         )
         point = Point(images, registered, interval)
-        found[way].append(point)
-        if low >= asked and (images, -low) < smallest_rank:
+        ways[way].append(point)
+        if low >= least and (images, -low) < smallest_rank:
             median = sorted(range(len(trials)), key=qualities.__getitem__)[len(trials) // 2]
             typical = trials[median]
             taken = tuple(typical.metrics.get("taken", ()))
@@ -170,9 +170,9 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
     return Enough(
         whole.costs["images"],
         reached,
-        asked,
+        least,
         whole.metrics["reference"]["ceiling"].get("f_score_48mm", math.nan),
-        {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in found.items() if points},
+        {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in ways.items() if points},
         smallest,
     )
 

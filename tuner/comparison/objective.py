@@ -62,10 +62,10 @@ class MissionObjective:
         UserError
             A path is not in the space, or a value is out of its range.
         """
-        s, found = self.settings, self._by_path(values)
+        s, by_path = self.settings, self._by_path(values)
         measurements = list[float]()
         for instance in s.problem.instances:
-            config = s.problem.config(found, instance.condition)
+            config = s.problem.config(by_path, instance.condition)
             for replicate in range(s.replicates):
                 rock = s.problem.drawn_rock(instance.rock, replicate)
                 result = kind_on(rock, s.fidelity)(config, rock, replicate, None)
@@ -129,14 +129,14 @@ def objective(
     UserError
         A setting is wrong.
     """
-    asked = {
+    fields = {
         "name": "objective",
         "space": space,
         "rocks": rocks if isinstance(rocks, str) else list(rocks),
         "fidelity": fidelity,
         **settings,
     }
-    return MissionObjective(resolved_settings(asked, "objective()"), failed)
+    return MissionObjective(resolved_settings(fields, "objective()"), failed)
 
 
 def _value(p: Parameter, x: float) -> Any:
@@ -149,5 +149,5 @@ def _ax_parameter(p: Parameter) -> dict[str, Any]:
     if p.kind == "categorical":
         return {"name": p.path, "type": "choice", "values": list(p.choices), "is_ordered": False}
     low, high = (p.low, p.high) if p.kind == "int" else (float(p.low), float(p.high))
-    found = {"name": p.path, "type": "range", "bounds": [low, high], "value_type": p.kind}
-    return {**found, "log_scale": p.scale == "log"}
+    entry = {"name": p.path, "type": "range", "bounds": [low, high], "value_type": p.kind}
+    return {**entry, "log_scale": p.scale == "log"}

@@ -81,15 +81,15 @@ def held_out(
     Raises `UserError`: no mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the
     campaign.
     """
-    s, found = source.settings, source.recommended()
+    s, best = source.settings, source.recommended()
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
-    s.problem.strategies(_evaluated(source, found, under, ()), strategies)  # names, before rocks take minutes
+    s.problem.strategies(_evaluated(source, best, under, ()), strategies)  # names, before rocks take minutes
     chosen, replicates = source.evaluation_rocks(rocks, replicates)
-    tuned = _evaluated(source, found, under, chosen)
+    tuned = _evaluated(source, best, under, chosen)
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
     against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
-    notes = (*_notes(found), *notes, *_conditions(source, under))
+    notes = (*_notes(best), *notes, *_conditions(source, under))
     word = s.problem.instance_word
     title = f"{s.name}: tuned against baselines on held-out {word}s"
     return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, s.goal, word, source)
@@ -124,10 +124,10 @@ def confirmation(
             raise UserError(
                 f"{source.directory} was not tuned on {rock!r}; name one of {', '.join(known)}, or use evaluate"
             )
-    found = source.recommended()
-    if found.keep_default:
+    best = source.recommended()
+    if best.keep_default:
         return None
-    controls, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
+    controls, notes = s.problem.controls(_evaluated(source, best, s.conditions, chosen))
     first = max(
         [s.problem.replicates, *(trial.replicate + 1 for trial in source.trials())]
     )  # that nothing has run
@@ -135,7 +135,7 @@ def confirmation(
         chosen = tuple(s.problem.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
-        {TUNED: s.problem.config(found.values), "default": s.problem.config(s.problem.default), **controls},
+        {TUNED: s.problem.config(best.values), "default": s.problem.config(s.problem.default), **controls},
         chosen,
         replicates,
         first_replicate=first,
@@ -144,7 +144,7 @@ def confirmation(
     )
     word = s.problem.instance_word
     title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
-    notes = (*_notes(found), *notes)
+    notes = (*_notes(best), *notes)
     usual = source.directory / TRAINING
     return PlannedComparison(plan, "default", title, usual, notes, s.goal, word, source)
 
@@ -215,30 +215,30 @@ def require_comparable(s: CampaignSettings) -> None:
 
 def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
     """Return the directories ``name``, ``name-2`` and so on in which ``tuned`` was evaluated, with their plans."""
-    found = []
+    matching = []
     for path in sorted(source.directory.glob(f"{name}*/{PLAN_FILE}")):
         with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
             plan = EvaluationPlan.load(path.parent)
             if plan.strategies.get(TUNED) == tuned:
-                found.append((path.parent, plan))
-    return found
+                matching.append((path.parent, plan))
+    return matching
 
 
 def _evaluated(
-    source: Campaign, found: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
+    source: Campaign, best: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
 ) -> Evaluated:
-    return Evaluated(found.values, source.mean_photographs(found.values), conditions, rocks)
+    return Evaluated(best.values, source.mean_photographs(best.values), conditions, rocks)
 
 
-def _notes(found: Recommendation) -> tuple[str, ...]:
+def _notes(best: Recommendation) -> tuple[str, ...]:
     """What a reader of the outcome must know of the recommendation."""
     notes = []
-    if found.keep_default:
+    if best.keep_default:
         notes.append("The campaign recommends to keep the default: Tuned is the default.")
-    if found.limit is not None and not found.limit.kept:
+    if best.limit is not None and not best.limit.kept:
         notes.append(
             "Nothing that the campaign ran is known to meet its constraint: Tuned comes nearest to it, with probability "
-            f"{found.limit.probability:.0%}."
+            f"{best.limit.probability:.0%}."
         )
     return tuple(notes)
 

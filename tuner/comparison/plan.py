@@ -131,12 +131,12 @@ class EvaluationPlan:
             if not isinstance(config, MissionConfig):  # a mission file's
                 continue
             try:
-                own = config if condition.name == IDEAL else under(config, condition)
-                own.require_flyable()
+                varied = config if condition.name == IDEAL else under(config, condition)
+                varied.require_flyable()
                 for kind in (kind_on(rock, self.fidelity) for rock in self.rocks):
                     if kind.targets == "instances":
                         raise UserError("it is no mission of a mission file; choose another fidelity")
-                    kind.require_possible(own)
+                    kind.require_possible(varied)
             except UserError as error:
                 raise UserError(f"strategy {name} cannot run under {condition.name}: {error}") from error
 

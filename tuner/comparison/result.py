@@ -81,13 +81,13 @@ def by_strategy(
         objectives += [row_of(Objective(name, "minimise")) for name in costs]
     rows = {row.key: row for row in (*_COSTS, *objectives)} | {row.key: row for row in (*_COSTS, *_QUALITY)}
     table = comparison_table(records, strategies, reference, list(rows.values()))
-    found = [row for row in table.rows if any(row.cells.values())]
+    shown = [row for row in table.rows if any(row.cells.values())]
     if goal.limit is not None:
         shares = {name: kept_by(records, name, goal) for name in strategies}
         most = max((share.mean for share in shares.values() if share is not None), default=0.0)
         best = tuple(name for name, share in shares.items() if share is not None and share.mean == most)
-        found.append(ComparisonRow(MetricRow("", "", LIMIT, "%", True, 0), shares, best, None, {}))
-    return dataclasses.replace(table, rows=found)
+        shown.append(ComparisonRow(MetricRow("", "", LIMIT, "%", True, 0), shares, best, None, {}))
+    return dataclasses.replace(table, rows=shown)
 
 
 def kept_by(records: Sequence[Trial], strategy: str, goal: Goal) -> Interval | None:
@@ -164,13 +164,13 @@ class ComparisonFacts:
     def _count(self, name: str, o: Objective) -> Verdict:
         """On a metric that the configuration decides, which has no interval."""
         means = [strategy_interval(self.records, n, o.metric) for n in (name, self.reference)]
-        own, theirs = means
-        if own is None or theirs is None:
+        ours, theirs = means
+        if ours is None or theirs is None:
             return Verdict(Kind.NOT_PAIRED, name, self.reference, o.metric, None)
-        gain = o.sign * (own.mean - theirs.mean)
+        gain = o.sign * (ours.mean - theirs.mean)
         kind = Kind.BETTER if gain > 0 else Kind.WORSE if gain < 0 else Kind.NO_DIFFERENCE
-        difference = Interval(gain, None, None, own.rocks, own.missions, "none")
-        return Verdict(kind, name, self.reference, o.metric, difference, counts=(own.mean, theirs.mean))
+        difference = Interval(gain, None, None, ours.rocks, ours.missions, "none")
+        return Verdict(kind, name, self.reference, o.metric, difference, counts=(ours.mean, theirs.mean))
 
     def _best_control(self, quality: Objective) -> list[Verdict]:
         """Against the best control with as many photographs, other than the reference; empty if none was run."""
@@ -223,15 +223,15 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
 
     Missions with photographs count where there are some, else the others.
     """
-    found = evaluations(campaign, HELD_OUT, tuned)
-    if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in found):
-        found = [(where, plan) for where, plan in found if plan.fidelity == DEFAULT_FIDELITY]
+    plans = evaluations(campaign, HELD_OUT, tuned)
+    if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in plans):
+        plans = [(where, plan) for where, plan in plans if plan.fidelity == DEFAULT_FIDELITY]
     under = {condition.name for condition in campaign.settings.conditions}
     records, strategies, complete = list[Trial](), dict[str, Configuration](), True
-    for where, plan in found:
-        own = plan.records(where)
-        complete &= len(own) == plan.combinations
-        records += [r for r in own if r.condition in under]
+    for where, plan in plans:
+        of_plan = plan.records(where)
+        complete &= len(of_plan) == plan.combinations
+        records += [r for r in of_plan if r.condition in under]
         strategies |= plan.strategies
     records = _with_twins(records, strategies)
     return Results(True, records, strategies, complete, campaign.settings) if records else None
@@ -250,8 +250,8 @@ def training_results(campaign: Campaign, best: Recommendation) -> Results:
     configs = {name: s.problem.config(values) for name, values in names.items()}
     for where, plan in evaluations(campaign, TRAINING, configs[TUNED]):
         renamed = {
-            name: next((n for n, c in configs.items() if mission_key(c) == mission_key(own)), name)
-            for name, own in plan.strategies.items()
+            name: next((n for n, c in configs.items() if mission_key(c) == mission_key(config)), name)
+            for name, config in plan.strategies.items()
             if name != TUNED
         }
         records += [
@@ -264,9 +264,9 @@ def training_results(campaign: Campaign, best: Recommendation) -> Results:
 
 def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration]) -> list[Trial]:
     """Return each record once, those of the recommendation also under the names of the strategies that run its missions."""
-    tuned, own = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
+    tuned, of_tuned = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
     same = [] if tuned is None else [n for n, c in strategies.items() if mission_key(c) == mission_key(tuned)]
-    every = [*records, *(dataclasses.replace(r, strategy=name) for name in same for r in own)]
+    every = [*records, *(dataclasses.replace(r, strategy=name) for name in same for r in of_tuned)]
     return list({(r.strategy, r.rock, r.condition, r.replicate): r for r in every}.values())
 
 

@@ -58,8 +58,8 @@ PAPER_TABLE_I: dict[str, dict[str, float]] = {
 
 def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[Block, float]:
     """A metric by block, failed missions left out."""
-    own = {(r.instance, r.replicate): r.value(key) for r in records if r.strategy == strategy}
-    return {block: value for block, value in own.items() if value is not None}
+    values = {(r.instance, r.replicate): r.value(key) for r in records if r.strategy == strategy}
+    return {block: value for block, value in values.items() if value is not None}
 
 
 def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
@@ -72,8 +72,8 @@ def strategy_difference(records: Sequence[Trial], strategy: str, reference: str,
 
     The ``missions`` of the interval are these pairs. None without one.
     """
-    own, others = (values_of(records, name, key) for name in (strategy, reference))
-    return _over_rocks({block: own[block] - others[block] for block in sorted(own.keys() & others.keys())})
+    ours, theirs = (values_of(records, name, key) for name in (strategy, reference))
+    return _over_rocks({block: ours[block] - theirs[block] for block in sorted(ours.keys() & theirs.keys())})
 
 
 def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
@@ -97,11 +97,11 @@ def share_kept(
     for (instance, _), value in values_of(records, strategy, limited.metric).items():
         by_rock[instance.rock].append(limited.sign * value)
     least = limited.sign * limit - 1e-9 * abs(limit)
-    kept = sum(len(own) == ran[rock] and sum(own) / len(own) >= least for rock, own in by_rock.items())
-    share, rocks, missions = 100 * kept / len(ran), len(ran), ran.total()
+    met = sum(len(ys) == ran[rock] and sum(ys) / len(ys) >= least for rock, ys in by_rock.items())
+    share, rocks, missions = 100 * met / len(ran), len(ran), ran.total()
     if exact:
         return Interval(share, None, None, rocks, missions, "none")
-    bounds = stats.binomtest(kept, rocks).proportion_ci(method="wilson")
+    bounds = stats.binomtest(met, rocks).proportion_ci(method="wilson")
     return Interval(share, 100 * bounds.low, 100 * bounds.high, rocks, missions, "wilson")
 
 
@@ -145,14 +145,14 @@ def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dic
     for r in records:
         if r.strategy in taken and r.record.status != "failed":
             taken[r.strategy][r.instance, r.replicate] = r.record.photographs
-    found: dict[str, str] = {}
+    twins: dict[str, str] = {}
     for i, name in enumerate(strategies):
-        own = taken[name]
+        views = taken[name]
         for earlier in strategies[:i]:
-            if own and all(own.values()) and own == taken[earlier]:
-                found[name] = found.get(earlier, earlier)
+            if views and all(views.values()) and views == taken[earlier]:
+                twins[name] = twins.get(earlier, earlier)
                 break
-    return found
+    return twins
 
 
 def comparison_table(

@@ -81,14 +81,14 @@ def rock_of_mission(run: Path, result: MissionResult, rock: str | None, store: S
     """
     name, remedy = rock or result.rock, "name its mesh file with --rock"
     try:
-        found = mission_kind(result.provenance.get("fidelity", "")).load_rock(name, store)
+        loaded = mission_kind(result.provenance.get("fidelity", "")).load_rock(name, store)
     except UserError as error:
         if rock is not None:
             raise
         raise UserError(f"{run} was run on {name!r}, which the catalogue does not have; {remedy}") from error
-    if found.sha256 != result.provenance.get("rock_sha256", found.sha256):
+    if loaded.sha256 != result.provenance.get("rock_sha256", loaded.sha256):
         raise UserError(f"{run} was run on another {name!r} than the one found now; {remedy}")
-    return found
+    return loaded
 
 
 def thin_indices(total: int, count: int) -> np.ndarray:

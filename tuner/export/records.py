@@ -28,7 +28,7 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
         named = [(_of_campaign(t, source.directory), t) for t in source.trials()]
     return [
         {
-            **own,
+            **label,
             "rock": t.rock,
             "condition": t.condition,
             "replicate": t.replicate,
@@ -38,7 +38,7 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
             **_flat("metrics", t.metrics),
             **_flat("costs", t.costs),
         }
-        for own, t in named
+        for label, t in named
     ]
 
 

@@ -46,8 +46,8 @@ class Exported:
     @cached_property
     def values(self) -> dict[str, Any]:
         """The values that differ from the default's and have an effect, by path."""
-        own, default = _flat(self.config), _flat(self.default)
-        return {path: own[path] for path in changes(own, {**own, **default})}
+        values, default = _flat(self.config), _flat(self.default)
+        return {path: values[path] for path in changes(values, {**values, **default})}
 
     def change(self, path: str) -> str:
         """``seed.count 14 (default 24)``."""
@@ -101,14 +101,14 @@ def vehicle_files(exported: Exported, onto: Mapping[str, Path] | None = None) ->
     else:
         lines = [to_yaml(_flat(config))]
     changed = tuple(exported.values)
-    own = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
+    ours = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
     if not isinstance(config, MissionConfig):
-        return [own]
+        return [ours]
     theirs = sorted(
         (_their_file(name, exported, config, (onto or {}).get(name)) for name in WRITERS),
         key=lambda file: -len(file.carried),
     )
-    return [*(f for f in theirs if f.useful), own, *(f for f in theirs if not f.useful)]
+    return [*(f for f in theirs if f.useful), ours, *(f for f in theirs if not f.useful)]
 
 
 def _their_file(name: str, exported: Exported, config: MissionConfig, onto: Path | None) -> VehicleFile:
@@ -116,14 +116,14 @@ def _their_file(name: str, exported: Exported, config: MissionConfig, onto: Path
     changed = tuple(exported.values)
     try:
         values, remarks = WRITERS[name](config, theirs)
-        kept = [path for path in changed if _carries(name, config, builtin(exported.default), path)]
+        carried = [path for path in changed if _carries(name, config, builtin(exported.default), path)]
     except UserError as error:  # the gate does not exist there
         return VehicleFile(name, "", (), changed or ("gate.kind",), (str(error),))
     said = tuple(str(remark) for remark in remarks)
-    header = [*_header(exported, kept), *(f"# does not transfer: {text}" for text in said)]
-    lost = tuple(path for path in changed if path not in kept)
+    header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in said)]
+    lost = tuple(path for path in changed if path not in carried)
     text = "\n".join((*header, write_text(values, name)))
-    return VehicleFile(name, text, tuple(kept), lost, said)
+    return VehicleFile(name, text, tuple(carried), lost, said)
 
 
 def _carries(name: str, config: MissionConfig, default: MissionConfig, path: str) -> bool:
@@ -141,7 +141,7 @@ def _carries(name: str, config: MissionConfig, default: MissionConfig, path: str
     return values != before or path in {remark.key for remark in remarks_before}
 
 
-def _header(exported: Exported, kept: Sequence[str]) -> list[str]:
+def _header(exported: Exported, carried: Sequence[str]) -> list[str]:
     """Comment lines: where a file is from, which changes it carries, and what they were worth where it carries all of them."""
     s, best, changed = exported.campaign.settings, exported.best, exported.values
     lines = [
@@ -149,15 +149,15 @@ def _header(exported: Exported, kept: Sequence[str]) -> list[str]:
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
         f"fidelity {s.fidelity}, metric {s.objective.metric}",
     ]
-    missing = [path for path in changed if path not in kept]
-    lines += [f"carries: {exported.change(path)}" for path in kept]
+    missing = [path for path in changed if path not in carried]
+    lines += [f"carries: {exported.change(path)}" for path in carried]
     lines += [f"does not carry: {exported.change(path)}" for path in missing]
     if not exported.is_recommended:
         lines.append(f"{strategy_label(exported.strategy)}, not the campaign's recommendation")
     elif not changed:
         lines.append("recommended: keep the default, which this file has")
     elif missing:
-        lines.append(f"the gain of {len(kept)} of the {len(changed)} changes alone was not measured")
+        lines.append(f"the gain of {len(carried)} of the {len(changed)} changes alone was not measured")
     else:
         low, high = best.improvement_interval_95
         sure = "" if low == high else f" [{low:+.3g}, {high:+.3g}] (95 %)"

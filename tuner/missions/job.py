@@ -78,9 +78,9 @@ class MissionJob:
         """The inverse of ``to_dict``."""
         for text in tree["plugins"]:
             bring(text)
-        own = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
+        fields = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
         config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
-        return MissionJob(**{**own, "config": config, "directory": directory})
+        return MissionJob(**{**fields, "config": config, "directory": directory})
 
     def trial(self, *, reason: str = "", **ended: Any) -> Trial:
         """Return the trial of this job whose record says that it ``ended`` so; ``reason``: why it failed."""
@@ -237,8 +237,8 @@ def line_in_log(job: MissionJob) -> str:
     except OSError:
         return ""
     for plugin in job.planners if dumped else ():
-        if plugin.file and (found := re.search(rf'File "[^"\n]*{re.escape(plugin.file)}", line (\d+)', dump)):
-            return f" at {plugin.file}, line {found[1]}"
+        if plugin.file and (match := re.search(rf'File "[^"\n]*{re.escape(plugin.file)}", line (\d+)', dump)):
+            return f" at {plugin.file}, line {match[1]}"
     return ""
 
 

@@ -74,8 +74,8 @@ def group_of(path: str) -> str:
 
 def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the paths by group, in the order of the groups, without empty ones."""
-    found = {name: tuple(path for path in paths if group_of(path) == name) for name in (*_GROUPS, OTHER)}
-    return {name: own for name, own in found.items() if own}
+    groups = {name: tuple(path for path in paths if group_of(path) == name) for name in (*_GROUPS, OTHER)}
+    return {name: members for name, members in groups.items() if members}
 
 
 # Of the splits over 10 and 35 degrees these two were best on rocks that no other choice was made on.
@@ -351,8 +351,8 @@ def in_table_order(strategies: Iterable[str]) -> list[str]:
     known = list(_SHOWN)
 
     def place(name: str) -> tuple[int, int]:
-        own = _split(name)[0]
-        return KINDS.index(kind_of(name)), known.index(own) if own in known else len(known)
+        base = _split(name)[0]
+        return KINDS.index(kind_of(name)), known.index(base) if base in known else len(known)
 
     return sorted(strategies, key=place)
 

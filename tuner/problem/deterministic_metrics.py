@@ -97,8 +97,8 @@ def photographs_metric(
 
     def photographs(values: Mapping[str, Any]) -> float:
         try:
-            found = config(values)
-            return float(found.seed.total + found.adaptive_budget)
+            mission = config(values)
+            return float(mission.seed.total + mission.adaptive_budget)
         except UserError:
             return _NO_MISSION
 

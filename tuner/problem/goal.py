@@ -89,7 +89,7 @@ class Goal:
         return self.quality or self.objective
 
     def __str__(self) -> str:
-        """The text that asks for it: the inverse of `asked_goal`."""
+        """The text that asks for it: the inverse of `parse_goal`."""
         text = _name(self.objective)
         if self.second is None or self.limit is None:
             return text
@@ -97,27 +97,27 @@ class Goal:
         return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{limit:g}"
 
 
-def asked_goal(text: str, own: Mapping[str, Direction] | None = None) -> Goal:
+def parse_goal(text: str, directions: Mapping[str, Direction] | None = None) -> Goal:
     """Return the meaning of a text; ``UserError`` in one line where it has none.
 
-    ``own``: which way the metrics and costs of a mission file are better, as it says.
+    ``directions``: which way the metrics and costs of a mission file are better, as it says.
     """
-    found = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
-    if found is None:
+    match = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
+    if match is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
             "photographs@P(f_score>=98)>=0.95"
         )
-    first = _objective(found["first"], own)
-    if found["second"] is None:
+    first = _objective(match["first"], directions)
+    if match["second"] is None:
         return Goal(first)
-    second = _objective(found["second"], own)
+    second = _objective(match["second"], directions)
     if first == second:
         raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
     right = "<=" if second.direction == "minimise" else ">="
-    if found["sign"] != right:
+    if match["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
-    limit = _number(found["limit"], f"objective {text!r}")
+    limit = _number(match["limit"], f"objective {text!r}")
     if second.is_share:
         require_share(limit, f"objective {text!r}")
         limit *= 100.0
@@ -140,18 +140,18 @@ def _name(objective: Objective) -> str:
     return names.get(objective.metric, objective.metric)
 
 
-def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
+def _objective(name: str, directions: Mapping[str, Direction] | None) -> Objective:
     if "(" in name:
         if (share := SHARE_FORM.fullmatch(name)) is None:
             raise UserError(f"{name!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
-        reaches = _objective(share["metric"], own)
+        reaches = _objective(share["metric"], directions)
         if reaches.direction != "maximise":
             raise UserError(
                 f"{name!r}: less of {reaches.metric} is better; a share is of what should be at least so much"
             )
         return Objective(f"P({reaches.metric}>={_number(share['least'], name):g})")
-    if own is not None:
-        if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
+    if directions is not None:
+        if (direction := directions.get(name, "minimise" if name.startswith("costs.") else None)) is None:
             raise UserError(
                 f"whether more or less of {name!r} is better is not known; say it in the mission file, such as "
                 f"directions: {{{name}: maximise}}; costs are costs.NAME"

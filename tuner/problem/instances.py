@@ -61,19 +61,19 @@ def with_families(rocks: Iterable[str]) -> list[str]:
     Raises `UserError`: there is no such family, or some are rocks and some are families.
     """
     meant = {kind: [f"{ANY}-{f}" for f in of] for kind, of in ((ANY, FAMILIES), (ANY_SHAPES, SHAPES))}
-    found = [name for rock in rocks for name in meant.get(rock, [rock])]
-    for rock in found:
+    names = [name for rock in rocks for name in meant.get(rock, [rock])]
+    for rock in names:
         if rock.startswith(f"{ANY}-") and not family_of(rock):
             raise UserError(
                 f"there is no family {rock[len(ANY) + 1 :]!r} of rocks; choose from {', '.join(EVERY)}, or {ANY_SHAPES}"
             )
-    drawn = [rock for rock in found if family_of(rock)]
-    if drawn and len(drawn) < len(found):
-        other = next(rock for rock in found if rock not in drawn)
+    drawn = [rock for rock in names if family_of(rock)]
+    if drawn and len(drawn) < len(names):
+        other = next(rock for rock in names if rock not in drawn)
         raise UserError(
             f"{drawn[0]} is a family of rocks and {other!r} is a rock; name families alone, or rocks alone"
         )
-    return found
+    return names
 
 
 def require_rocks(rocks: Sequence[str]) -> None:

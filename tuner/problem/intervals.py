@@ -70,8 +70,8 @@ def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> 
     if values.shape[-1] < LEAST_DRAWN:
         return None, None
     same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
-    found = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
-    return found.confidence_interval.low, found.confidence_interval.high
+    result = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
+    return result.confidence_interval.low, result.confidence_interval.high
 
 
 def bootstrapped(mean: float, low: float | None, high: float | None, rocks: int) -> Interval:
@@ -83,4 +83,4 @@ def bootstrap_means(values: Floats) -> list[Interval]:
     values = np.atleast_2d(values)
     low, high = bootstrap_bounds(np.mean, values)
     bounds = [(None, None)] * len(values) if low is None else zip(low.tolist(), high.tolist())
-    return [bootstrapped(float(row.mean()), *own, len(row)) for row, own in zip(values, bounds)]
+    return [bootstrapped(float(row.mean()), *pair, len(row)) for row, pair in zip(values, bounds)]

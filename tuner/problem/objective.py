@@ -30,8 +30,8 @@ def reached(metric: str) -> tuple[str, float] | None:
 
     A mission has 100 or 0 of it, so that its mean over rocks is the share of rocks that reach it, in percent.
     """
-    found = SHARE_FORM.fullmatch(metric)
-    return (found["metric"], float(found["least"])) if found else None
+    match = SHARE_FORM.fullmatch(metric)
+    return (match["metric"], float(match["least"])) if match else None
 
 
 def direction_of(metric: str) -> Direction:

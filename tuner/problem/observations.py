@@ -67,16 +67,16 @@ def next_block(
     if proposal.instance is not None and proposal.replicate is not None:
         return proposal.instance, proposal.replicate
     visits = collections.Counter(t.instance for t in missions)
-    instance = proposal.instance or min(instances, key=lambda own: visits[own])
+    instance = proposal.instance or min(instances, key=lambda each: visits[each])
     if proposal.replicate is not None:
         return instance, proposal.replicate
     here = [t for t in missions if t.instance == instance]
     used = collections.Counter(t.replicate for t in here)
-    own = {t.replicate for t in here if t.values == proposal.values}
-    fresh = [k for k in range(replicates) if k not in own]
+    taken = {t.replicate for t in here if t.values == proposal.values}
+    fresh = [k for k in range(replicates) if k not in taken]
     if fresh:
         return instance, min(fresh, key=lambda k: (used[k], k))
-    return instance, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
+    return instance, next(k for k in range(replicates, replicates + len(taken) + 1) if k not in taken)
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:

@@ -89,9 +89,9 @@ class MissionProblem(Problem, abc.ABC):
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` where nothing can meet the constraint, or where it cannot be shown that it is kept."""
 
-    def fidelity(self, asked: str) -> str:
-        """Return the fidelity of an evaluation; ``UserError`` where the one ``asked`` for does not go with the problem."""
-        return asked
+    def fidelity(self, name: str) -> str:
+        """Return the fidelity of an evaluation; ``UserError`` where the one asked for by ``name`` does not go with the problem."""
+        return name
 
     @abc.abstractmethod
     def code(self) -> str:

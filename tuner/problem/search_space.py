@@ -174,10 +174,13 @@ class SearchSpace:
             return self
         base = preset.with_values({p: v for p, v in self.base.items() if not p.startswith("stop.")})
         seeds, number = base.seed, base.seed.total + base.adaptive_budget
-        own: Values = {"seed.count": seeds.total, "seed.layout": seeds.layout if seeds.count else "rings"}
+        seeded: Values = {
+            "seed.count": seeds.total,
+            "seed.layout": seeds.layout if seeds.count else "rings",
+        }
 
         def fit(p: Parameter) -> Parameter:
-            default = own.get(p.path, value_at(base, p.path) if p.default is None else p.default)
+            default = seeded.get(p.path, value_at(base, p.path) if p.default is None else p.default)
             return dataclasses.replace(p, default=default, high=number if p.path == "seed.count" else p.high)
 
         fixed = {"stop.adaptive_budget": number, "stop.max_photographs": number}
@@ -190,11 +193,11 @@ class SearchSpace:
 
     def with_defaults(self, values: Mapping[str, Any]) -> SearchSpace:
         """Return the space with these values, by path, in the place of its own defaults."""
-        own = [
+        parameters = [
             p if p.default is None else dataclasses.replace(p, default=values.get(p.path, p.default))
             for p in self.parameters
         ]
-        return dataclasses.replace(self, parameters=tuple(own))
+        return dataclasses.replace(self, parameters=tuple(parameters))
 
     def config(self, preset: C, values: Mapping[str, Any]) -> C:
         return preset.with_values({**self.base, **self.complete(values)})
@@ -226,11 +229,11 @@ class SearchSpace:
                 self._require_mission(
                     base, {**values, p.path: end}, f"{p.path} = {end!r}", "narrow the bounds"
                 )
-        own = {parameter.path: parameter for parameter in self.parameters}
+        known = {parameter.path: parameter for parameter in self.parameters}
         for begin in self.begin:
             for path, value in begin.items():
-                if path not in own or not own[path].contains(value):
-                    rule = _range_text(own[path]) if path in own else f"the parameters {', '.join(own)}"
+                if path not in known or not known[path].contains(value):
+                    rule = _range_text(known[path]) if path in known else f"the parameters {', '.join(known)}"
                     raise UserError(f"search space {self.name!r}: begin has {path} {value!r}, outside {rule}")
             self._require_mission(base, {**values, **begin}, f"begin {begin}", "change it")
         return values
@@ -272,10 +275,10 @@ class SearchSpace:
         Nothing is near a choice, so a small move cannot change one.
         """
         categorical = list(self.categorical_dimensions)
-        kept = origin[..., categorical]
-        jump = rng.random(kept.shape) < CHOICE_JUMP
+        choices = origin[..., categorical]
+        jump = rng.random(choices.shape) < CHOICE_JUMP
         result = moved.copy()
-        result[..., categorical] = np.where(jump, rng.random(kept.shape), kept)
+        result[..., categorical] = np.where(jump, rng.random(choices.shape), choices)
         return result
 
     @property
@@ -308,8 +311,8 @@ def builtin(config: Configuration) -> MissionConfig:
 def value_at(config: Configuration, path: str) -> Any:
     """Return the value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
     if not isinstance(config, MissionConfig):  # parameters by their names, which may have dots
-        found = config.to_dict()["values"]
-        return found[path] if path in found else config.with_values({path: None})
+        values = config.to_dict()["values"]
+        return values[path] if path in values else config.with_values({path: None})
     node: Any = config
     for part in path.split("."):
         if not hasattr(node, part):

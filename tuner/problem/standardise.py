@@ -54,11 +54,11 @@ class RockStandardiser:
         if len(y) == 0:
             return RockStandardiser({}, {}, 0.0, 1.0)
         inside = {name: np.array([rock == name for rock in rocks]) for name in sorted(set(rocks))}
-        means = {name: float(y[own].mean()) for name, own in inside.items()}
-        counts = {name: int(own.sum()) for name, own in inside.items()}
+        means = {name: float(y[rows].mean()) for name, rows in inside.items()}
+        counts = {name: int(rows.sum()) for name, rows in inside.items()}
         residual, shares = _residuals(y, rocks if blocks is None else blocks)
-        squares = {name: float((residual[own] ** 2).sum()) for name, own in inside.items()}
-        freedom = {name: float(shares[own].sum()) for name, own in inside.items()}
+        squares = {name: float((residual[rows] ** 2).sum()) for name, rows in inside.items()}
+        freedom = {name: float(shares[rows].sum()) for name, rows in inside.items()}
         degrees = sum(freedom.values())
         between = float(np.var(list(means.values()), ddof=1)) if len(means) > 1 else 0.0
         # With one mission per rock nothing tells rock from configuration: share the spread between them.
@@ -126,8 +126,8 @@ def _middles(groups: Sequence[Hashable], y: Floats) -> Floats:
     overall, middle = np.median(y), np.empty(len(y))
     for group in set(groups):
         inside = np.array([g == group for g in groups])
-        own = np.sort(y[inside])
-        middle[inside] = min(own[(len(own) - 1) // 2], own[len(own) // 2], key=lambda m: abs(m - overall))
+        ys = np.sort(y[inside])
+        middle[inside] = min(ys[(len(ys) - 1) // 2], ys[len(ys) // 2], key=lambda m: abs(m - overall))
     return middle
 
 

@@ -109,16 +109,16 @@ def _violations(
 ) -> list[float]:
     """Return by how much each configuration's measured means miss the limit, beside what its instances miss it by on average."""
     if isinstance(constraint.model, DeterministicOutcome):
-        return [-float(constraint.model.cost.outcome(own[0].values)) for own in missions]
+        return [-float(constraint.model.cost.outcome(ran[0].values)) for ran in missions]
     seen = [
-        [(o.instance, y) for o in own if (y := o.second if second else o.outcome) is not None]
-        for own in missions
+        [(o.instance, y) for o in ran if (y := o.second if second else o.outcome) is not None]
+        for ran in missions
     ]
     of_instance: dict[Any, list[float]] = {}
     for instance, y in itertools.chain(*seen):
         of_instance.setdefault(instance, []).append(y)
     means = {instance: float(np.mean(ys)) for instance, ys in of_instance.items()}
-    return [-float(np.mean([y - means[i] for i, y in own])) if own else np.inf for own in seen]
+    return [-float(np.mean([y - means[i] for i, y in pairs])) if pairs else np.inf for pairs in seen]
 
 
 class Choice:
@@ -155,17 +155,17 @@ class Choice:
         if only_verified:
             allowed = may_be_recommended(self.problem, observations, values)
         # Where even the default has failed there is nothing better than what has not.
-        kept = [i for i, keep in enumerate(keeps) if keep]
-        eligible = [i for i in kept if allowed[i]] or kept
-        if constraint is not None and not kept:
+        keeping = [i for i, keep in enumerate(keeps) if keep]
+        eligible = [i for i in keeping if allowed[i]] or keeping
+        if constraint is not None and not keeping:
             chance = constraint.probability(values)
             eligible = [int(chance.argmax())]
             if chance.max() < MAY_KEEP:
                 least = _violations(missions, constraint, second=self.goal.exact.first is None)
                 eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
         return [
-            Candidate(own, ran, keep, i in eligible)
-            for i, (own, ran, keep) in enumerate(zip(values, missions, keeps))
+            Candidate(value, ran, keep, i in eligible)
+            for i, (value, ran, keep) in enumerate(zip(values, missions, keeps))
         ]
 
     @property
@@ -202,8 +202,8 @@ class Choice:
         index = self._fewest_changes(among)
         if self.problem.arms and index in self.plain_plans(among):
             return index
-        own = self.candidates[index].outcomes
-        same = [i for i in among if i == index or own.items() <= self.candidates[i].outcomes.items()]
+        outcomes = self.candidates[index].outcomes
+        same = [i for i in among if i == index or outcomes.items() <= self.candidates[i].outcomes.items()]
         return min(same, key=self.changes)
 
     def _cheapest(self) -> list[int]:
@@ -213,7 +213,7 @@ class Choice:
         among = [i for i in self.eligible if cost.mean[i] == best]
         may_keep = self.constraint is None or self.constraint.probability([default])[0] >= MAY_KEEP
         if cost.mean[-1] >= best and may_keep:
-            return [i for i, own in enumerate(self.candidates) if own.values == default] or among
+            return [i for i, candidate in enumerate(self.candidates) if candidate.values == default] or among
         return among
 
     def _fewest_changes(self, among: Sequence[int]) -> int:
@@ -248,7 +248,7 @@ class Choice:
         """Return the indices of those of ``among`` that are plain plans, with the plan's strategy."""
         arms: Mapping[str, Mapping[str, Any]] = self.problem.arms or {"": self.problem.default}
         return {
-            i: name for name, own in arms.items() for i in among if self.candidates[i].values == dict(own)
+            i: name for name, arm in arms.items() for i in among if self.candidates[i].values == dict(arm)
         }
 
     def _first_plain(self, plain: Mapping[int, str]) -> int:
@@ -262,16 +262,16 @@ class Choice:
 
         Paired by block. Fewer than three rocks say nothing of others: on them the model's interval counts.
         """
-        own, other = self.candidates[i].outcomes, self.candidates[j].outcomes
-        shared = [block for block in own if block in other]
-        failed, failed_there = ([of[block] for block in shared].count(None) for of in (own, other))
+        one, other = self.candidates[i].outcomes, self.candidates[j].outcomes
+        shared = [block for block in one if block in other]
+        failed, failed_there = ([of[block] for block in shared].count(None) for of in (one, other))
         if failed != failed_there:
             return failed < failed_there
         if self._not_worse(j, i):
             return False
         of_rock: dict[str, list[float]] = {}
         for block in shared:
-            if (y := own[block]) is not None and (there := other[block]) is not None:
+            if (y := one[block]) is not None and (there := other[block]) is not None:
                 of_rock.setdefault(block[0].rock, []).append(y - there)
         if len(of_rock) < MIN_ROCKS:
             return interval_95(*self.modelled.difference(i, j))[0] > 0.0
@@ -291,7 +291,7 @@ class Choice:
 
     def recommendation(self, index: int) -> Recommendation:
         problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
-        values, own = self.candidates[index].values, self.candidates[index].missions
+        values, missions = self.candidates[index].values, self.candidates[index].missions
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
@@ -323,7 +323,7 @@ class Choice:
                 goal,
                 self.constraint,
                 values,
-                own,
+                missions,
                 kept=any(candidate.keeps for candidate in self.candidates),
                 no_worse=None if elsewhere is None else elsewhere.no_worse,
             ),
@@ -333,18 +333,16 @@ class Choice:
         )
 
     def _rock_row(self, instance: Instance, index: int) -> RockRow:
-        sign, own = self.goal.modelled.sign, self.candidates[index]
-        outcomes = [o.outcome for o in own.missions if o.instance == instance and o.outcome is not None]
+        sign, candidate = self.goal.modelled.sign, self.candidates[index]
+        outcomes = [o.outcome for o in candidate.missions if o.instance == instance and o.outcome is not None]
         observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-        predicted = sign * self.model.predict_mission(own.values, instance)[0]
+        predicted = sign * self.model.predict_mission(candidate.values, instance)[0]
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _runner_up(self, index: int) -> RunnerUp | None:
         """Return the candidate with the best posterior mean that meets the constraint; None where it is the recommendation or the default."""
         posterior, candidates = self.objective, self.candidates
-        leads = [
-            i for i, own in enumerate(candidates) if own.keeps and posterior.mean[i] > posterior.mean[index]
-        ]
+        leads = [i for i, c in enumerate(candidates) if c.keeps and posterior.mean[i] > posterior.mean[index]]
         if not leads:
             return None
         rival = max(leads, key=lambda i: posterior.mean[i])
@@ -412,12 +410,12 @@ def without_outliers(
 
 def enough(evaluated: Collection[Block], training: Collection[Instance], replicates: int) -> bool:
     """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
-    own = [(instance, replicate) for instance, replicate in evaluated if instance in training]
-    seen = [instance for instance, _ in own]
+    pairs = [(instance, replicate) for instance, replicate in evaluated if instance in training]
+    seen = [instance for instance, _ in pairs]
     return (
         len(rocks_of(seen)) >= min(ROCKS, len(rocks_of(training)))
         and len(conditions_of(seen)) >= min(CONDITIONS, len(conditions_of(training)))
-        and len({k for _, k in own}) >= min(REPLICATES, replicates)
+        and len({k for _, k in pairs}) >= min(REPLICATES, replicates)
     )
 
 

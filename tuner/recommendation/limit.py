@@ -96,13 +96,13 @@ def _next_rock_keeps(model: InstanceMeanGP, values: Mapping[str, Any], at_least:
     """
     posterior = model.posterior([values])
     rocks = rocks_of(model.instances)
-    own = [
+    means = [
         np.mean([model.predict_mission(values, w)[0] for w in model.instances if w.rock == rock])
         for rock in rocks
     ]
     freedom = PRIOR_ROCKS + len(rocks) - 1
     between = (
-        PRIOR_ROCKS * (model.noise_sd**2 + model.block_sd**2) + float(np.var(own)) * len(rocks)
+        PRIOR_ROCKS * (model.noise_sd**2 + model.block_sd**2) + float(np.var(means)) * len(rocks)
     ) / freedom
     sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(posterior.sd[0]) ** 2)
     return float(special.stdtr(freedom, (float(posterior.mean[0]) - at_least) / sd))

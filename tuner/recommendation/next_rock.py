@@ -59,18 +59,18 @@ def next_rock(model: InstanceMeanGP, values: Mapping[str, Any], default: Mapping
         ]
         for rock in rocks
     }
-    own = {rock: float(np.mean([m for m, _ in found])) for rock, found in on.items()}
+    means = {rock: float(np.mean([m for m, _ in gains])) for rock, gains in on.items()}
     against = tuple(
         rock
-        for rock, found in on.items()
-        if probability_positive(-own[rock], max(s for _, s in found)) >= AGAINST
+        for rock, gains in on.items()
+        if probability_positive(-means[rock], max(s for _, s in gains)) >= AGAINST
     )
     freedom = len(rocks) - 1 + PRIOR_ROCKS
     half = float(special.stdtrit(freedom, 0.975)) * sd
     return NextRock(
         gain=mean,
         interval_95=(mean - half, mean + half),
-        per_rock=own,
+        per_rock=means,
         against=against,
         no_worse=float(special.stdtr(freedom, mean / sd)) if sd else 0.5,
     )

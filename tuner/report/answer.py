@@ -295,12 +295,12 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
 
     ``instance_word`` is what an instance is called in the singular, such as "rock".
     """
-    label, (_, asked) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
-    own = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
-    said, default = f"{_subject(label)} is {own}", mean_text(label, limit.default_mean, limit.sd)
+    label, (_, bound_text) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
+    mean = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
+    said, default = f"{_subject(label)} is {mean}", mean_text(label, limit.default_mean, limit.sd)
     if not limit.exact:
         default += f", with probability {limit.default_probability:.2f}"
-    said += f"; the constraint is {asked}"
+    said += f"; the constraint is {bound_text}"
     if not limit.exact:
         said += f", met with probability {limit.probability:.2f}"
     if limit.evaluated is not None:
@@ -366,11 +366,11 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
 
 def traces_of(trials: Sequence[Trial]) -> list[list[IterationRecord]]:
     """Return the traces of those trials that planned a view."""
-    found = []
+    traces = []
     for t in trials:
         with contextlib.suppress(UserError, OSError):
-            found.append(MissionResult.load(t.record.directory).trace)
-    return [trace for trace in found if trace]
+            traces.append(MissionResult.load(t.record.directory).trace)
+    return [trace for trace in traces if trace]
 
 
 def gate_sentences(best: Recommendation, campaign: Campaign) -> list[str]:
@@ -426,9 +426,9 @@ def rock_table(best: Recommendation, campaign: Campaign) -> Table:
     rocks = dict(zip(s.rocks, short_names(s.rocks)))
 
     def measured(values: Mapping[str, Any], instance: Instance) -> str:
-        own = [t for t in trials if t.instance == instance and t.values == values]
-        found = [t.raw if modelled == s.objective else t.measured(modelled) for t in own]
-        known = [value for value in found if value is not None]
+        here = [t for t in trials if t.instance == instance and t.values == values]
+        measurements = [t.raw if modelled == s.objective else t.measured(modelled) for t in here]
+        known = [value for value in measurements if value is not None]
         return f"{format_number(statistics.fmean(known), digits)} ({len(known)})" if known else MISSING
 
     rows = [

@@ -88,7 +88,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         for page in directory.glob(f"{what}/{REPORT_FILE}")
     )
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)
-    found = all_results(campaign, best)
+    results = all_results(campaign, best)
     kind = ""
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
@@ -110,9 +110,9 @@ def write_campaign_report(campaign: Campaign) -> Path:
         plan=embed(plan_figure(planned)) if isinstance(planned, MissionConfig) else "",
         sure=["There is nothing to compare."] if best is None else worth_sentences(best, s),
         gate=[] if best is None else gate_sentences(best, campaign),
-        earned=[] if best is None else earned_sentences(found, best),
-        result_tables=list(map(results_table, found)),
-        result_legend=legend_of(found[0].table) if found else "",
+        earned=[] if best is None else earned_sentences(results, best),
+        result_tables=list(map(results_table, results)),
+        result_legend=legend_of(results[0].table) if results else "",
         measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
         next_why=why,
         next_command=command,

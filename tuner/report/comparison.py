@@ -82,9 +82,9 @@ def paper_note(fidelity: str) -> str:
 
 def strategies_text(names: Collection[str]) -> str:
     """``the paper's 4 strategies and 2 references``."""
-    own = sum(name in PAPER_STRATEGIES for name in names)
-    more = f" and {counted(len(names) - own, 'reference')}" if own < len(names) else ""
-    return f"{own} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
+    of_paper = sum(name in PAPER_STRATEGIES for name in names)
+    more = f" and {counted(len(names) - of_paper, 'reference')}" if of_paper < len(names) else ""
+    return f"{of_paper} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
 
 
 # -- sentences ---------------------------------------------------------------------------------------------------
@@ -98,14 +98,14 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
     if gain is None:
         return f"{who}: no mission in common with {whom}."
     if verdict.counts is not None:
-        own, theirs = verdict.counts
-        return f"{label.name}: {own:.4g}, and {theirs:.4g} for {whom}."
+        ours, theirs = verdict.counts
+        return f"{label.name}: {ours:.4g}, and {theirs:.4g} for {whom}."
     if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
         least = "at least" if facts.goal.second and facts.goal.second.sign > 0 else "at most"
-        kept = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"
+        on = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"
         share = "" if gain.low is None else f", {difference_text(gain, 0, signed=False)} %"
         bound = f"{label.full}: {least} {facts.goal.limit:g} {label.unit}".rstrip()
-        return f"Constraint ({bound}): met on {kept}{share}."
+        return f"Constraint ({bound}): met on {on}{share}."
     if verdict.best_control:
         whom = f"the best control with as many photographs ({whom})"
     allowed = f" by more than {with_unit(verdict.margin, label.difference_unit)}" if verdict.margin else ""
@@ -176,26 +176,26 @@ def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
     }
 
 
-def campaign_document(found: Sequence[Results], best: Recommendation) -> dict[str, Any]:
+def campaign_document(results: Sequence[Results], best: Recommendation) -> dict[str, Any]:
     """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results."""
     named = ("rocks", "held_out", "replicates", "complete", "table")
     return {
-        "blocks": [{name: getattr(own, name) for name in named} for own in found],
-        "sentences": earned_sentences(found, best),
+        "blocks": [{name: getattr(each, name) for name in named} for each in results],
+        "sentences": earned_sentences(results, best),
     }
 
 
-def earned_sentences(found: Sequence[Results], best: Recommendation) -> list[str]:
+def earned_sentences(results: Sequence[Results], best: Recommendation) -> list[str]:
     """The gain on held-out and on training rocks, what earned it, and whether the paper's gate did anything."""
-    if not found:
+    if not results:
         return []
-    first, said = found[0], list[str]()
+    first, said = results[0], list[str]()
     word, reference = first.settings.problem.instance_word, first.reference
     here = there(first, word)
     if not best.keep_default:
         label = metric_label(first.settings.goal.shown.metric)
         what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
-        also = [f", and {difference_text(own.gain(TUNED))} on {there(own, word)}" for own in found[1:]]
+        also = [f", and {difference_text(each.gain(TUNED))} on {there(each, word)}" for each in results[1:]]
         gain = first.gain(TUNED)
         verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
         said.append(
@@ -210,23 +210,23 @@ def earned_sentences(found: Sequence[Results], best: Recommendation) -> list[str
     return said
 
 
-def _what_earned_it(own: Results, changed: Sequence[str]) -> list[str]:
+def _what_earned_it(results: Results, changed: Sequence[str]) -> list[str]:
     """The gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
-    steps = measured_steps(own.records, own.strategies, changed, own.settings.goal.shown)
+    steps = measured_steps(results.records, results.strategies, changed, results.settings.goal.shown)
     if missing := [strategy_label(step.strategy) for step in steps if step.gain is None]:
         return [
             f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
         ]
     parts = [f"{' and '.join(step.groups)} {difference_text(step.gain)}" for step in steps]
     suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
-    found, without = list[str](), list[str]()
+    causes, without = list[str](), list[str]()
     for suspect, groups in suspects.items():
         gain = next((step.gain for step in steps if set(groups) & set(step.groups)), None)
         if gain is None:
             without.append(suspect)
         elif gain.low is not None and round(gain.low, 1) > 0:
-            found.append(f"{suspect}, {difference_text(gain)} points")
-    verdict = f"it is {' and '.join(found)}" if found else "neither is shown to be one"
+            causes.append(f"{suspect}, {difference_text(gain)} points")
+    verdict = f"it is {' and '.join(causes)}" if causes else "neither is shown to be one"
     none = f" ({' and '.join(without)} stayed at the paper's values)" if without else ""
     return [
         f"Step by step, this was earned by: {'; '.join(parts)}.",
@@ -237,14 +237,14 @@ def _what_earned_it(own: Results, changed: Sequence[str]) -> list[str]:
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def results_table(own: Results) -> Table:
-    least, most = own.replicates[0], own.replicates[-1]
+def results_table(results: Results) -> Table:
+    least, most = results.replicates[0], results.replicates[-1]
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
-    what, again = ("Held-out", "") if own.held_out else ("Training", ", tuned on")
-    word = own.settings.problem.instance_word
-    title = f"{what} {word}s: {', '.join(short_names(own.rocks))} ({replicates}{again})"
-    title += "" if own.complete else ", not complete"
-    return strategy_table(own.table, title, own.settings.goal.shown.metric)
+    what, again = ("Held-out", "") if results.held_out else ("Training", ", tuned on")
+    word = results.settings.problem.instance_word
+    title = f"{what} {word}s: {', '.join(short_names(results.rocks))} ({replicates}{again})"
+    title += "" if results.complete else ", not complete"
+    return strategy_table(results.table, title, results.settings.goal.shown.metric)
 
 
 def strategy_table(
@@ -264,7 +264,7 @@ def strategy_table(
         texts = [
             difference_text(row.cells[name], 0, signed=False)
             if row.metric.key == LIMIT
-            else format_number(None if (own := row.cells[name]) is None else own.mean, _decimals(row))
+            else format_number(None if (v := row.cells[name]) is None else v.mean, _decimals(row))
             for row in table.rows
         ]
         if shown is not None:
@@ -359,9 +359,11 @@ def _table_by_instance(facts: ComparisonFacts) -> Table:
     names = [f"{stems[w.rock]}, {w.condition}" if several else stems[w.rock] for w in plan.instances]
     rows = []
     for name in plan.strategies:
-        own = [r for r in facts.run.records if r.strategy == name]
-        found = [[r.measured(o) for r in own if r.instance == instance] for instance in plan.instances]
-        known = [[value for value in values if value is not None] for values in found]
+        records = [r for r in facts.run.records if r.strategy == name]
+        by_instance = [
+            [r.measured(o) for r in records if r.instance == instance] for instance in plan.instances
+        ]
+        known = [[value for value in values if value is not None] for values in by_instance]
         means = (format_number(float(np.mean(values)) if values else None) for values in known)
         rows.append([strategy_label(name), *means])
     caption = f"{metric_label(o.metric).full}, mean over replicates."

@@ -35,12 +35,12 @@ SHOWN = {
 }
 
 
-def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directory: Path) -> dict[str, Any]:
+def write_curves(suite: Suite, series: Sequence[Series], outcome: Outcome, directory: Path) -> dict[str, Any]:
     """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
-    curves, said = panels(suite, series), verdict_lines(suite, found)
+    curves, said = panels(suite, series), verdict_lines(suite, outcome)
     made = {**provenance(), **used()}
     about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
-    document: dict[str, Any] = json_ready({**about, "by_share": found.by_share, **vars(found)})
+    document: dict[str, Any] = json_ready({**about, "by_share": outcome.by_share, **vars(outcome)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))
     write_rows(
         directory / "curves.csv",
@@ -65,7 +65,7 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
     )
     figure = _figure(suite, series, curves)
     style.save_figure(figure, directory, "curves")
-    numbers = dict.fromkeys(row.photographs for row in found.standings)
+    numbers = dict.fromkeys(row.photographs for row in outcome.standings)
     dagger = "sees the true surface and is no planner. "
     plugins = "".join(f"; {plugin_text(*each)}" for each in made.get("plugins", {}).items())
     write_tables(
@@ -73,18 +73,18 @@ def write_curves(suite: Suite, series: Sequence[Series], found: Outcome, directo
         "Planners against orbits",
         f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
         said=said,
-        score_0=[zero_text(zero, len(suite.targets)) for zero in found.score_0],
+        score_0=[zero_text(zero, len(suite.targets)) for zero in outcome.score_0],
         figure=style.embed(figure),
         figure_caption=(
             "F-score at 48 mm over the number of photographs, all targets and by family, and the share of targets that reach the "
-            f"score. Bands: 95 % bootstrap intervals over targets. {f'Dashed: {dagger}' if found.ground_truth else ''}"
+            f"score. Bands: 95 % bootstrap intervals over targets. {f'Dashed: {dagger}' if outcome.ground_truth else ''}"
             "Curves may leave an axis at its lower end."
         ),
         tables=[
-            *([share_table(suite, found)] if found.by_share else []),
-            number_table(suite, found, *numbers),
+            *([share_table(suite, outcome)] if outcome.by_share else []),
+            number_table(suite, outcome, *numbers),
         ],
-        footer=f"{f'† {dagger}' if found.ground_truth else ''}Revision {made['revision']}{plugins}. A suite fixes settings, not the program: cite both.",
+        footer=f"{f'† {dagger}' if outcome.ground_truth else ''}Revision {made['revision']}{plugins}. A suite fixes settings, not the program: cite both.",
     )
     return document
 
@@ -98,12 +98,12 @@ def plugin_text(name: str, facts: Mapping[str, str]) -> str:
 # -- sentences -----------------------------------------------------------------------------------------------
 
 
-def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
+def verdict_lines(suite: Suite, outcome: Outcome) -> list[str]:
     """The outcome, a sentence for each strategy; then what a planner could gain."""
-    score, reference = suite.score, found.reference
-    base = next(f for f in found.findings if f.strategy == reference)
-    share, to_it = f"{100 * found.share:g} %", f"of the targets to an F-score of {score:g} %"
-    instead, said = share if found.share else "mean F-scores", list[str]()
+    score, reference = suite.score, outcome.reference
+    base = next(f for f in outcome.findings if f.strategy == reference)
+    share, to_it = f"{100 * outcome.share:g} %", f"of the targets to an F-score of {score:g} %"
+    instead, said = share if outcome.share else "mean F-scores", list[str]()
     if base.reached < suite.share - 1e-9:
         said.append(
             f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
@@ -114,15 +114,15 @@ def verdict_lines(suite: Suite, found: Outcome) -> list[str]:
         said.append(
             f"With {reference} {few}; ask for a higher --score, or begin --numbers with a smaller one."
         )
-    if not found.by_share:
-        said.append(_scores(found))
+    if not outcome.by_share:
+        said.append(_scores(outcome))
     else:
         if not base.fewest:
             said.append(f"{reference} needs {base.needed:.1f} photographs to bring {share} {to_it}.")
-        said += [_needs(f, reference) for f in found.findings if f.strategy != reference]
-    if found.ceiling is not None:
-        plain = f"{found.plain} with {found.number} photographs"
-        said.append(ceiling_text(found.ceiling, plain, room=leaves_room(found.ceiling)))
+        said += [_needs(f, reference) for f in outcome.findings if f.strategy != reference]
+    if outcome.ceiling is not None:
+        plain = f"{outcome.plain} with {outcome.number} photographs"
+        said.append(ceiling_text(outcome.ceiling, plain, room=leaves_room(outcome.ceiling)))
     return said
 
 
@@ -133,17 +133,15 @@ def _needs(f: Finding, reference: str) -> str:
     return f"{f.strategy} needs {times} times as many photographs as {reference}: {SHOWN[f.kind]}."
 
 
-def _scores(found: Outcome) -> str:
+def _scores(outcome: Outcome) -> str:
     """``Mean F-score with 34 photographs, minus that of orbit: better: mine +1.20 [+0.30, +2.10]; worse: ...``."""
     groups: dict[str, list[str]] = {}
-    for s in found.standings:
-        if s.photographs == found.number and s.strategy != found.reference:
+    for s in outcome.standings:
+        if s.photographs == outcome.number and s.strategy != outcome.reference:
             shown = {Kind.BETTER: "better", Kind.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
             groups.setdefault(shown, []).append(f"{s.strategy} {difference_text(s.gain, 2)}")
-    listed = "; ".join(f"{shown}: {', '.join(own)}" for shown, own in groups.items())
-    return (
-        f"Mean F-score with {found.number} photographs, minus that of {found.reference}: {listed or MISSING}."
-    )
+    listed = "; ".join(f"{shown}: {', '.join(names)}" for shown, names in groups.items())
+    return f"Mean F-score with {outcome.number} photographs, minus that of {outcome.reference}: {listed or MISSING}."
 
 
 def zero_text(zero: Zero, targets: int) -> str:
@@ -158,45 +156,45 @@ def zero_text(zero: Zero, targets: int) -> str:
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def answer_table(suite: Suite, found: Outcome) -> Table:
+def answer_table(suite: Suite, outcome: Outcome) -> Table:
     """What each strategy needs for the share or, where no share is compared, its mean score."""
-    return share_table(suite, found) if found.by_share else number_table(suite, found, found.number)
+    return share_table(suite, outcome) if outcome.by_share else number_table(suite, outcome, outcome.number)
 
 
-def share_table(suite: Suite, found: Outcome) -> Table:
-    share, score = 100 * found.share, suite.score
+def share_table(suite: Suite, outcome: Outcome) -> Table:
+    share, score = 100 * outcome.share, suite.score
     rows = [
         (
-            _marked(found, f.strategy),
+            _marked(outcome, f.strategy),
             "never" if f.needed is None else f"{'≤ ' if f.fewest else ''}{f.needed:.1f}",
             difference_text(f.ratio, 2, signed=False),
             f"{100 * f.reached:.0f} %",
         )
-        for f in found.findings
+        for f in outcome.findings
     ]
-    title = f"Photographs until {share:g} % of the targets have an F-score of {score:g} %, and their ratio to {found.reference}"
+    title = f"Photographs until {share:g} % of the targets have an F-score of {score:g} %, and their ratio to {outcome.reference}"
     return Table.of(title, ("strategy", "photographs", "ratio", "largest share"), rows)
 
 
-def number_table(suite: Suite, found: Outcome, *numbers: int) -> Table:
+def number_table(suite: Suite, outcome: Outcome, *numbers: int) -> Table:
     rows: list[Row] = []
     for number in numbers:
         rows.append(Row(f"{number} photographs"))
-        for s in (s for s in found.standings if s.photographs == number):
+        for s in (s for s in outcome.standings if s.photographs == number):
             texts = (
                 difference_text(s.f_score, 2, signed=False),
-                MISSING if s.strategy == found.reference else difference_text(s.gain, 2),
+                MISSING if s.strategy == outcome.reference else difference_text(s.gain, 2),
                 f"{100 * s.share:.0f} %",
                 str(s.score_0),
             )
-            rows.append(Row(_marked(found, s.strategy), tuple(map(Cell, texts))))
+            rows.append(Row(_marked(outcome, s.strategy), tuple(map(Cell, texts))))
     share = f"share at {suite.score:g} %"
-    head = ("strategy", "F-score, %", f"minus {found.reference}", share, "score 0")
+    head = ("strategy", "F-score, %", f"minus {outcome.reference}", share, "score 0")
     return Table("Mean F-score at equal number of photographs", head, rows)
 
 
-def _marked(found: Outcome, name: str) -> str:
-    return f"{name} †" if name in found.ground_truth else name
+def _marked(outcome: Outcome, name: str) -> str:
+    return f"{name} †" if name in outcome.ground_truth else name
 
 
 # -- files ---------------------------------------------------------------------------------------------------

@@ -63,9 +63,9 @@ def draw_outcomes(
             shade, shape = f"C{k}", MARKERS[k % len(MARKERS)]
             known = [(at, value, kind) for at, value, kind in points if value is not None]
             for kind, size, fill in (("", 4, "full"), ("default", 7, "none"), ("recommended", 9, "full")):
-                own = [(at, value) for at, value, which in known if which == kind]
+                marked = [(at, value) for at, value, which in known if which == kind]
                 style: dict[str, Any] = {"color": shade, "ms": size, "fillstyle": fill, "clip_on": False}
-                axis.plot(*np.array(own).reshape(-1, 2).T, shape, rasterized=True, **style)
+                axis.plot(*np.array(marked).reshape(-1, 2).T, shape, rasterized=True, **style)
             axis.plot([], [], shape, color=shade, label=name)
             failed = [at for at, value, _ in points if value is None]
             axis.plot(
@@ -96,18 +96,18 @@ def draw_slices(
     """
     offset = float(np.mean([model.standardiser.centre(instance.rock) for instance in model.instances]))
     outcomes = sign * (offset + model.mean_scale * np.asarray(model.targets))
-    found = []
+    slices = []
     for p in parameters:
         at: list[Any] = list(p.choices)
         if p.kind != "categorical":
             at = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
         posterior = model.posterior([{**values, p.path: v} for v in at])
-        found.append((p, at, sign * np.asarray(posterior.mean), 1.96 * np.asarray(posterior.sd)))
-    low = min(outcomes.min(), *(float((mean - half).min()) for *_, mean, half in found))
-    high = max(outcomes.max(), *(float((mean + half).max()) for *_, mean, half in found))
+        slices.append((p, at, sign * np.asarray(posterior.mean), 1.96 * np.asarray(posterior.sd)))
+    low = min(outcomes.min(), *(float((mean - half).min()) for *_, mean, half in slices))
+    high = max(outcomes.max(), *(float((mean + half).max()) for *_, mean, half in slices))
     low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
     figures = []
-    for p, at, mean, half in sorted(found, key=lambda slice_: -float(np.ptp(slice_[2]))):
+    for p, at, mean, half in sorted(slices, key=lambda slice_: -float(np.ptp(slice_[2]))):
         position = p.choices.index if p.kind == "categorical" else float
         with look():
             figure = new_figure(2.8, 1.9)

@@ -165,8 +165,8 @@ def metric_label(path: str) -> MetricLabel:
             return MetricLabel(name, unit, "")
     surface = ", ".join(SURFACES.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
-    if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
-        metric, name = found
+    if known := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
+        metric, name = known
         name = f"{name}, the rock's own floor" if floor else name
         return MetricLabel(name, metric.unit, surface)
     for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):

@@ -79,8 +79,8 @@ class _Space:
     origin_m: Floats  # of packed coordinates
 
     @staticmethod
-    def of(config: MissionConfig, found: Rock) -> _Space:
-        rock = buried_rock(found, config)
+    def of(config: MissionConfig, whole_rock: Rock) -> _Space:
+        rock = buried_rock(whole_rock, config)
         origin_m = np.round(np.asarray(config.target_m, dtype=float), 3)
         return _Space(config, rock, RayCaster(rock.vertices_m, rock.faces), origin_m)
 
@@ -280,10 +280,10 @@ def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:
 
 def _sectors(metrics: Mapping[str, Any]) -> list[list[str]]:
     """Completeness by azimuth sector, as in the paper's Fig. 3; sector centres counter-clockwise from east."""
-    found = metrics.get("whole", {}).get("sector_completeness_48mm", ())
+    shares = metrics.get("whole", {}).get("sector_completeness_48mm", ())
     named = [
         f"{centre:g}° {share:.0f} %"
-        for centre, share in zip(metrics.get("sector_centers_deg", ()), found)
+        for centre, share in zip(metrics.get("sector_centers_deg", ()), shares)
         if share is not None
     ]
     return [["completeness at 48 mm by azimuth from east", ", ".join(named)]] if named else []

@@ -128,22 +128,22 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Figure:
     return figure
 
 
-def enough_table(found: Enough) -> Table:
+def enough_table(enough: Enough) -> Table:
     rows = [
         (WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", difference_text(p.quality, signed=False))
-        for way, points in found.curves.items()
+        for way, points in enough.curves.items()
         for p in points
     ]
     title = (
-        f"F-score at 3 % of the height; one half of all photographs against the other: {found.ceiling:.1f} %"
+        f"F-score at 3 % of the height; one half of all photographs against the other: {enough.ceiling:.1f} %"
     )
     return Table.of(title, ("way", "photographs", "registered", "F-score, % [95 % interval]"), rows)
 
 
-def enough_text(found: Enough, keep_percent: float, listed: Path) -> str:
+def enough_text(enough: Enough, keep_percent: float, listed: Path) -> str:
     """Which plan would have been enough; ``listed``: the file that names its photographs."""
-    said = f"All {found.all_photographs:.0f} have {found.all_quality:.1f} %; {keep_percent:g} % of that are {found.asked_quality:.1f} %."
-    if (best := found.smallest) is None:
+    said = f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
+    if (best := enough.smallest) is None:
         return f"{said} No plan's lower bound reached it: try a larger --number or more --replicates."
     return (
         f"{said} {best.plan.photographs:.0f} photographs would have been enough: {WAYS[best.way]}, "
@@ -151,12 +151,12 @@ def enough_text(found: Enough, keep_percent: float, listed: Path) -> str:
     )
 
 
-def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:
+def draw_enough(enough: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:
     """Write the picture as PNG; returns its path."""
     with look():
         figure = new_figure(7.2, 7.4)
         above, below = figure.subplots(2, 1, height_ratios=(3, 2))
-        for k, (way, points) in enumerate(found.curves.items()):
+        for k, (way, points) in enumerate(enough.curves.items()):
             number = np.array([p.photographs for p in points])
             mean = np.array([p.quality.mean for p in points])
             above.plot(number, mean, "-", marker=MARKERS[k], color=f"C{k}", markersize=4, label=WAYS[way])
@@ -165,18 +165,18 @@ def draw_enough(found: Enough, photographs: PhotographSet, keep_percent: float, 
             above.fill_between(number, low, high, color=f"C{k}", alpha=0.12, lw=0)
         small = {"color": GREY, "fontsize": 8}
         left = above.get_xlim()[0]
-        above.axhline(found.all_quality, color=GREY, lw=1)
-        above.axhline(found.asked_quality, color=GREY, lw=1, ls=":")
-        above.text(left, found.all_quality, f" all {found.all_photographs:.0f}", va="bottom", **small)
-        above.text(left, found.asked_quality, f" {keep_percent:g} % of that", va="top", **small)
+        above.axhline(enough.all_quality, color=GREY, lw=1)
+        above.axhline(enough.asked_quality, color=GREY, lw=1, ls=":")
+        above.text(left, enough.all_quality, f" all {enough.all_photographs:.0f}", va="bottom", **small)
+        above.text(left, enough.asked_quality, f" {keep_percent:g} % of that", va="top", **small)
         above.set_xlabel("photographs")
         above.set_ylabel("F-score at 3 % of the height, %")
         above.legend(loc="lower right")
         views = photographs.coverage
         azimuth, elevation = views.azimuths_deg, views.elevations_deg
         below.scatter(azimuth, elevation, s=14, color=LIGHT, edgecolor=GREY, lw=0.5, label="not needed")
-        if found.smallest is not None:
-            chosen = np.isin(views.names, found.smallest.taken)
+        if enough.smallest is not None:
+            chosen = np.isin(views.names, enough.smallest.taken)
             label = f"these {chosen.sum()} would have been enough"
             below.scatter(azimuth[chosen], elevation[chosen], s=22, color=BLUE, label=label)
         below.set_xlim(0, 360)

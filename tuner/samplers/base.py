@@ -122,14 +122,14 @@ def ask_many(
     while (left := count - len(proposals)) > 0:
         if settings.problem.draws_rocks and (block := _without_default(settings, [*history, *running])):
             metadata = {"sampler": sampler.name, "phase": "beside the default"}
-            found = [Proposal(dict(settings.problem.default), metadata, *block)]
+            proposed = [Proposal(dict(settings.problem.default), metadata, *block)]
         elif at_once is not None:
-            found = at_once(history, running, (left + 1) // 2 if settings.problem.draws_rocks else left)
+            proposed = at_once(history, running, (left + 1) // 2 if settings.problem.draws_rocks else left)
         else:
-            found = [sampler.ask(history, running)]
-        for proposal in found:
+            proposed = [sampler.ask(history, running)]
+        for proposal in proposed:
             running.append(in_flight(settings, history, running, proposal))
-        proposals += found
+        proposals += proposed
     return proposals
 
 

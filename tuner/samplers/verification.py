@@ -60,15 +60,17 @@ def verification(
             return None
         configurations = distinct_configurations(model.space, model.observations)
         if constraint is not None:
-            configurations = [v for v, kept in zip(configurations, constraint.keeps(configurations)) if kept]
+            configurations = [
+                v for v, keeps in zip(configurations, constraint.keeps(configurations)) if keeps
+            ]
             if not configurations:
                 return None
         if len(configurations) > JOINT:
             configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
         values = configurations[int(model.posterior(configurations).mean.argmax())]
     missions: list[Observation] = [*history, *pending]
-    own = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
-    counts = {instance: sum((instance, k) in own for k in range(replicates)) for instance in model.instances}
+    ran = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
+    counts = {instance: sum((instance, k) in ran for k in range(replicates)) for instance in model.instances}
     least = min(counts.values())
     if least >= replicates:
         return None

@@ -39,7 +39,7 @@ def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> Singl
     ``x`` (n, d + 2) and ``y`` (n, 1).
     """
     models = [_fitted(kernel, x, y) for kernel in kernels]
-    model, _ = max(models, key=lambda found: found[1])
+    model, _ = max(models, key=lambda pair: pair[1])
     return model.requires_grad_(False)
 
 

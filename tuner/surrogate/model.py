@@ -218,8 +218,8 @@ class InstanceMeanGP:
 
     def leave_one_out_z(self) -> Floats:
         """Return (m,) errors of those predictions, in standard deviations of each; hyperparameters are kept."""
-        found = efficient_loo_cv(self._fitted)
-        errors = (found.observed_Y - found.posterior.mean) / found.posterior.variance.sqrt()
+        cv = efficient_loo_cv(self._fitted)
+        errors = (cv.observed_Y - cv.posterior.mean) / cv.posterior.variance.sqrt()
         return errors.flatten().numpy()
 
 

@@ -84,9 +84,9 @@ class DeterministicOutcome:
         return max([*self._at_ends(), *self.at(torch.from_numpy(points)).tolist()])
 
     def _at_ends(self) -> list[float]:
-        own = [self.space.parameters[i] for i in self._columns]
+        parameters = [self.space.parameters[i] for i in self._columns]
         some = self.space.from_unit([0.5] * self.space.dimension)
-        ends = itertools.islice(itertools.product(*(p.ends for p in own)), MOST_ENDS)
+        ends = itertools.islice(itertools.product(*(p.ends for p in parameters)), MOST_ENDS)
         return [self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends]
 
     def keeps(self, outcomes: Floats, at_least: float) -> Bools:
@@ -97,5 +97,5 @@ class DeterministicOutcome:
         """Return (...,) at (..., inputs), whose first columns are the unit cube's; integers and choices are rounded."""
         unit = x.detach()[..., : self.space.dimension].reshape(-1, self.space.dimension).numpy()
         _, first, inverse = np.unique(unit[:, self._columns], axis=0, return_index=True, return_inverse=True)
-        found = np.array([self.cost.outcome(self.space.from_unit(unit[i])) for i in first])
-        return torch.from_numpy(found[inverse.reshape(-1)]).reshape(x.shape[:-1])
+        outcomes = np.array([self.cost.outcome(self.space.from_unit(unit[i])) for i in first])
+        return torch.from_numpy(outcomes[inverse.reshape(-1)]).reshape(x.shape[:-1])

@@ -12,7 +12,7 @@ from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint
 from tuner.campaign.settings_file import resolved_settings
 from tuner.problem.deterministic_metrics import DeterministicMetric, DeterministicMetrics, photographs_metric
-from tuner.problem.goal import asked_goal
+from tuner.problem.goal import parse_goal
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
@@ -26,14 +26,14 @@ TEXT = "photographs@P(f_score>=98)>=0.95"
 
 
 def test_the_text_says_metric_cost_and_limit_and_is_said_back() -> None:
-    assert asked_goal("f_score").second is None
-    cheap = asked_goal("completeness@energy<=9")
+    assert parse_goal("f_score").second is None
+    cheap = parse_goal("completeness@energy<=9")
     assert cheap.second == Objective("costs.energy_wh", "minimise") and cheap.limit == 9.0
-    best = asked_goal("observable.f_score_16mm@photographs<=21")
+    best = parse_goal("observable.f_score_16mm@photographs<=21")
     assert (best.objective.metric, best.second, best.limit) == ("observable.f_score_16mm", PHOTOGRAPHS, 21.0)
-    least = asked_goal("photographs@f_score >= 97.5")
+    least = parse_goal("photographs@f_score >= 97.5")
     assert least.objective == PHOTOGRAPHS and least.second == Objective() and least.limit == 97.5
-    asked = asked_goal(" photographs @ P( f_score >= 98 ) >= 0.95 ")
+    asked = parse_goal(" photographs @ P( f_score >= 98 ) >= 0.95 ")
     assert asked.objective.metric == "costs.images"
     assert asked.second is not None and asked.second.is_share
     assert (asked.second.metric, asked.second.direction) == ("P(observable.f_score_48mm>=98)", "maximise")
@@ -61,7 +61,7 @@ def test_the_text_says_metric_cost_and_limit_and_is_said_back() -> None:
 )
 def test_what_is_no_objective_is_said_in_one_line(text: str, says: str) -> None:
     with pytest.raises(UserError, match=says) as error:
-        asked_goal(text)
+        parse_goal(text)
     assert "\n" not in str(error.value)
 
 

@@ -39,12 +39,12 @@ def identity(job: MissionJob | None = None) -> dict[str, str]:
     """Return what must be the same on coordinator, scheduler and workers; for a job also libraries, code and plug-ins."""
     installed = versions()
     names = ("python", "gatetune", *(MISSION_LIBRARIES if job else ()))
-    found = {name: installed[name] for name in names if name in installed}
+    facts = {name: installed[name] for name in names if name in installed}
     if job is not None:
-        found[f"the code of {job.fidelity}"] = code_of(job.fidelity)[:12]
+        facts[f"the code of {job.fidelity}"] = code_of(job.fidelity)[:12]
         for plugin in job.planners:
-            found[f"the code of {plugin.label}"] = plugin.source[:12]
-    return found
+            facts[f"the code of {plugin.label}"] = plugin.source[:12]
+    return facts
 
 
 def difference(theirs: dict[str, str], here: dict[str, str], whose: str) -> str:
@@ -126,14 +126,14 @@ def _granted(here: Worker, task: str) -> bool:
         return await here.scheduler.run_function(function=dumps(grant), args=arguments)
 
     while True:
-        asked = time.monotonic()
+        asked_at = time.monotonic()
         try:
             answer = sync(here.loop, ask, callback_timeout=_ANSWER_S)
         except (OSError, TimeoutError):
             return False  # cut off
         if not answer["result"]:
             return False
-        if time.monotonic() - asked < _FRESH_S:
+        if time.monotonic() - asked_at < _FRESH_S:
             return True
 
 

@@ -159,10 +159,10 @@ def score_cloud(mission: MissionFile, request: Request, cloud: Cloud) -> tuple[d
         points_m = frame_of_file(file).apply(points_m)
     warning = _hardly_overlap(points_m, rock, mesh)
     try:
-        found = evaluate_cloud(PointCloud(points_m), rock, config, store).metrics
+        metrics = evaluate_cloud(PointCloud(points_m), rock, config, store).metrics
     except MissionFailure as error:
         raise MissionFailure(error.reason, "; ".join(filter(None, (error.message, warning)))) from error
-    return found, warning, rock.sha256
+    return metrics, warning, rock.sha256
 
 
 def _hardly_overlap(points_m: Floats, rock: Rock, mesh: str) -> str:

@@ -73,13 +73,15 @@ class MissionFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def space(self) -> SearchSpace:
         """The search space that its ``parameters`` declare; `UserError` for a declaration that is not valid."""
-        found = [parameter_from_dict(n, spec, f"{self.path}: {n}") for n, spec in self.parameters.items()]
-        for parameter in found:
+        parameters = [
+            parameter_from_dict(n, spec, f"{self.path}: {n}") for n, spec in self.parameters.items()
+        ]
+        for parameter in parameters:
             if parameter.also or parameter.default is None or not parameter.contains(parameter.default):
                 raise UserError(
                     f"{self.path}: {parameter.path} needs a default among its values, and no 'also'"
                 )
-        return SearchSpace(self.name, tuple(found), description=self.description)
+        return SearchSpace(self.name, tuple(parameters), description=self.description)
 
     def complete(self, values: Mapping[str, Any]) -> Values:
         """Return ``values`` and the defaults of what they leave out; `UserError` for an unknown name, or a value not allowed."""
@@ -106,8 +108,8 @@ def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
     path = path.resolve()
     if not is_file(path):
         raise UserError(f"{path} is not a file; gatetune mission init writes a skeleton")
-    tree, found = read_yaml(path), hashlib.sha256(read_bytes(path)).hexdigest()
-    if sha256 not in ("", found):
+    tree, digest = read_yaml(path), hashlib.sha256(read_bytes(path)).hexdigest()
+    if sha256 not in ("", digest):
         raise UserError(
             f"{path} has changed since the campaign began; put it back as it was, or begin a new campaign"
         )
@@ -118,7 +120,7 @@ def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
     mission = msgspec.structs.replace(
         mission,
         path=path,
-        sha256=found,
+        sha256=digest,
         program=_program_digest(path.parent, mission),
         directions={**mission.directions, mission.metric: mission.direction},
     )
@@ -127,16 +129,16 @@ def load_mission_file(path: Path, sha256: str = "") -> MissionFile:
 
 
 def _by_name(entries: list[Any], path: Path) -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = {}
+    by_name: dict[str, dict[str, Any]] = {}
     for entry in entries:
         facts = dict(entry) if isinstance(entry, dict) else {"name": entry}
         name = facts.pop("name", None)
         if not isinstance(name, str) or not name:
             raise UserError(f"{path}: instance {entry!r} has no name; quote one that is a number")
-        if name in found:
+        if name in by_name:
             raise UserError(f"{path}: instance {name!r} is named twice")
-        found[name] = facts
-    return found
+        by_name[name] = facts
+    return by_name
 
 
 def _check(mission: MissionFile) -> None:

@@ -60,8 +60,8 @@ class MissionFileProblem(MissionProblem):
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
         return parameter_metric(self.mission.space, objective)
 
-    def fidelity(self, asked: str) -> str:
-        if asked not in (DEFAULT_FIDELITY, EXTERNAL):
+    def fidelity(self, name: str) -> str:
+        if name not in (DEFAULT_FIDELITY, EXTERNAL):
             raise UserError(
                 "--fidelity applies to missions over rocks; a mission file says how its own mission runs"
             )

@@ -139,18 +139,18 @@ def read_result(path: Path) -> Result:
 
 def numbers(tree: Mapping[str, Any], prefix: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the finite numbers of metrics or costs, in their groups, and by its path whatever is none."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     others: dict[str, Any] = {}
     for name, value in tree.items():
         if isinstance(value, dict):
-            found[name], inside = numbers(value, f"{prefix}{name}.")
+            values[name], inside = numbers(value, f"{prefix}{name}.")
             others |= inside
         elif (
             isinstance(value, (int, float))
             and not isinstance(value, bool)
             and abs(value) <= sys.float_info.max
         ):
-            found[name] = float(value)
+            values[name] = float(value)
         else:
             others[f"{prefix}{name}"] = value
-    return found, others
+    return values, others
