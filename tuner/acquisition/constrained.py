@@ -102,9 +102,9 @@ class Constraint:
     def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareEstimate]:
         """Return the estimate of each share, worth as many rocks as the mean's variance goes into one mission's."""
         assert isinstance(self.model, InstanceMeanGP)
-        one = self.model.one_mission_sd**2
+        one, least = self.model.one_mission_sd**2, 1e-9 * self.model.mean_scale
         return [
-            ShareEstimate(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, 1e-9) ** 2)
+            ShareEstimate(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, least) ** 2)
             for m, s in zip(*self.means_and_sds(configurations))
         ]
 
@@ -120,7 +120,11 @@ class Constraint:
         # Missions near the limit vary less, or more, than they do everywhere.
         assert isinstance(self.model, InstanceMeanGP)
         share = self.at_least / 100.0
-        spread = 100.0 * math.sqrt(share * (1.0 - share)) / max(self.model.one_mission_sd, 1e-9)
+        spread = (
+            100.0
+            * math.sqrt(share * (1.0 - share))
+            / max(self.model.one_mission_sd, 1e-9 * self.model.mean_scale)
+        )
         return float(special.ndtri(SURE)) * spread
 
     def floor(self) -> float:

@@ -52,7 +52,8 @@ from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import DeterministicOutcome, interval_95, probability_positive
 
 TOP = 5
-MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
+MAY_KEEP = 0.5  # where nothing meets the constraint: probability from which on the likeliest is taken
+MORE_FAILURES = 2  # from which on one plan fails more often than another: a single one may be chance
 JOINT = 600  # configurations, over instances, whose joint posterior is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
@@ -130,7 +131,8 @@ class Choice:
         observations = goal.as_modelled(history)
         every = InstanceMeanGP(problem.space, observations, problem.instances)
         self.problem, self.goal = problem, goal
-        self.model, self.outliers = without_outliers(every, problem.repeatable)
+        share = goal.modelled.is_share  # the few 0 among many 100 are what is asked for
+        self.model, self.outliers = (every, []) if share else without_outliers(every, problem.repeatable)
         self.constraint = constraint_of(problem, goal, history, self.model)
         self.failures = sum(not o.feasible for o in observations)
         self.candidates = self._all_candidates(observations, only_verified=only_verified)
@@ -203,18 +205,18 @@ class Choice:
         if self.problem.arms and index in self.plain_plans(among):
             return index
         outcomes = self.candidates[index].outcomes
-        same = [i for i in among if i == index or outcomes.items() <= self.candidates[i].outcomes.items()]
+        same = [
+            i
+            for i in among
+            if outcomes.items() <= self.candidates[i].outcomes.items() and self._not_worse(i, index)
+        ]
         return min(same, key=self.changes)
 
     def _cheapest(self) -> list[int]:
-        """Return the eligible of the least cost; the default alone where none is cheaper and it may meet the constraint."""
-        cost, default = self.objective, self.problem.default
-        best = max(cost.mean[i] for i in self.eligible)
-        among = [i for i in self.eligible if cost.mean[i] == best]
-        may_keep = self.constraint is None or self.constraint.probability([default])[0] >= MAY_KEEP
-        if cost.mean[-1] >= best and may_keep:
-            return [i for i, candidate in enumerate(self.candidates) if candidate.values == default] or among
-        return among
+        """Return the eligible of the least cost; the default alone where it is one of them."""
+        best = max(self.objective.mean[i] for i in self.eligible)
+        among = [i for i in self.eligible if self.objective.mean[i] == best]
+        return [i for i in among if self.candidates[i].values == self.problem.default] or among
 
     def _fewest_changes(self, among: Sequence[int]) -> int:
         """Return the one of ``among``, not empty, with the fewest changes that is not worse than the best of them.
@@ -228,7 +230,9 @@ class Choice:
             better = [
                 i
                 for i in among
-                if i not in plain and interval_95(*self.modelled.difference(i, best))[0] > 0.0
+                if i not in plain
+                and interval_95(*self.modelled.difference(i, best))[0] > 0.0
+                and not self._fails_more(i, best)
             ]
             if not better:
                 return self._first_plain(plain)
@@ -258,25 +262,27 @@ class Choice:
         return max(better, key=lambda i: self.modelled.mean[i]) if better else first
 
     def _better_on_rocks(self, i: int, j: int) -> bool:
-        """Return whether candidate ``i`` failed less often than ``j``, or is better by more than noise with a 95 % interval over rocks.
+        """Return whether ``j`` fails more often than ``i``, or else ``i`` is better by more than noise with a 95 % interval over rocks.
 
         Paired by block. Fewer than three rocks say nothing of others: on them the model's interval counts.
         """
+        if self._fails_more(j, i) or self._fails_more(i, j) or self._not_worse(j, i):
+            return self._fails_more(j, i)
         one, other = self.candidates[i].outcomes, self.candidates[j].outcomes
-        shared = [block for block in one if block in other]
-        failed, failed_there = ([of[block] for block in shared].count(None) for of in (one, other))
-        if failed != failed_there:
-            return failed < failed_there
-        if self._not_worse(j, i):
-            return False
         of_rock: dict[str, list[float]] = {}
-        for block in shared:
+        for block in (block for block in one if block in other):
             if (y := one[block]) is not None and (there := other[block]) is not None:
                 of_rock.setdefault(block[0].rock, []).append(y - there)
         if len(of_rock) < MIN_ROCKS:
             return interval_95(*self.modelled.difference(i, j))[0] > 0.0
         gain = mean_interval(of_rock)
         return gain is not None and gain.low is not None and gain.low > 0.0
+
+    def _fails_more(self, i: int, j: int) -> bool:
+        """Return whether candidate ``i`` failed in `MORE_FAILURES` of the blocks that both ran more than ``j`` did, or in still more."""
+        one, other = self.candidates[i].outcomes, self.candidates[j].outcomes
+        more = sum((one[b] is None) - (other[b] is None) for b in one.keys() & other.keys())
+        return more >= MORE_FAILURES
 
     def _best_plain(self, index: int) -> tuple[str, BestPlain | None]:
         """Return which plain plan a candidate is, and the best of them with the candidate's gain over it."""
@@ -324,7 +330,7 @@ class Choice:
                 self.constraint,
                 values,
                 missions,
-                kept=any(candidate.keeps for candidate in self.candidates),
+                kept=self.candidates[index].keeps,
                 no_worse=None if elsewhere is None else elsewhere.no_worse,
             ),
             outliers=self._outliers(),

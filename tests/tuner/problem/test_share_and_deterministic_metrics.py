@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import itertools
 from typing import Any
 
 import fake_campaigns
@@ -19,6 +20,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.share import ShareEstimate
 from tuner.problem.space_files import load_search_space, space_from_dict
+from tuner.recommendation.choose import Choice
 from tuner.surrogate.model import InstanceMeanGP
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
@@ -107,6 +109,25 @@ def test_where_all_succeed_many_rocks_are_believed_and_few_are_not(rocks: int, k
         missions.append(Observation(number, {"seed.count": count}, "any-slab", number, outcome, outcome))
     constraint = Constraint(InstanceMeanGP(ONE, missions, [Instance("any-slab")]), 95.0, is_share=True)
     assert constraint.keeps([{"seed.count": 36}, {"seed.count": 12}]) == [kept, False]
+
+
+def test_a_share_is_of_all_rocks_that_were_run_though_nearly_all_succeed() -> None:
+    """Three plans on 24 rocks each: where none fails that is shown, and the few that fail are no outliers."""
+    rocks = ["any-cleft", "any-slab"]
+    s = settings_of(rocks, objective="photographs@P(f_score>=98)>=0.9", sampler="gp")
+    for fail in ([], [(8, 5), (6, 17), (4, 20)]):
+        missions = list[Observation]()
+        for planned, k in itertools.product((8, 6, 4), range(24)):
+            values = {**s.problem.default, "stop.adaptive_budget": planned}
+            images, reached = float(values["seed.count"] + planned), 100.0 * ((planned, k) not in fail)
+            block = (rocks[k % 2], k // 2, -images, images)
+            missions.append(Observation(len(missions), values, *block, second=reached))
+        choice = Choice(s.problem, s.goal.after(missions), missions, only_verified=True)
+        shares = choice.constraint.shares([c.values for c in choice.candidates])
+        assert not choice.outliers and np.mean([e.share for e in shares]) == pytest.approx(
+            1.0 - len(fail) / 72, abs=0.01
+        )
+        assert fail or all(c.keeps for c in choice.candidates)
 
 
 SPACE = load_search_space("photographs")

@@ -1,3 +1,4 @@
+import itertools
 from collections.abc import Sequence
 
 import fake_campaigns
@@ -5,11 +6,12 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.problem.goal import Goal
+from tuner.problem.goal import Goal, parse_goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
+from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
@@ -112,6 +114,41 @@ def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_insid
 
     assert [len(of(5.0, seed).changed) for seed in range(3)] == [1, 1, 1]
     assert all(of(0.0, seed).keep_default for seed in range(3))
+
+
+def test_equal_outcomes_where_both_ran_do_not_hide_that_one_is_worse_elsewhere() -> None:
+    """Two changes ran in two blocks and gain 6; one change has the same there, and gains nothing in six others."""
+    blocks, rng, history = [(r, k) for r in "abcd" for k in (0, 1)], np.random.default_rng(1), []
+    noise = dict(zip(blocks, 90 + 0.3 * rng.normal(size=8)))
+    good = synthetic.SPACE.from_unit([0.8, 0.1])
+    few = {**synthetic.DEFAULT, "gate.d95_m": good["gate.d95_m"]}
+    gains = {("a", 0): 6.1, ("b", 1): 5.9}
+    rows = [(synthetic.DEFAULT, block, 0.0) for block in blocks]
+    rows += [(good, block, gain) for block, gain in gains.items()]
+    rows += [(few, block, gains.get(block, 0.5)) for block in blocks]
+    for i, unit in enumerate(np.clip([0.8, 0.1] + 0.05 * rng.normal(size=(24, 2)), 0, 1)):
+        rows.append((synthetic.SPACE.from_unit(unit), blocks[i % 8], 6.0))  # the search around it
+    for values, (rock, k), gain in rows:
+        y = noise[rock, k] + gain
+        history.append(Observation(len(history), values, rock, k, y, y))
+    assert recommended(history, tuple("abcd"), replicates=2).values == good
+
+
+@pytest.mark.parametrize("other", [8, 10])  # as many photographs as the default takes, or more
+def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int) -> None:
+    goal = parse_goal("photographs@f_score>=97")
+    names = {"space": load_search_space("photographs"), "rocks": ROCKS, "replicates": 2}
+    s = fake_campaigns.settings(
+        **names, objective=goal.objective, second=goal.second, limit=goal.limit, sampler="gp"
+    )
+    default, rng, history = s.problem.default, np.random.default_rng(0), list[Observation]()
+    sure = {**default, "pool.max_altitude_m": 2.0, "stop.adaptive_budget": other}
+    for values, score in ((default, 96.93), (sure, 98.5)):
+        for rock, k in itertools.product(ROCKS, (0, 1)):
+            images, y = values["seed.count"] + values["stop.adaptive_budget"], score + 0.5 * rng.normal()
+            history.append(Observation(len(history), values, rock, k, -images, images, second=y))
+    best = recommend(s.problem, s.goal.after(history), history)
+    assert best.values == sure and best.limit.kept
 
 
 HIGH, LOW = synthetic.SPACE.from_unit([0.9, 0.5]), synthetic.SPACE.from_unit([0.1, 0.5])
