@@ -1,7 +1,7 @@
 """Chooses the configuration to recommend among those that have been run, with its uncertainty.
 
 Of the plain plans (orbits, random views, the default) the first stands unless another is better with a 95 % interval over the
-training rocks: a few rocks say little of which orbit is the best on others. Most parameters that a search varies have no effect
+training rocks, or the first fails more often: a few rocks say little of which orbit is the best on others. Most parameters that a search varies have no effect
 on the outcome. So among the configurations that are better than the best plain plan, with a 95 % interval, the one with the
 fewest changes is taken that is not worse than the best of them, or that had exactly its outcomes wherever both ran. Where none is
 better, a plain plan is recommended: the gain lies within the noise.
