@@ -1,10 +1,10 @@
 """Chooses the configuration to recommend among those that have been run, with its uncertainty.
 
-Of the plain plans (orbits, random views, the default) the first stands unless another is better with a 95 % interval over the
-training rocks, or the first fails more often: a few rocks say little of which orbit is the best on others. Most parameters that a search varies have no effect
-on the outcome. So among the configurations that are better than the best plain plan, with a 95 % interval, the one with the
-fewest changes is taken that is not worse than the best of them, or that had exactly its outcomes wherever both ran. Where none is
-better, a plain plan is recommended: the gain lies within the noise.
+Of the plain plans (orbits, random views, the default) the first stands unless it fails more often than another, or another is
+better with a 95 % interval over the training rocks: a few rocks say little of which orbit is the best on others. Most parameters
+that a search varies have no effect on the outcome. So among the configurations that are better than the best plain plan, with a
+95 % interval, the one with the fewest changes is taken that is not worse than the best of them. Where none is better, a plain plan
+is recommended: the gain lies within the noise.
 
 The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
 infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
