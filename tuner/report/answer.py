@@ -112,6 +112,8 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
             gains.append(f"{f'{difference_text(verdict.gain)} {unit}'.strip()} against {over}")
     if gains:
         said.append(f"On {where} it has {', '.join(gains)} (95 % intervals; above 0 is better).")
+    if advice.fly != TUNED:
+        said.append(f"It was chosen on these {s.problem.instance_word}s, so its intervals are optimistic.")
     if best.plain == ARMS[0] and advice.over_plain is not None and not advice.results.held_out:
         word = s.problem.instance_word
         said.append(f"That does not tell which is better on other {word}s: docs/results/what_to_fly.md.")

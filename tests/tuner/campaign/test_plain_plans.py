@@ -231,6 +231,7 @@ def test_the_list_of_campaigns_names_what_is_advised(
     monkeypatch.setattr("tuner.comparison.advice.held_out_results", lambda *_: results)
     (listed,) = json.loads(gatetune.ok("campaign", "list", campaign.directory.parent, "--json"))
     assert listed["answer"].startswith("Fly Random views ("), listed
+    assert "so its intervals are optimistic." in gatetune.ok("campaign", "status", campaign.directory)
 
 
 def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
