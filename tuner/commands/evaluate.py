@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from nbv.config import IDEAL, load_conditions
+from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.campaign.campaign import Campaign
 from tuner.commands.campaign_display import show_answer
@@ -221,8 +222,11 @@ def show_all_results(campaign: Campaign) -> dict[str, Any]:
 
     best = campaign.recommended()
     advice = advice_of(campaign, best)
-    with working("writing the campaign's report"):
-        write_campaign_report(campaign)
+    try:
+        with working("writing the campaign's report"):
+            write_campaign_report(campaign)
+    except UserError as error:  # of a campaign that may only be read; what was run is said all the same
+        output.print(f"its page stays as it was: {error}", highlight=False, soft_wrap=True)
     tables = show_answer(campaign, best)
     said = advice_lines(advice, best, campaign.settings)
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -101,7 +102,9 @@ def export(
     if to is Format.plan:
         return _export_plan(exported, rock, _place(home), out)
     files = vehicle_files(exported, {to.value: onto} if to and onto else None)
-    first = f"gatetune export {run} --to {files[0].name}"
+    first = shlex.join(["gatetune", "export", str(run), "--to", files[0].name])
+    first += "" if strategy is None else f" --strategy {strategy}"
+    first += " --anyway" if best.limit is not None and not best.limit.kept else ""
     if to is None:
         changes = ", ".join(map(exported.change, exported.values))
         what = "recommended" if exported.is_recommended else strategy_label(exported.strategy)
@@ -173,6 +176,8 @@ def _exported(campaign: Campaign, best: Recommendation, advice: Advice, strategy
         config = problem.config(best.values)
     elif name == advised:
         config = advice.config
+    elif ran := [n for n in advice.results.strategies if name in (n, base_name(n))]:
+        config = advice.results.strategies[ran[0]]  # of several numbers of photographs the first
     elif name in problem.arms:
         config = problem.config(problem.arms[name])
     else:
@@ -239,6 +244,6 @@ def _recommended_mission(run: Path) -> Path:
         )
     if not was_run(jobs[-1]):
         raise UserError(
-            f"{run} has not run its recommendation with everything kept; run: gatetune mission view {run}"
+            f"{run} has not run its recommendation with everything kept; run: gatetune mission view {shlex.quote(str(run))}"
         )
     return jobs[-1].directory

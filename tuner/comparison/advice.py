@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from nbv.config import MissionConfig
+from nbv.evaluation.registry import find_metric
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.result import Results, held_out_results, training_results
 from tuner.comparison.verdict import Kind, Verdict, judge
@@ -50,7 +51,9 @@ class Advice:
     over_plain: Verdict | None  # the recommendation against that plan; None where they are one
     over_reference: Verdict | None  # ``fly`` against the reference
     by_orbit: Verdict | None  # the best plain orbit against ``fly``; None where that is one
-    ceiling: Interval | None  # the greedy oracle minus the best plain plan; None where it was not run
+    ceiling: (
+        Interval | None
+    )  # the greedy oracle minus the best plain plan, in points; None where it was not run
 
     @property
     def instances(self) -> int:
@@ -81,7 +84,11 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     gains = _gains(records, plain, quality)
     named = max(gains, key=lambda name: gains[name], default="")
     over_plain = against(TUNED, named)
+    metric = find_metric(quality.metric.rpartition(".")[2])
+    in_points = metric is not None and metric[0].unit == "%"
     is_worse = over_plain is not None and over_plain.kind is Kind.WORSE
+    if in_points and over_plain is not None and over_plain.gain is not None:
+        is_worse &= round(over_plain.gain.mean, 1) != 0.0  # less than is shown
     fly = named if results.held_out and is_worse else TUNED
     orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
     oracle = next((name for name in results.strategies if base_name(name) == CEILING), "")
@@ -94,7 +101,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
         over_plain=over_plain,
         over_reference=against(fly, reference),
         by_orbit=against(orbit, fly),
-        ceiling=judge(records, oracle, named, quality).gain if oracle and named else None,
+        ceiling=judge(records, oracle, named, quality).gain if oracle and named and in_points else None,
     )
 
 

@@ -69,7 +69,7 @@ def begun(toy, missions=0):
     return campaign
 
 
-def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
+def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy, monkeypatch):
     """``gain`` is a parameter that the mission leaves out of its costs."""
     asked = {"mission": str(toy / "toy.yaml"), "budget": 5, "initial": 4, "objective": "loss@costs.gain<=2"}
     campaign = begin_campaign(toy / "runs/two", settings_from_dict({"name": "two", **asked}, "test"))
@@ -78,7 +78,15 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
     assert trials and all(t.second == -t.values["gain"] for t in trials)
     found = campaign.recommendation()
     assert found is not None and found.values["gain"] <= 2
-    gatetune.ok("evaluate", "runs/two", "--mission", "toy.yaml", "--replicates", 1, "--workers", 1)
+    evaluate = ("evaluate", "runs/two", "--mission", "toy.yaml", "--replicates", 1, "--workers", 1)
+    gatetune.ok(*evaluate)
+
+    def refuse(_):
+        raise UserError("cannot write it")
+
+    monkeypatch.setattr("tuner.report.campaign_page.write_campaign_report", refuse)
+    said = gatetune.ok(*evaluate)  # of a campaign that may only be read
+    assert "stays as it was: cannot write it" in said and "What next" in said
 
 
 SHOTS = """
@@ -115,7 +123,8 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective):
     said = gatetune.refused("export", run, "--to", "gatetune.yaml")
     assert "--anyway" in said and f"{found.limit.missed_by:.3g}" in said
     assert not (run / "gatetune.yaml").exists()
-    gatetune.ok("export", run, "--to", "gatetune.yaml", "--anyway")
+    said = gatetune.ok("export", run)  # what it says to type works
+    gatetune.ok(*said.partition("write the first: gatetune ")[2].split())
     assert (run / "gatetune.yaml").is_file()
     asked = ("confirm", run, "--mission", "shots.yaml", "--replicates", 1, "--workers", 1, "--json")
     tree = json.loads(gatetune.ok(*asked))

@@ -21,8 +21,10 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.comparison.advice import advice_of
 from tuner.comparison.result import Results, training_results
+from tuner.comparison.verdict import Kind
 from tuner.export.photogrammetry_nbv import read_file
 from tuner.problem.baselines import TUNED, baseline
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
@@ -232,6 +234,41 @@ def test_the_list_of_campaigns_names_what_is_advised(
     (listed,) = json.loads(gatetune.ok("campaign", "list", campaign.directory.parent, "--json"))
     assert listed["answer"].startswith("Fly Random views ("), listed
     assert "so its intervals are optimistic." in gatetune.ok("campaign", "status", campaign.directory)
+    out = ("--to", "gatetune.yaml", "--out", "plan.yaml")
+    orbit = problem.config(problem.arms["orbit-high"]).with_values({"seed.count": 18})
+    results.strategies["orbit-high-18"] = orbit  # what was evaluated is exported, not another of that name
+    gatetune.ok("export", campaign.directory, "--strategy", "orbit-high", *out)
+    assert (
+        yaml.safe_load(Path("plan.yaml").read_text())["seed"]["count"]
+        == problem.arms["orbit-high"]["seed.count"]
+    )
+    gatetune.ok("export", campaign.directory, "--strategy", "orbit-high-18", *out)
+    assert yaml.safe_load(Path("plan.yaml").read_text())["seed"]["count"] == 18
+
+
+def test_what_rounds_to_nothing_changes_no_advice_and_the_oracle_s_points_are_points(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, best = campaign.settings.problem, campaign.recommended()
+    plans = {**problem.arms, TUNED: best.values}
+    configs = {name: problem.config(values) for name, values in plans.items()}
+    configs["greedy-oracle"] = configs["random"]
+    scores = {TUNED: 95.0, "random": 95.04, "greedy-oracle": 99.0}
+    records = [
+        made_trial(
+            name, rock, 0, measured={"metrics": made_metrics(score + k / 10), "costs": {"images": 20.0}}
+        )
+        for k, rock in enumerate("abcd")
+        for name, score in scores.items()
+    ]
+    results = Results(True, records, configs, True, campaign.settings)
+    monkeypatch.setattr("tuner.comparison.advice.held_out_results", lambda *_: results)
+    advice = advice_of(campaign, best)
+    assert advice.over_plain is not None and advice.over_plain.kind is Kind.WORSE
+    assert advice.fly == TUNED and advice.ceiling is not None
+    goal = dataclasses.replace(campaign.settings, objective=Objective("costs.images", "minimise"))
+    monkeypatch.setattr(campaign, "settings", goal)
+    assert advice_of(campaign, best).ceiling is None
 
 
 def test_an_advised_orbit_that_the_space_does_not_hold_is_exported_whole(
