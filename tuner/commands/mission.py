@@ -58,7 +58,7 @@ def run(
     ] = None,
     set_: Overrides = None,
     replicate: Annotated[
-        int, typer.Option(help="Number of the replicate, which draws arrival errors and sensor noise.")
+        int, typer.Option(min=0, help="Number of the replicate, which draws arrival errors and sensor noise.")
     ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Run directory (default: in runs/, named after rock and gate).")

@@ -215,7 +215,7 @@ def plan_words(config: Configuration) -> str:
     if config.stop.may_end_early:
         most = seed.total + config.adaptive_budget
         return f"{rings}, then planned ones until the stop criterion holds, at most {most} in all"
-    by = _PLANNERS.get(config.gate.kind, strategy_label(config.gate.kind))
+    by = _PLANNERS.get(config.gate.kind, f"by {strategy_label(config.gate.kind)}")
     return f"{rings}, then {config.adaptive_budget} chosen {by}"
 
 
