@@ -39,12 +39,14 @@ def initial_design_size(
     return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))
 
 
-def places_for_earlier(initial: int) -> range:
+def places_for_earlier(initial: int, begun: int) -> range:
     """Return which places of a design of ``initial`` missions go to the best missions run before the campaign, best first.
 
-    The first after the default in a short design, every second one in a longer one.
+    The first after the default and ``begun`` others in a short design, every second one in a longer one.
     """
-    return range(1, FROM_EARLIER + 1) if initial <= WITH_EARLIER else range(2, initial, 2)
+    if initial <= WITH_EARLIER:
+        return range(begun + 1, begun + 1 + FROM_EARLIER)
+    return range(min(2 + begun // 2 * 2, initial - 1), initial, 2)
 
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:

@@ -140,10 +140,13 @@ class GPSampler:
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
         """Return point ``number`` of the design, which begins with 1 behind the plain plans."""
         s, space, rank = self.settings, self.settings.problem.space, number // 2 - 1
-        if 1 <= number <= len(space.begin):
-            values = {**s.problem.default, **space.begin[number - 1]}
+        length = s.initial - s.first + 1
+        # Beginnings leave a place to the best earlier mission.
+        begin = space.begin if s.earlier is None else space.begin[: max(0, length - 2)]
+        if 1 <= number <= len(begin):
+            values = {**s.problem.default, **begin[number - 1]}
             return Proposal(values, {"sampler": self.name, "phase": "begin"})
-        places = places_for_earlier(s.initial - s.first + 1)
+        places = places_for_earlier(length, len(begin))
         if number in places and s.earlier is not None:
             nth = places.index(number)
             best = s.earlier.best(nth + 1)

@@ -5,6 +5,7 @@ import synthetic
 
 from tuner.problem.observations import Observation
 from tuner.samplers.design import initial_design_size, sobol_point
+from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
 
 
@@ -50,3 +51,16 @@ def test_a_space_begins_where_it_says_after_the_default() -> None:
     history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
     proposal = make_sampler("gp", begun).ask(history, [])
     assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.metadata["phase"] == "begin"
+
+
+@pytest.mark.parametrize(("begins", "initial"), [(1, 6), (2, 6), (4, 6), (1, 2), (3, 12), (6, 8)])
+def test_the_best_earlier_mission_runs_whatever_the_space_begins_with(begins: int, initial: int) -> None:
+    space = dataclasses.replace(
+        synthetic.SPACE, begin=tuple({"gate.budget_fraction": k / 10} for k in range(begins))
+    )
+    earlier = EarlierMissions(space, synthetic.ROCKS, tuple(synthetic.random_design(40, 0.01, 0)))
+    problem = dataclasses.replace(synthetic.PROBLEM, space=space)
+    settings = dataclasses.replace(synthetic.sampler_settings(0, initial), problem=problem, earlier=earlier)
+    sampler, history = make_sampler("gp", settings), synthetic.random_design(initial, 0.01, 0)
+    first = next(p for n in range(initial) if "rank" in (p := sampler.ask(history[:n], [])).metadata)
+    assert first.metadata["rank"] == 0 and first.values == earlier.best(1)[0]
