@@ -122,12 +122,12 @@ def objective(
     failed
         What a failed mission counts as.
     settings
-        Other settings of a campaign by name, such as ``objective``, ``replicates``, ``conditions``, ``overrides``.
+        Other settings of a campaign by name, such as ``objective`` (one metric), ``replicates``, ``conditions``, ``overrides``.
 
     Raises
     ------
     UserError
-        A setting is wrong.
+        A setting is wrong, or the objective has a limit.
     """
     fields = {
         "name": "objective",
@@ -136,7 +136,13 @@ def objective(
         "fidelity": fidelity,
         **settings,
     }
-    return MissionObjective(resolved_settings(fields, "objective()"), failed)
+    resolved = resolved_settings(fields, "objective()")
+    if resolved.second is not None:
+        raise UserError(
+            f"objective() returns {resolved.objective.metric} and would not keep the limit on {resolved.second.metric}; make a "
+            "function of each with two calls, and give the limit to your optimiser"
+        )
+    return MissionObjective(resolved, failed)
 
 
 def _value(p: Parameter, x: float) -> Any:

@@ -47,6 +47,8 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
         f({"gate.d96_m": 1.0})
     with pytest.raises(UserError, match="there are 2 parameters"):
         f([1.0])
+    with pytest.raises(UserError, match=r"would not keep the limit on costs\.images; make a function"):
+        tuner.objective("photographs", ["slab"], objective="f_score@photographs<=20")
     plan = tuner.objective("plan_and_gate", ["slab"])
     many = len(plan.names)
     for wrong in ([math.nan] * many, [99.0] * many, {"seed.count": 10**9}, {"seed.count": "x"}):
