@@ -159,6 +159,7 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
+    assert len(resumed.trials()) == asked.budget  # of which they are part
     assert all("theta_low_deg" in t.record.message and "\n" not in t.record.message for t in refused)
     assert not any(t.record.directory.exists() for t in refused)
     assert [e.message for e in events if e.kind == "failed"] == [t.record.message for t in refused]
