@@ -243,8 +243,7 @@ class Campaign:
         `Problem.evaluated_on`.
         """
         chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates)
-        seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
-        seen |= {self.settings.problem.drawn_rock(t.rock, t.replicate) for t in self.trials()}
+        seen = self.rocks_seen()
         for rock in chosen:
             if rock in seen:
                 raise UserError(
@@ -252,6 +251,12 @@ class Campaign:
                     "on rocks that neither has seen"
                 )
         return chosen, replicates
+
+    def rocks_seen(self) -> set[str]:
+        """Return all rocks and families that it, or a campaign that it learned from, was tuned on; drawn rocks by name, too."""
+        drawn = {self.settings.problem.drawn_rock(t.rock, t.replicate) for t in self.trials()}
+        learned = () if self.learned is None else (*self.learned.rocks, *self.learned.seen)
+        return {*self.settings.rocks, *drawn, *learned}
 
     def mean_photographs(self, values: Mapping[str, Any]) -> int | None:
         """Return how many photographs missions at ``values`` took, mean rounded up; None where none is known."""

@@ -25,9 +25,10 @@ MIN_OBSERVATIONS = 20  # with the metric, of an earlier campaign
 def learn_from(directories: Sequence[str], problem: MissionProblem, objective: Objective) -> EarlierMissions:
     """Return the missions of earlier campaigns that are configurations of the problem's space.
 
-    A mission counts where its tuned values lie in the space, what the space does not tune is as in the problem's base
-    configuration, and the objective's metric was measured. A parameter that the space tunes and the earlier campaign did not has
-    the value that campaign held it at.
+    A mission counts where its tuned values lie in the space and the objective's metric was measured. A parameter that the space
+    tunes and the earlier campaign did not has the value that campaign held it at; one that only the earlier campaign tuned has
+    to be as in the problem's base configuration. What neither tunes may differ, as rocks and fidelity may: earlier missions
+    only say which configurations run first.
 
     ``directories``: the campaigns' run directories, or ``shipped``.
 
@@ -40,6 +41,7 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
             raise UserError(f"{directory} is named twice to learn from; name each campaign once")
     observations: list[Observation] = []
     rocks: list[str] = []
+    seen: set[str] = set()
     for number, directory in enumerate(directories, start=1):
         if directory == SHIPPED:
             one = shipped_missions(problem.space, objective)
@@ -49,7 +51,8 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
         names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
         observations += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
         rocks += names.values()
-    return EarlierMissions(problem.space, tuple(rocks), tuple(observations))
+        seen |= one.seen
+    return EarlierMissions(problem.space, tuple(rocks), tuple(observations), frozenset(seen))
 
 
 def _missions_of(directory: str, problem: MissionProblem, objective: Objective) -> EarlierMissions:
@@ -69,7 +72,9 @@ def _missions_of(directory: str, problem: MissionProblem, objective: Objective) 
             f"{problem.space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
             "another campaign, or search the space it searched"
         )
-    return EarlierMissions(problem.space, earlier.settings.rocks, tuple(observations))
+    return EarlierMissions(
+        problem.space, earlier.settings.rocks, tuple(observations), frozenset(earlier.rocks_seen())
+    )
 
 
 def _values_in(problem: MissionProblem, tuned: Mapping[str, Any], held: Configuration) -> Values | None:

@@ -202,7 +202,7 @@ def require_comparable(s: CampaignSettings) -> None:
     rocks, replicates = s.problem.evaluated_on(s.compare_on, AT_THE_END)
     if s.sources:
         learned = learn_from(s.sources, s.problem, s.objective)
-        if seen := set(learned.rocks) & set(rocks):
+        if seen := {*learned.rocks, *learned.seen} & set(rocks):
             raise UserError(
                 f"{sorted(seen)[0]} is compared on, and what the campaign learns from was tuned on it; compare on another rock, "
                 f"or give --learn-from {NOTHING}"

@@ -35,6 +35,9 @@ class EarlierMissions:
     space: SearchSpace
     rocks: tuple[str, ...]
     observations: tuple[Observation, ...]
+    seen: frozenset[str] = (
+        frozenset()
+    )  # besides: rocks drawn of families, and those that their campaigns learned from
 
     @functools.cached_property
     def _model(self) -> InstanceMeanGP:
@@ -62,7 +65,7 @@ class EarlierMissions:
             [dict(o.values), o.rock, o.outcome, o.replicate, *([o.condition] if o.condition != IDEAL else [])]
             for o in self.observations
         ]
-        return json.dumps({"rocks": list(self.rocks), "missions": rows})
+        return json.dumps({"rocks": list(self.rocks), "missions": rows, "seen": sorted(self.seen)})
 
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> EarlierMissions:
@@ -72,4 +75,5 @@ class EarlierMissions:
             Observation(i, v, r, k, y, y, condition=condition[0] if condition else IDEAL)
             for i, (v, r, y, k, *condition) in enumerate(tree["missions"])
         ]
-        return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations))
+        seen = frozenset(tree.get("seen", ()))  # files of earlier versions have none
+        return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations), seen)
