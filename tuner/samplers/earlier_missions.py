@@ -35,9 +35,8 @@ class EarlierMissions:
     space: SearchSpace
     rocks: tuple[str, ...]
     observations: tuple[Observation, ...]
-    seen: frozenset[str] = (
-        frozenset()
-    )  # besides: rocks drawn of families, and those that their campaigns learned from
+    # Besides: rocks drawn of families, and those that their campaigns learned from.
+    seen: frozenset[str] = frozenset()
 
     @functools.cached_property
     def _model(self) -> InstanceMeanGP:
