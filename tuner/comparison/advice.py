@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,11 +10,9 @@ from nbv.config import MissionConfig
 from nbv.evaluation.registry import find_metric
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.result import Results, held_out_results, training_results
-from tuner.comparison.verdict import Kind, Verdict, judge
-from tuner.missions.job import Trial
+from tuner.comparison.verdict import Kind, Verdict, best_by_gain, judge
 from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit
 from tuner.problem.intervals import MIN_ROCKS, Interval
-from tuner.problem.objective import Objective
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
@@ -81,8 +79,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
         return judge(records, strategy, other, quality)
 
     plain = _plain(results.strategies, reference)
-    gains = _gains(records, plain, quality)
-    named = max(gains, key=lambda name: gains[name], default="")
+    named = best_by_gain(records, plain, TUNED, quality)
     over_plain = against(TUNED, named)
     metric = find_metric(quality.metric.rpartition(".")[2])
     in_points = metric is not None and metric[0].unit == "%"
@@ -90,7 +87,7 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     if in_points and over_plain is not None and over_plain.gain is not None:
         is_worse &= round(over_plain.gain.mean, 1) != 0.0  # less than is shown
     fly = named if results.held_out and is_worse else TUNED
-    orbit = max(filter(is_orbit, gains), key=lambda name: gains[name], default="")
+    orbit = best_by_gain(records, filter(is_orbit, plain), TUNED, quality)
     oracle = next((name for name in results.strategies if base_name(name) == CEILING), "")
     return Advice(
         fly=fly,
@@ -113,15 +110,6 @@ def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]
         return kinds
     same = {name for name in kinds if mission_key(strategies[name]) == mission_key(tuned)}
     return [name for name in kinds if name in equal | same]
-
-
-def _gains(records: Sequence[Trial], among: Iterable[str], quality: Objective) -> dict[str, float]:
-    """Return the mean gain over the recommendation of those of ``among`` that ran where it ran.
-
-    Paired, since evaluations may have run different plans on different rocks.
-    """
-    gains = {name: judge(records, name, TUNED, quality).gain for name in among}
-    return {name: gain.mean for name, gain in gains.items() if gain is not None}
 
 
 def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:

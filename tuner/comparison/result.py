@@ -26,7 +26,7 @@ from tuner.comparison.statistics import (
     share_kept,
     strategy_interval,
 )
-from tuner.comparison.verdict import Kind, Verdict, judge
+from tuner.comparison.verdict import Kind, Verdict, best_by_gain, judge
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import (
@@ -175,11 +175,9 @@ class ComparisonFacts:
     def _best_control(self, quality: Objective) -> list[Verdict]:
         """Against the best control with as many photographs, other than the reference; empty if none was run."""
         names = [name for name in controls_at_equal_number(self.plan.strategies) if name != self.reference]
-        means = {name: strategy_interval(self.records, name, quality.metric) for name in names}
-        known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
-        if not known:
+        best = best_by_gain(self.records, names, TUNED, quality)
+        if not best:
             return []
-        best = max(known, key=lambda name: known[name])
         verdict = judge(self.records, TUNED, best, quality)
         return [dataclasses.replace(verdict, best_control=True)]
 

@@ -122,7 +122,7 @@ def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
 class ComparisonRow:
     metric: MetricRow
     cells: dict[str, Interval | None]  # by strategy
-    best: tuple[str, ...]  # strategies with the best mean (several when equal)
+    best: tuple[str, ...]  # strategies with the best paired difference (several when equal)
     floor: float | None  # what a perfect reconstruction would get, mean over rocks; None for most metrics
     differences: dict[str, Interval | None]  # paired, from the reference, which is left out
 
@@ -165,14 +165,11 @@ def comparison_table(
     table = []
     for metric in rows:
         cells = {name: strategy_interval(records, name, metric.key) for name in strategies}
-        means = {name: cell.mean for name, cell in cells.items() if cell is not None}
+        paired = {name: strategy_difference(records, name, reference, metric.key) for name in strategies}
+        means = {name: difference.mean for name, difference in paired.items() if difference is not None}
         pick = max if metric.higher_is_better else min
-        best = tuple(name for name, mean in means.items() if mean == pick(means.values())) if means else ()
-        differences = {
-            name: strategy_difference(records, name, reference, metric.key)
-            for name in strategies
-            if name != reference
-        }
+        best = tuple(name for name, mean in means.items() if mean == pick(means.values()))
+        differences = {name: difference for name, difference in paired.items() if name != reference}
         table.append(ComparisonRow(metric, cells, best, rock_floor(records, metric), differences))
     counts = collections.Counter(r.strategy for r in records if r.record.status != "failed")
     failures = collections.Counter(r.strategy for r in records if r.record.status == "failed")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -53,6 +53,16 @@ def judge(
         return Verdict(Kind.NOT_PAIRED, strategy, reference, objective.metric, None, margin)
     gain = d if objective.direction == "maximise" else d.reversed
     return Verdict(kind_of(gain, margin), strategy, reference, objective.metric, gain, margin)
+
+
+def best_by_gain(records: Sequence[Trial], among: Iterable[str], over: str, objective: Objective) -> str:
+    """Return the one of ``among`` with the largest mean gain over ``over``; empty where none of them finished a block that this did.
+
+    Paired, since missions may have failed, and evaluations may have run different plans on different rocks.
+    """
+    gains = {name: judge(records, name, over, objective).gain for name in among}
+    means = {name: gain.mean for name, gain in gains.items() if gain is not None}
+    return max(means, key=lambda name: means[name], default="")
 
 
 def kind_of(gain: Interval, margin: float = 0.0) -> Kind:

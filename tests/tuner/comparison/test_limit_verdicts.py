@@ -39,3 +39,13 @@ def test_worse_than_the_best_control_is_said() -> None:
     assert found.gain.mean == pytest.approx(-0.7, abs=0.1)
     (found,) = [verdict for verdict in verdicts(97.0, Goal(F)) if verdict.best_control]
     assert found.kind is Kind.BETTER  # without a limit too
+
+
+def test_a_control_is_not_the_best_because_it_failed_on_the_hardest_rock() -> None:
+    failed = tuple(("random", "cobble", k) for k in range(3))
+    levels = {"tuned": 96.0, "hyb-h": 90.0, "random": 94.8, "covis": 96.7}
+    facts = made_facts(made_run(levels, noise=0.3, failed=failed))
+    (found,) = [verdict for verdict in facts.verdicts if verdict.best_control]
+    assert (found.kind, found.reference) == (Kind.WORSE, "covis")
+    (row,) = [row for row in facts.summary.rows if row.metric.key == F.metric]
+    assert row.best == ("covis",)  # though the mean of "random" is the largest
