@@ -44,7 +44,7 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.goal import Goal
 from tuner.problem.intervals import Interval
-from tuner.problem.objective import Objective
+from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
@@ -148,7 +148,7 @@ class ComparisonFacts:
             if same_photographs(self.records, (reference, name)):
                 out.append(Verdict(Kind.SAME, name, reference, goal.shown.metric, None))
                 continue
-            out += [self._count(name, o) for o in goal.decided]
+            out += [self._cost(name, o) for o in goal.objectives if o.metric in COUNTS or o in goal.decided]
             if goal.quality is not None:
                 margin = 0.0 if goal.limit is None else MARGIN
                 out.append(judge(self.records, name, reference, goal.quality, margin))
@@ -161,12 +161,11 @@ class ComparisonFacts:
             out += self._best_control(goal.quality)
         return out
 
-    def _count(self, name: str, o: Objective) -> Verdict:
-        """On a metric that the configuration decides, which has no interval."""
-        means = [strategy_interval(self.records, n, o.metric) for n in (name, self.reference)]
-        ours, theirs = means
-        if ours is None or theirs is None:
-            return Verdict(Kind.NOT_PAIRED, name, self.reference, o.metric, None)
+    def _cost(self, name: str, o: Objective) -> Verdict:
+        """On a count of photographs or on what the configuration decides, which has no interval."""
+        ours, theirs = (strategy_interval(self.records, n, o.metric) for n in (name, self.reference))
+        if o not in self.goal.decided or ours is None or theirs is None:
+            return judge(self.records, name, self.reference, o)
         gain = o.sign * (ours.mean - theirs.mean)
         kind = Kind.BETTER if gain > 0 else Kind.WORSE if gain < 0 else Kind.NO_DIFFERENCE
         difference = Interval(gain, None, None, ours.rocks, ours.missions, "none")

@@ -67,25 +67,23 @@ class Goal:
 
     @property
     def at_least(self) -> float | None:
-        """The limit as an outcome of the second objective, larger is better; that of a count lies half a one lower."""
-        if self.second is None or self.limit is None:
-            return None
-        return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)
+        """The limit as an outcome of the second objective, larger is better."""
+        return None if self.second is None else self.second.oriented(self.limit)
 
     @property
     def decided(self) -> list[Objective]:
         """The objectives that the configuration decides: they have no interval."""
-        exact = {cost.objective for cost in (self.exact.first, self.exact.second) if cost is not None}
-        return [o for o in self.objectives if o.metric in COUNTS or o in exact]
+        known = (self.exact.first, self.exact.second)
+        return [o for o, metric in zip(self.objectives, known) if metric is not None]
 
     @property
     def quality(self) -> Objective | None:
-        """The objective that missions decide; None where the configuration decides all."""
-        return next((o for o in self.objectives if o not in self.decided), None)
+        """The objective that missions decide, other than a count of photographs; None without one."""
+        return next((o for o in self.objectives if o.metric not in COUNTS and o not in self.decided), None)
 
     @property
     def shown(self) -> Objective:
-        """By what strategies are compared: the quality, or the objective where the configuration decides all."""
+        """By what strategies are compared: the quality, or the objective where there is none."""
         return self.quality or self.objective
 
     def __str__(self) -> str:

@@ -1,13 +1,18 @@
+import dataclasses
+
+import numpy as np
 import pytest
 from made_evaluations import made_facts, made_run
 
 from tuner.comparison.verdict import Kind, Verdict
+from tuner.problem.deterministic_metrics import DeterministicMetric, DeterministicMetrics
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
-FEWEST = Goal(IMAGES, F, 98.0)
+EXACT = DeterministicMetrics(DeterministicMetric(IMAGES, (), lambda values: 26.0))
+FEWEST = Goal(IMAGES, F, 98.0, EXACT)
 
 
 def verdicts(tuned: float = 97.0, asked: Goal = FEWEST, **changes: object) -> list[Verdict]:
@@ -18,13 +23,22 @@ def verdicts(tuned: float = 97.0, asked: Goal = FEWEST, **changes: object) -> li
 
 
 def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
-    count, quality, kept, _ = verdicts(asked=Goal(IMAGES, F, 102.0))
+    count, quality, kept, _ = verdicts(asked=dataclasses.replace(FEWEST, limit=102.0))
     assert count.counts == (26.0, 32.0) and count.kind is Kind.BETTER
     assert quality.kind is Kind.NOT_WORSE and quality.margin == 1.0
     assert quality.gain is not None and quality.gain.low is not None
     share = kept.gain
     assert kept.kind is Kind.PARTLY_KEPT and share is not None and (share.mean, share.rocks) == (75.0, 4)
     assert (share.low, share.high) == pytest.approx((30.06, 95.44), abs=0.01)
+
+
+def test_photographs_are_measured_where_missions_end_early() -> None:
+    made, rng = made_run({"tuned": 97.0, "hyb-h": 97.0}), np.random.default_rng(0)
+    for trial in made.records:
+        trial.costs["images"] = float(rng.integers(20, 45))
+    count, quality, kept = made_facts(made, Goal(F, IMAGES, 32.0)).verdicts
+    assert count.kind is Kind.NO_DIFFERENCE and count.gain is not None and count.gain.method == "rocks"
+    assert quality.metric == F.metric and kept.gain is not None and kept.gain.method == "wilson"
 
 
 @pytest.mark.parametrize(("tuned", "kind"), [(90.0, Kind.WORSE), (96.3, Kind.NOT_WORSE), (99.0, Kind.BETTER)])
