@@ -238,10 +238,11 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
     source, numbers, targets = _strategy_run(name), np.array(suite.numbers), suite.targets
     missions_at = [of[source] if source in of else of[f"{source}-{n}"] for n in suite.numbers]
     read = [
-        [np.mean([_read(t, n) for t in missions[r]], axis=0) for r in targets]
+        [[_read(t, n) for t in missions[r]] for r in targets]
         for n, missions in zip(suite.numbers, missions_at)
     ]
-    taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R) each
+    taken, scores, predicted = np.moveaxis(np.array(read, dtype=float), -1, 0)  # (N, R, replicates) each
+    number, target, replicate = np.ogrid[: len(numbers), : len(targets), : taken.shape[2]]
     ended = missions_at[:1] if source in of else missions_at
     failed = tuple(
         t for missions in ended for trials in missions.values() for t in trials if t.record.status == "failed"
@@ -250,15 +251,15 @@ def _series(suite: Suite, name: str, of: Mapping[str, Mapping[Instance, list[Tri
         wanted = LEVELS[:, None] + PHOTOGRAPHS_PER_LOG_HEIGHT * np.log(
             [_believed_height_m(suite, target) for target in targets]
         )
-        at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
+        at = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)[..., None]
     elif name.endswith(STOPPED):
-        reached = predicted[None] >= THRESHOLDS_PERCENT[:, None, None]  # (K, N, R)
+        reached = predicted >= THRESHOLDS_PERCENT[:, None, None, None]  # (K, N, R, replicates)
         at = np.where(reached.any(axis=1), reached.argmax(axis=1), len(numbers) - 1)
     else:
-        at = np.repeat(np.arange(len(numbers))[:, None], len(targets), axis=1)
+        at = number
     _, different = np.unique(at, axis=0, return_index=True)  # levels and thresholds may choose the same
-    at, columns = at[np.sort(different)], np.arange(len(targets))
-    return Series(name, taken[at, columns], scores[at, columns], failed)
+    chosen = at[np.sort(different)], target, replicate
+    return Series(name, taken[chosen].mean(axis=-1), scores[chosen].mean(axis=-1), failed)
 
 
 def _read(trial: Trial, number: int) -> tuple[float, float, float]:

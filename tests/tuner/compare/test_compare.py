@@ -220,8 +220,8 @@ def test_the_page_begins_at_the_first_number_and_repeats_nothing(tmp_path):
     assert (tmp_path / "report.html").is_file()
 
 
-def ended(rock, curve):
-    return made_trial("covis", rock, 0, measured={"metrics": {"curve": curve}})
+def ended(rock, curve, replicate=0):
+    return made_trial("covis", rock, replicate, measured={"metrics": {"curve": curve}})
 
 
 def test_levels_that_take_the_same_photographs_are_one_setting():
@@ -229,6 +229,13 @@ def test_levels_that_take_the_same_photographs_are_one_setting():
     trials = [ended("slab", [[12, 90, 90.6]]), ended("boulder", [[12, 90, 99.0]])]
     (found,) = all_series(suite, ["covis-stopped"], trials)
     assert found.photographs.tolist() == [[12, 12], [14, 12], [14, 14]]
+
+
+def test_each_mission_stops_by_its_own_prediction():
+    suite = Suite((Instance("slab"),), numbers=(12, 14), replicates=2)
+    trials = [ended("slab", [[12, 97, 99.5]]), ended("slab", [[12, 80, 89.0], [14, 84, 89.5]], 1)]
+    (found,) = all_series(suite, ["covis-stopped"], trials)
+    assert (found.photographs.tolist(), found.scores.tolist()) == ([[13.0]], [[90.5]])
 
 
 def test_what_failed_or_has_no_model_yet_scores_0_and_is_said(tmp_path):
