@@ -9,6 +9,7 @@ have replicates, are the favourite's whatever exploring promises.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import torch
@@ -42,8 +43,8 @@ def verification(
     """Return the favourite on a block that it has not run, in an instance that it has run least; None where exploring is worth more.
 
     ``models``: of the objective and, under a ``constraint``, of the second one. ``replicates``: per instance, numbered from 0.
-    ``expected_gain``: what the best mission of the search promises, objective's unit. ``last``: whether to verify whatever
-    exploring promises.
+    ``expected_gain``: what the best mission of the search promises, objective's unit; infinite where that is
+    not known. ``last``: whether to verify whatever exploring promises.
 
     The favourite has the best posterior mean, and exploring is worth more where it promises more than the noise of a mission. Where
     the objective is a deterministic metric it is the configuration whose mission has the largest expected saving, if that is more
@@ -75,7 +76,8 @@ def verification(
     if least >= replicates:
         return None
     fewest = [instance for instance, count in counts.items() if count == least]
-    proposal = Proposal(values, {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain})
+    why = {"expected_gain": expected_gain} if math.isfinite(expected_gain) else {}
+    proposal = Proposal(values, {"sampler": "gp", "phase": "verification", **why})
     instance, replicate = next_block(fewest, replicates, missions, proposal)
     return dataclasses.replace(proposal, instance=instance, replicate=replicate)
 

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import synthetic
 
@@ -62,3 +63,5 @@ def test_nothing_to_verify_while_exploring_promises_more() -> None:
     assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd) is None
     assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
     assert verification([model], history, [], 1, expected_gain=0.5 * model.noise_sd) is not None
+    drawn = verification([model], history, [], 1, expected_gain=math.inf, last=True)
+    assert drawn is not None and "expected_gain" not in drawn.metadata
