@@ -20,7 +20,7 @@ from tuner.problem.search_space import SearchSpace
 PHOTOGRAPHS = "costs.images"
 DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
 CRITERION = "stop.criterion"
-_NO_MISSION = 1e6  # the cost of values that exclude one another
+NO_MISSION = 1e6  # the cost of values that exclude one another
 _SAME = 1e-9
 
 
@@ -100,7 +100,7 @@ def photographs_metric(
             mission = config(values)
             return float(mission.seed.total + mission.adaptive_budget)
         except UserError:
-            return _NO_MISSION
+            return NO_MISSION
 
     deciding = tuple(
         p.path for p in space.parameters if any(path in DECIDES_PHOTOGRAPHS for path in (p.path, *p.also))

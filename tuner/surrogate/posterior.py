@@ -17,7 +17,7 @@ import torch
 from scipy import special
 
 from nbv.types import Bools, Floats
-from tuner.problem.deterministic_metrics import DeterministicMetric
+from tuner.problem.deterministic_metrics import NO_MISSION, DeterministicMetric
 from tuner.problem.search_space import SearchSpace
 
 FREEDOM = 5.0  # degrees of freedom of intervals and probabilities
@@ -75,19 +75,24 @@ class DeterministicOutcome:
         )
 
     def worst(self) -> float:
-        """Return the least outcome at the ends of the parameters that decide it."""
-        return min(self._at_ends())
+        """Return the least outcome at the ends of the parameters that decide it, and at points between them.
+
+        Values that exclude one another have none.
+        """
+        outcomes = self._everywhere()
+        return min([y for y in outcomes if abs(y) != NO_MISSION] or outcomes)
 
     def best(self) -> float:
-        """Return the largest outcome at these ends, and at points between them."""
-        points = np.random.default_rng(0).random((MOST_BETWEEN, self.space.dimension))
-        return max([*self._at_ends(), *self.at(torch.from_numpy(points)).tolist()])
+        """Return the largest outcome at these ends and points."""
+        return max(self._everywhere())
 
-    def _at_ends(self) -> list[float]:
+    def _everywhere(self) -> list[float]:
+        points = np.random.default_rng(0).random((MOST_BETWEEN, self.space.dimension))
         parameters = [self.space.parameters[i] for i in self._columns]
         some = self.space.from_unit([0.5] * self.space.dimension)
         ends = itertools.islice(itertools.product(*(p.ends for p in parameters)), MOST_ENDS)
-        return [self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends]
+        at_ends = [self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends]
+        return [*at_ends, *self.at(torch.from_numpy(points)).tolist()]
 
     def keeps(self, outcomes: Floats, at_least: float) -> Bools:
         """Return whether each outcome is at least that, whatever a position rounds to."""

@@ -17,6 +17,7 @@ from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
+from tuner.surrogate.posterior import DeterministicOutcome
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 VARIED = {
@@ -90,6 +91,18 @@ def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
     assert cheaper and np.mean([o.outcome for o in cheaper]) < 87.0
     never = advise(history, 99.0, least_cost=True)
     assert never.limit is not None and not never.limit.kept and never.limit.probability < 0.05
+
+
+def test_the_most_expensive_configuration_is_one_that_can_run() -> None:
+    """30 seeds and at most 20 photographs exclude one another; 30 and 8 are the most."""
+    varied = {
+        "seed.count": {"kind": "int", "low": 16, "high": 30, "default": 16},
+        "stop.max_photographs": {"kind": "int", "low": 20, "high": 40, "default": 32},
+    }
+    base = {**FIXED, "seed.layout": "turn", "sparse.ground_features": 2000}
+    space = space_from_dict({"name": "most", "base": base, "parameters": varied}, "test")
+    cost = settings(space=space, objective=PHOTOGRAPHS, second=Objective(), limit=97.0).goal.exact.first
+    assert cost is not None and DeterministicOutcome(space, cost).worst() == -38.0
 
 
 def test_a_proposal_within_a_modelled_limit_is_a_function_of_the_ledger() -> None:
