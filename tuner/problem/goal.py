@@ -67,8 +67,11 @@ class Goal:
 
     @property
     def at_least(self) -> float | None:
-        """The limit as an outcome of the second objective, larger is better."""
-        return None if self.second is None else self.second.oriented(self.limit)
+        """The limit as an outcome of the second objective, larger is better; of a count what rounds to a number that keeps it does."""
+        if self.second is None or self.limit is None:
+            return None
+        least = self.second.sign * self.limit
+        return math.ceil(least) - 0.5 if self.second.metric in COUNTS else least
 
     @property
     def decided(self) -> list[Objective]:

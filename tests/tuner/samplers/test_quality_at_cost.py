@@ -35,7 +35,7 @@ settings = functools.partial(fake_campaigns.settings, space=SPACE, sampler="gp",
 def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
     with pytest.raises(UserError, match="limit of 25 photographs is below the 26 that"):  # 24 seeds, 2 views
         settings(limit=25.0)
-    assert settings(limit=26.0).goal.at_least == -26.0
+    assert [settings(limit=at).goal.at_least for at in (26.0, 26.5)] == [-26.5, -26.5]  # 27 is too many
     with pytest.raises(UserError, match="a limit is of a second objective"):
         settings(second=None, limit=40.0)
 
@@ -70,16 +70,6 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
     assert result.runner_up is None or result.runner_up.values["stop.adaptive_budget"] <= 6
     assert Recommendation.from_dict(result.to_dict()) == result
-
-
-def test_a_mean_a_quarter_above_the_limit_does_not_keep_it() -> None:
-    """A mission in four takes one photograph more."""
-    rng, history = np.random.default_rng(0), list[Observation]()
-    for i in range(24):
-        values = {"stop.adaptive_budget": 2 + 2 * (i // 8), "pool.max_altitude_m": 4.0}
-        o = run_missions(i, values, rng)
-        history.append(dataclasses.replace(o, second=(o.second or 0.0) - (i % 4 == 0)))
-    assert advise(history, 30.0).values["stop.adaptive_budget"] == 4
 
 
 def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
