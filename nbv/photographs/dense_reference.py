@@ -100,9 +100,7 @@ class ReferenceMaker:
                 ],
             )
             clouds.append(PointCloud(**entry))
-        return object_cloud(
-            clouds[0] if parts == 1 else _joined(clouds), self.frame, masked=bool(self.source.masks)
-        )
+        return object_cloud(clouds[0] if parts == 1 else _joined(clouds), self.frame)
 
     def _fused(
         self, views: Sequence[Photograph], config: DenseConfig, near_m: Floats | None, what: str
@@ -148,10 +146,10 @@ def _joined(clouds: Sequence[PointCloud]) -> PointCloud:
     return PointCloud(points[first], colors[first], normals[first])
 
 
-def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
-    """The points in the object's box, off the ground unless ``masked``, without outliers; `UserError` where hardly any is left."""
+def object_cloud(cloud: PointCloud, frame: ObjectFrame) -> PointCloud:
+    """The points in the object's box, off the ground unless all photographs have masks, without outliers; `UserError` where hardly any is left."""
     inside = frame.in_box(cloud.points_m)
-    if not masked:
+    if not frame.masked:
         inside &= cloud.points_m[:, 2] > frame.low_m[2] + GROUND_BAND_M
     cleaned = select(cloud, inside)
     config = EvaluationConfig()

@@ -40,6 +40,7 @@ class ObjectFrame:
     notes: tuple[str, ...]
     # The box stands on ground that was seen; else it begins where the object is seen to.
     grounded: bool = True
+    masked: bool = False  # every photograph with a pose has a mask
 
     @property
     def half_width_m(self) -> float:
@@ -61,8 +62,9 @@ class ObjectFrame:
 def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
     """A frame from where the cameras look and how they are held, and the box of what rises from the ground there.
 
-    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks mark the object. `UserError` where
-    the cameras look at no common place, or the masks are white or black everywhere, inverted, or of another size.
+    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks mark the object; photographs
+    without one say nothing of it where others have one. `UserError` where the cameras look at no common place, or the masks are
+    white or black everywhere, inverted, or of another size.
     """
     center = _gaze_point(model)
     gaze = center - model.centers
@@ -83,10 +85,13 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
     rotation = turn.as_matrix()
     scale = MEDIAN_DISTANCE_M / float(np.median(distances))
     frame_from_model = Similarity(scale, rotation, -scale * rotation @ center)
-    in_mask = _in_masks(model, source, center) if source.masks else None
-    low, high, grounded, word = _box(model.moved(frame_from_model), in_mask)
+    in_object = _in_object(model, source, center) if source.masks else None
+    low, high, grounded, word = _box(model.moved(frame_from_model), in_object)
+    count, total = sum(name in source.masks for name in model.names), len(model.names)
+    if 0 < count < total:
+        notes.append(f"masks for {count} of {total} photographs")
     notes.append(f"object: {word}")
-    return ObjectFrame(frame_from_model, low, high, tuple(notes), grounded)
+    return ObjectFrame(frame_from_model, low, high, tuple(notes), grounded, masked=count == total)
 
 
 def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
@@ -132,12 +137,13 @@ def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
     return mean, "the mean of the photographs' ups, since they are not held level"
 
 
-def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, bool, str]:
-    """Corners (3,), (3,) of the object's box in the model's frame, whether it stands on ground, and how it was found."""
+def _box(model: SolvedModel, share: Floats | None) -> tuple[Floats, Floats, bool, str]:
+    """Corners (3,), (3,) of the object's box in the model's frame, whether it stands on ground, and how it was found.
+
+    ``share`` (N,) as `_in_object` gives it, where there are masks.
+    """
     points = model.xyz
-    if in_mask is not None:
-        seen = np.maximum(np.bincount(model.points, minlength=len(points)), 1)
-        share = np.bincount(model.points, weights=in_mask, minlength=len(points)) / seen
+    if share is not None:
         members = without_isolated(points[share >= IN_MASK], ISOLATED_M)
         if len(members) < MIN_POINTS:
             raise UserError(
@@ -184,8 +190,8 @@ def _ground_beside(points: Floats, low: Floats, high: Floats) -> float | None:
     return float(np.median(band)) if len(band) >= GROUND_SHARE * len(heights) else None
 
 
-def _in_masks(model: SolvedModel, source: ImportSource, center: Floats) -> Bools:
-    """(T,) whether each observation lies on the object, near ``center`` (3,); it does not where there is no mask. Errors as `find_object`."""
+def _in_object(model: SolvedModel, source: ImportSource, center: Floats) -> Floats:
+    """(N,) share of each point's observations in masks that lies on the object, near ``center`` (3,); NaN without any. Errors as `find_object`."""
     inside, masked, white = np.zeros(len(model.views), dtype=bool), np.zeros(len(model.views), dtype=bool), []
     for view, name in enumerate(model.names):
         if (mask := source.mask(name)) is not None:
@@ -204,4 +210,5 @@ def _in_masks(model: SolvedModel, source: ImportSource, center: Floats) -> Bools
         raise UserError(
             f"the masks in {folder} are black where the cameras look and white around it; invert them: white is the object"
         )
-    return inside
+    seen, on_object = (np.bincount(model.points[of], minlength=len(model.xyz)) for of in (masked, inside))
+    return np.where(seen, on_object / np.maximum(seen, 1), np.nan)

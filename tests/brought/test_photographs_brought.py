@@ -21,12 +21,14 @@ from rendered_photographs import save, silent
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, look_at
+from nbv.photographs.dense_reference import object_cloud
 from nbv.photographs.folder import MIRRORED, _position, find_masks, read_folder
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.importer import ImportOptions, import_photographs
 from nbv.photographs.mapping import _cameras, _Images, solve
 from nbv.photographs.model_files import read_model
 from nbv.photographs.object_frame import find_object
+from nbv.types import PointCloud
 
 SET_RADIUS = ball.RADIUS_M * 3.5 / ball.DISTANCE_M
 
@@ -114,6 +116,24 @@ def test_lens_orientation_and_masks(
     frame = find_object(model, source)
     assert frame.frame_from_model.scale * ball.RADIUS_M == pytest.approx(SET_RADIUS, rel=0.01)
     assert frame.grounded and (frame.high_m - frame.low_m)[2] == pytest.approx(2 * SET_RADIUS, rel=0.02)
+
+
+@pytest.mark.parametrize("count", [0, 3, 14])
+def test_photographs_without_a_mask_say_nothing_where_others_have_one(tmp_path: Path, count: int) -> None:
+    folder, masks = ball.write_photographs(tmp_path / "photographs"), tmp_path / "masks"
+    (tmp_path / "model").mkdir()
+    ball.model("PINHOLE").write_binary(tmp_path / "model")
+    masks.mkdir()
+    for index, (_, mask) in list(enumerate(ball.drawn("PINHOLE"), start=1))[::-1][:count]:
+        Image.fromarray(mask.astype(np.uint8) * 255).save(masks / f"view_{index:02d}.png")
+    model, source, _ = solve(source_of(folder, masks if count else None), tmp_path / "model")
+    frame = find_object(model, source)
+    assert (frame.high_m - frame.low_m)[2] == pytest.approx(2 * SET_RADIUS, rel=0.03)
+    assert ("masks for 3 of 14 photographs" in frame.notes) == (count == 3)
+    ground = np.random.default_rng(0).uniform([-1, -1, 0], [1, 1, 0], (3000, 3)) + frame.low_m * [0, 0, 1]
+    cloud = PointCloud(np.concatenate([ground, ground + np.array([0, 0, 0.5])]), None, None)
+    # Masks of all photographs have taken the ground away already.
+    assert (object_cloud(cloud, frame).points_m[:, 2] < ground[0, 2] + 0.1).any() == (count == 14)
 
 
 def tagged(folder: Path, index: int, tags: dict[int, object]) -> None:
