@@ -66,6 +66,7 @@ class Fidelity(ABC):
     # Parameters that it takes no notice of, as paths or sections with a dot behind: refused (`require_noticed`).
     unnoticed: ClassVar[Sequence[str]] = ()
     under_conditions: ClassVar[bool] = True  # whether a condition may set them even so
+    follows_size: ClassVar[bool] = True  # whether target and crops follow a rock that is not 1.6 m high
     facts: Mapping[str, Any]  # for the provenance: backends, versions
     load: Callable[[str, Store | None], Rock] = staticmethod(load_rock)  # the rock of a name
 
@@ -171,9 +172,12 @@ class Fidelity(ABC):
         low, high, home = buried.vertices_m.min(axis=0), buried.vertices_m.max(axis=0), config.flight.home_m
         if all(a <= x <= b for a, x, b in zip(low[:2], home, high[:2])) and home[2] < high[2]:
             raise UserError(f"flight.home_m {home} lies inside {rock}; take off beside it")
-        of_a_size = with_size_error(cls.simulated(config), buried, replicate)
+        of_a_size = cls.simulated(config)
+        if cls.follows_size:
+            of_a_size = with_size_error(of_a_size, buried, replicate)
+            config = with_true_target(config, buried)
         return MissionContext(
-            config=with_true_target(config, buried),
+            config=config,
             rock=buried,
             replicate=replicate,
             vehicle_config=with_target_error(of_a_size, buried.sha256, replicate),

@@ -9,6 +9,7 @@ from nbv.geometry.target import find_target
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
+from nbv.rocks.rock import DEFAULT_HEIGHT_M
 from nbv.types import SparseModel
 from nbv.viewpoints import raw_candidates
 
@@ -18,32 +19,36 @@ KNOWN_MARGIN_M = 0.1  # beyond the ends of a rock as large as it may be
 # the target, and a crop about that part cuts the rest off.
 BOX_MARGIN_M, CROP_MARGIN_M = 1.0, 0.5
 ROUNDING_M = 1e-6
+SAME_HEIGHT = 0.01  # relative: an imported rock is as high as `MissionConfig.target_m` takes it to be
 
 
 def with_true_target(config: MissionConfig, rock: Rock) -> MissionConfig:
-    """``config`` with the true target of a generated rock, whose height varies: for metrics alone, never for planning.
+    """``config`` with the true target of a rock that is generated or not 1.6 m high: for metrics alone, never for planning.
 
-    Unchanged for other rocks, which are 1.6 m high, and where the user has set a target.
+    Unchanged for other rocks, and where the user has set a target.
     """
-    return with_target_size(config, *_size_m(rock)) if _is_drawn(config, rock) else config
+    return with_target_size(config, *_size_m(rock)) if _has_own_size(config, rock) else config
 
 
 def with_size_error(config: MissionConfig, rock: Rock, replicate: int) -> MissionConfig:
-    """``config`` with the target and the crops that follow from the prior size of a rock drawn from a family.
+    """``config`` with the target and the crops that follow from the prior size of a rock that is generated or not 1.6 m high.
 
-    That size is off by up to ``target.size_error_percent``: one uniform error for height and width, drawn per (rock,
+    A generated rock's is off by up to ``target.size_error_percent``: one uniform error for height and width, drawn per (rock,
     replicate); the crops leave room for it. For any other rock, or a target that was set, ``config`` itself.
     """
-    if not _is_drawn(config, rock):
+    if not _has_own_size(config, rock):
         return config
-    error = config.target.size_error_percent / 100.0
+    error = 0.0 if generated_name(rock.name) is None else config.target.size_error_percent / 100.0
     drawn = 1.0 + error * keyed_rng("size-belief", rock.name, replicate).uniform(-1.0, 1.0)
     height_m, half_width_m = (drawn * size_m for size_m in _size_m(rock))
     return reaching_a_ring(with_target_size(config, height_m, half_width_m, 1.0 / (1.0 - error)))
 
 
-def _is_drawn(config: MissionConfig, rock: Rock) -> bool:
-    return generated_name(rock.name) is not None and config.target_m == MissionConfig().target_m
+def _has_own_size(config: MissionConfig, rock: Rock) -> bool:
+    if config.target_m != MissionConfig().target_m:
+        return False
+    height_m = _size_m(rock)[0] + config.ground.burial_m  # before it was laid into the ground
+    return generated_name(rock.name) is not None or abs(height_m / DEFAULT_HEIGHT_M - 1) > SAME_HEIGHT
 
 
 def _size_m(rock: Rock) -> tuple[float, float]:

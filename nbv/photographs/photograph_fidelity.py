@@ -55,6 +55,7 @@ class PhotographFidelity(CloudFidelity):
         *("scene.", "sensor.", "ground.", "wind.", "target.", "camera.", "target_m"),
     )
     under_conditions = False
+    follows_size = False  # the set says where its object is and how large
     viewpoints: PhotographViewpoints
     camera: PhotographCamera
     evaluation_code = "nbv.photographs"

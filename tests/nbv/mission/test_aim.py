@@ -1,13 +1,17 @@
-"""A drawn rock's own height: where it is measured, what a mission to it is told, and what its crops hold."""
+"""A rock's own height: where it is measured, what a mission to it is told, and what its crops hold."""
 
 import dataclasses
 
 import numpy as np
+import pytest
 
 from nbv.config import preset
 from nbv.geometric.geometric_fidelity import GeometricFidelity, run_geometric_mission
 from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
+from nbv.photographs.photograph_fidelity import PhotographFidelity
 from nbv.rocks import load_coarse_rock
+from nbv.stopwatch import Stopwatch
+from nbv.terrain.burial import buried_rock
 
 CAMPAIGN = preset("campaign")
 TALL = "boulder-20001"  # 2.6 m
@@ -21,9 +25,30 @@ def test_the_middle_of_a_drawn_rock_is_aimed_at_and_its_ends_are_kept() -> None:
     for half_m in (config.dense.crop_half_width_m, config.evaluation.crop_half_extent_m):
         assert config.target_m[2] + half_m >= top_m
         assert half_m >= np.abs(rock.vertices_m[:, :2]).max() + KNOWN_MARGIN_M - 1e-3
-    assert with_true_target(CAMPAIGN, dataclasses.replace(rock, name="brought")) is CAMPAIGN
     chosen = CAMPAIGN.with_values({"target_m": [0.0, 0.0, 1.0]})
     assert with_true_target(chosen, rock) is chosen
+
+
+def test_an_imported_rock_is_aimed_at_as_high_as_it_is() -> None:
+    drawn = load_coarse_rock(TALL)
+    tall = dataclasses.replace(drawn, name="brought")
+    true = with_true_target(CAMPAIGN, drawn)
+    assert with_true_target(CAMPAIGN, tall) == true
+    told = with_size_error(CAMPAIGN, tall, 3)  # without an error
+    assert (told.target_m, told.dense) == (true.target_m, true.dense)
+    scale = 1.6 / tall.vertices_m[:, 2].max()
+    usual = dataclasses.replace(tall, vertices_m=1.005 * scale * tall.vertices_m)
+    low = CAMPAIGN.with_values({"ground.burial_m": 0.4})
+    for config in (CAMPAIGN, low):
+        laid = buried_rock(usual, config)
+        assert with_true_target(config, laid) is config is with_size_error(config, laid, 3)
+
+
+def test_a_set_of_photographs_says_itself_where_its_object_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    tall = dataclasses.replace(load_coarse_rock(TALL), name="brought")
+    monkeypatch.setattr(PhotographFidelity, "load", lambda *_: tall)
+    context = PhotographFidelity.prepare(CAMPAIGN, "brought", 0, None, False, Stopwatch())
+    assert context.config == CAMPAIGN == context.vehicle_config
 
 
 def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None:
