@@ -24,7 +24,7 @@ from nbv.rocks.importer import stored_import
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, RockSource, Split, make_rock, rock_arrays
-from nbv.safe_files import expanded, is_file, read_npz, write_atomic
+from nbv.safe_files import NPZ_BYTES, expanded, is_file, read_npz, require, write_atomic
 
 log = logging.getLogger(__name__)
 
@@ -149,9 +149,10 @@ def check_name(name: str, what: str = "a rock") -> str:
 
 
 def write_rock(rock: Rock, path: Path) -> None:
-    """Write ``rock`` so that a reader sees the whole file or none of it."""
+    """Write ``rock`` so that a reader sees the whole file or none of it; `UserError` where it is too large to be read back."""
     buffer = io.BytesIO()
     np.savez(buffer, format=np.array(_FORMAT), **rock_arrays(rock))  # type: ignore[arg-type]
+    require(buffer.tell(), NPZ_BYTES, f"the size of rock {rock.name} in bytes")
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(path, buffer.getbuffer())
 

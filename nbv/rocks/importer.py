@@ -37,6 +37,7 @@ from nbv.types import Floats
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
+SURELY = 1.2  # so many times the limit foretold, and subdivision passes it
 MAX_REACH_M = 3.0  # viewpoints are 3.5 m from the target
 MAX_STEP, FAR = 0.002, 100.0  # of coordinates, and how far they are, in sizes of the body
 ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say nothing
@@ -89,6 +90,11 @@ def import_mesh(
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
     if max_edge_m > MAX_EDGE_M:
         notes.append(f"{area_m2:.0f} m2 of surface: subdivided to {max_edge_m * 1e3:.0f} mm only")
+    sides_m = np.sort(np.linalg.norm(np.diff(mesh.values[mesh.faces[:, [0, 1, 2, 0]], :3], axis=1), axis=2))
+    if _foretold_faces(sides_m, max_edge_m) > SURELY * MAX_FINE_FACES:
+        while _foretold_faces(sides_m, max_edge_m) > MAX_FINE_FACES:
+            max_edge_m *= 1.1
+        notes.append(f"many long, thin faces: subdivided to {max_edge_m * 1e3:.0f} mm only")
     # Both faces at an edge are split together: what is watertight stays so. What vertices carry is averaged.
     values, faces = trimesh.remesh.subdivide_to_size(mesh.values, mesh.faces, max_edge_m, max_iter=60)
     if len(faces) > len(mesh.faces):
@@ -123,6 +129,12 @@ def import_mesh(
         difficulty=f"imported; {100 * overhanging:.0f} % of the surface leans over",
         notes=tuple(notes),
     )
+
+
+def _foretold_faces(sides_m: Floats, max_edge_m: float) -> float:
+    """About how many faces subdivision gives: one of sides (F, 3), the shortest first, becomes 4, 3 or 2 whenever 3, 2 or 1 are too long."""
+    halved = np.maximum(np.ceil(np.log2(sides_m / max_edge_m)), 0)
+    return float((2.0 ** halved[:, 2] * 1.5 ** halved[:, 1] * (4 / 3) ** halved[:, 0]).sum())
 
 
 def stored_import(path: Path, store: Store | None) -> Rock:

@@ -11,7 +11,7 @@ from textured_ball import PICTURE, write_ball
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.photograph_set import set_folder
-from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
+from nbv.rocks import catalogue, import_mesh, importer, list_rocks, load_rock, procedural, save_imported
 from nbv.rocks.catalogue import LOADED, surface_path
 from nbv.rocks.recipes import RECIPES
 
@@ -134,3 +134,11 @@ def test_damaged_imported_rock_is_refused(home, mesh_file, caplog):
         load_rock("mine")
     assert [rock.name for rock in list_rocks()] == list(RECIPES)
     assert "import it again" in caplog.text
+
+
+def test_a_rock_too_large_to_be_read_back_is_not_written(home, mesh_file, monkeypatch):
+    rock = import_mesh(mesh_file, name="mine")
+    monkeypatch.setattr(catalogue, "NPZ_BYTES", 1000)
+    with pytest.raises(UserError, match="the size of rock mine in bytes is"):
+        save_imported(rock)
+    assert not list(home.rglob("mine*"))

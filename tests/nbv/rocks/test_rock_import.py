@@ -10,7 +10,7 @@ from PIL import Image
 from textured_ball import PICTURE, write_ball
 
 from nbv.errors import UserError
-from nbv.rocks import describe, import_mesh
+from nbv.rocks import describe, import_mesh, importer
 
 SMALL_M = 0.4  # a quarter of the usual height has a sixteenth of the faces
 
@@ -30,6 +30,19 @@ def test_texture_is_not_mirrored_and_is_linear(tmp_path):
     expected = np.column_stack([u, v, np.full_like(u, 128 / 255)])
     expected = np.where(expected > 0.04045, ((expected + 0.055) / 1.055) ** 2.4, expected / 12.92)
     np.testing.assert_allclose(rock.albedo, expected, atol=0.01)
+
+
+def test_thin_faces_do_not_multiply_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(importer, "MAX_FINE_FACES", 40_000)
+    faces = {}
+    for sections in (6, 200):  # 300,000 faces of the second, for as much surface
+        trimesh.creation.cylinder(radius=0.5, height=1.6, sections=sections).export(tmp_path / "c.ply")
+        rock = small(tmp_path / "c.ply")
+        faces[sections] = len(rock.faces)
+        told = [note for note in rock.notes if "thin faces: subdivided to" in note]
+        edge_m = np.linalg.norm(np.diff(rock.vertices_m[rock.faces], axis=1), axis=2).max()
+        assert (edge_m > 0.009) == bool(told) == (sections == 200)
+    assert 15_000 < faces[200] < 60_000
 
 
 @pytest.mark.parametrize("up", ["x", "-y", "-z"])
