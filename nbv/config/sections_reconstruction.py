@@ -20,6 +20,8 @@ from nbv.config.declaration import (
 )
 from nbv.config.names import DENSE_BACKENDS
 
+_PairAngle = Annotated[float, Meta(ge=0, le=180)]
+
 
 @dataclass(frozen=True)
 class SparseConfig(Section):
@@ -85,10 +87,12 @@ class DenseConfig(Section):
         names=lambda: DENSE_BACKENDS,
         plugins=True,
     )
-    neighbours: OneOrMore = not_in_paper(3, "stereo partners of a photograph")
-    min_pair_angle_deg: float = not_in_paper(3.0, "least angle of a stereo pair, seen from the target")
-    max_pair_angle_deg: float = not_in_paper(35.0, "largest angle of a stereo pair")
-    best_pair_angle_deg: float = not_in_paper(10.0, "best angle of a stereo pair")
+    neighbours: Annotated[int, Meta(ge=1, le=127)] = not_in_paper(3, "stereo partners of a photograph")
+    min_pair_angle_deg: _PairAngle = not_in_paper(3.0, "least angle of a stereo pair, seen from the target")
+    max_pair_angle_deg: _PairAngle = not_in_paper(35.0, "largest angle of a stereo pair")
+    best_pair_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
+        10.0, "best angle of a stereo pair"
+    )
     min_baseline_angle_deg: Annotated[float, Meta(ge=0, lt=90)] = not_in_paper(
         0.0, "least angle between a pair's baseline and the line to the target", added=True
     )
@@ -100,9 +104,13 @@ class DenseConfig(Section):
         0, "long side to which photographs are reduced for stereo; 0: as taken", added=True
     )
     agreeing_views: TwoOrMore = not_in_paper(3, "views, the reference included, that must agree on a depth")
-    consistency_views: int = not_in_paper(10, "views in which a depth is checked")
-    consistency_relative_depth: float = not_in_paper(0.005, "largest relative difference of agreeing depths")
-    consistency_px: float = not_in_paper(1.0, "largest reprojection error of agreeing depths")
+    consistency_views: Annotated[int, Meta(ge=1, le=254)] = not_in_paper(
+        10, "views in which a depth is checked"
+    )
+    consistency_relative_depth: Positive = not_in_paper(
+        0.005, "largest relative difference of agreeing depths"
+    )
+    consistency_px: Positive = not_in_paper(1.0, "largest reprojection error of agreeing depths")
     patchmatch_sources: OneOrMore = not_in_paper(
         6, "photographs that PatchMatch matches one with", reason=_TABLE, added=True
     )
@@ -116,7 +124,7 @@ class DenseConfig(Section):
     patchmatch_draws: OneOrMore = not_in_paper(
         8, "times that PatchMatch draws a source for a pixel", reason=_TABLE, added=True
     )
-    fusion_voxel_m: float = not_in_paper(
+    fusion_voxel_m: Positive = not_in_paper(
         0.008, "voxel in which points are averaged", reason="a pixel at 3.5 m is 7.5 mm"
     )
 
@@ -132,18 +140,18 @@ class EvaluationConfig(Section):
     """Cleaning and metrics."""
 
     crop_half_extent_m: Positive = code(1.5, "evaluation script", "half the side of the cube that is kept")
-    ground_ransac_iterations: int = code(500, "evaluation script", "trials of the ground plane")
-    ground_ransac_threshold_m: float = code(
+    ground_ransac_iterations: Count = code(500, "evaluation script", "trials of the ground plane")
+    ground_ransac_threshold_m: Positive = code(
         0.03, "evaluation script", "largest distance of ground points to the ground plane"
     )
-    ground_max_tilt_deg: float = not_in_paper(
+    ground_max_tilt_deg: Annotated[float, Meta(ge=0, lt=90)] = not_in_paper(
         15.0, "largest tilt of the ground plane", reason="else a facet of the rock may go"
     )
-    ground_max_offset_m: float = not_in_paper(
+    ground_max_offset_m: NonNegative = not_in_paper(
         0.2, "largest distance of the ground plane from z = 0 below the target"
     )
-    sor_neighbours: int = code(20, "evaluation script", "neighbours in statistical outlier removal")
-    sor_std_ratio: float = code(
+    sor_neighbours: OneOrMore = code(20, "evaluation script", "neighbours in statistical outlier removal")
+    sor_std_ratio: NonNegative = code(
         2.0, "evaluation script", "standard deviations beyond which a point is an outlier"
     )
     floater_radius_m: NonNegative = not_in_paper(
@@ -152,16 +160,18 @@ class EvaluationConfig(Section):
         reason="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
         added=True,
     )
-    gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: keep them")
+    gt_gate_m: NonNegative = text(
+        0.0, "IV has no gate", "points farther from the truth are deleted; 0: keep them"
+    )
     gt_samples: Annotated[int, Meta(ge=1000)] = code(
         100_000, "evaluation script", "samples of the true surface for the metrics"
     )
-    thresholds_mm: tuple[float, ...] = code(
+    thresholds_mm: tuple[Positive, ...] = code(
         (16.0, 32.0, 48.0, 64.0, 80.0),
         "evaluation script; IV prints two",
         "thresholds of completeness, accuracy and F-score",
     )
-    azimuth_sectors: int = code(12, "comparison script", "sectors of completeness by azimuth")
+    azimuth_sectors: OneOrMore = code(12, "comparison script", "sectors of completeness by azimuth")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -103,8 +103,10 @@ class SensorConfig(Section):
     Values, not draws, but for ``exposure_jitter_ev`` and the direction of the motion, which are drawn per photograph.
     """
 
-    exposure_ev: float = not_in_paper(0.0, "exposure in stops", reason="cameras offer -3 to 3")
-    exposure_jitter_ev: NonNegative = not_in_paper(
+    exposure_ev: Annotated[float, Meta(ge=-10, le=10)] = not_in_paper(
+        0.0, "exposure in stops", reason="cameras offer -3 to 3"
+    )
+    exposure_jitter_ev: Annotated[float, Meta(ge=0, le=10)] = not_in_paper(
         0.0,
         "standard deviation of the exposure between photographs",
         reason="automatic exposure steps by 1/3",

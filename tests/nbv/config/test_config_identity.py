@@ -78,6 +78,36 @@ def test_values_that_cannot_be_are_refused(values: dict, says: str) -> None:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("dense.neighbours", 128),
+        ("dense.min_pair_angle_deg", -1.0),
+        ("dense.max_pair_angle_deg", 181.0),
+        ("dense.best_pair_angle_deg", 0.0),
+        ("dense.consistency_views", 0),
+        ("dense.consistency_views", 255),
+        ("dense.consistency_relative_depth", 0.0),
+        ("dense.consistency_px", 0.0),
+        ("dense.fusion_voxel_m", 0.0),
+        ("evaluation.ground_ransac_iterations", -1),
+        ("evaluation.ground_ransac_threshold_m", 0.0),
+        ("evaluation.ground_max_tilt_deg", 90.0),
+        ("evaluation.ground_max_offset_m", -0.1),
+        ("evaluation.sor_neighbours", 0),
+        ("evaluation.sor_std_ratio", -1.0),
+        ("evaluation.gt_gate_m", -1.0),
+        ("evaluation.thresholds_mm", [-5.0]),
+        ("evaluation.azimuth_sectors", 0),
+        ("sensor.exposure_ev", 2000.0),
+        ("sensor.exposure_jitter_ev", 2000.0),
+    ],
+)
+def test_what_would_fail_after_the_flight_is_refused_before(path: str, value: object) -> None:
+    with pytest.raises(UserError, match=f"^{path} is .*; it must be "):
+        MissionConfig().with_values({path: value})
+
+
 def test_a_sun_is_where_its_angles_put_it() -> None:
     def travel(**values: float | None) -> np.ndarray:
         config = MissionConfig().with_values({f"scene.{name}": value for name, value in values.items()})
