@@ -5,11 +5,12 @@ COLMAP's pipeline drives its mapper here, since all photographs are there and th
 
 from __future__ import annotations
 
+import fcntl
 import sqlite3
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from nbv.photographs.folder import shrunk_size
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
+from nbv.safe_files import open_to_write
 from nbv.sparse.colmap import files_of, model_of, pipeline_options
 from nbv.sparse.features import extract_features
 from nbv.sparse.matching import match_pair
@@ -245,15 +247,25 @@ class _Images:
 
     @contextmanager
     def matched(self) -> Iterator[Path]:
-        """COLMAP's database with features and verified matches: in the store, where there is one, so that an import can go on."""
+        """COLMAP's database with features and verified matches: in the store, where there is one, so that an import can go on.
+
+        An import of the same photographs waits for the one that has it.
+        """
         store, progress = self.source.store, self.source.progress
-        with tempfile.TemporaryDirectory(prefix="nbv-matches-") as folder:
+        with ExitStack() as stack:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="nbv-matches-"))
             path, listed = Path(folder) / "database.db", Path(folder) / "pairs.txt"
             if store is not None:
                 key = cache_key(__name__, *self.inputs)
                 stored = store.root / "photograph-matches" / key[:2] / key
                 with suppress(OSError):  # nobody may write there
                     stored.parent.mkdir(parents=True, exist_ok=True)
+                    lock = stack.enter_context(open_to_write(stored.with_name(f".{key}.lock"), 0))
+                    try:
+                        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    except BlockingIOError:
+                        progress("waiting for another import of these photographs", 0, 1)
+                        fcntl.flock(lock, fcntl.LOCK_EX)
                     if stored.exists() and not _is_sound(stored):
                         stored.unlink()
                     stored.touch()

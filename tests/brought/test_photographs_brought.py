@@ -5,8 +5,10 @@ import json
 import re
 import shutil
 import struct
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 
 import drawn_ball as ball
 import numpy as np
@@ -438,6 +440,26 @@ def test_a_damaged_database_of_matches_is_made_anew(tmp_path: Path) -> None:
         path.write_bytes(damaged)
         with images.matched() as again, pycolmap.Database.open(again) as database:
             assert again == path and database.num_descriptors() > 0 and database.num_images() == 14
+
+
+def test_two_imports_of_the_same_photographs_take_turns(tmp_path: Path) -> None:
+    found, said = source_of(ball.write_photographs(tmp_path / "photographs")), SimpleQueue[str]()
+    first, second = (
+        _Images(replace(found, store=Store(tmp_path / "store"), progress=progress), names, *_cameras(found))
+        for names in [[p.name for p in found.photographs]]
+        for progress in (silent, lambda what, *_: said.put(what))
+    )
+
+    def matches() -> Path:
+        with second.matched() as path:
+            return path
+
+    with ThreadPoolExecutor(1) as pool:
+        with first.matched() as path:
+            other = pool.submit(matches)
+            assert said.get(timeout=30) == "waiting for another import of these photographs"
+            assert not other.done()
+        assert other.result(timeout=30) == path
 
 
 def test_only_pictures_that_are_meant_are_opened(tmp_path: Path) -> None:
