@@ -17,6 +17,7 @@ import io
 import os
 import re
 import sys
+import time
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
+_LEFT_S = 86_400.0  # nobody writes an entry for so long
 _PARTS = 20  # the store is pruned about so often while as much as its size limit is written
 Arrays = dict[str, np.ndarray]
 
@@ -88,7 +90,8 @@ class Store:
         self._write(kind, key, data)
         # By chance, as large as the entry: many processes put a few each, and none knows of the others'.
         if _PARTS * len(data) > self.max_bytes * int.from_bytes(os.urandom(4), "big") / 2**32:
-            self.prune(self.max_bytes * (_PARTS - 1) // _PARTS)
+            with contextlib.suppress(OSError):  # nobody may write there
+                self.prune(self.max_bytes * (_PARTS - 1) // _PARTS)
 
     def _read(self, kind: str, key: str) -> tuple[bytes, Arrays] | None:
         path = self._path(kind, key)
@@ -121,9 +124,16 @@ class Store:
         return [KindInfo(kind, len(items), sum(items)) for kind, items in sorted(sizes.items())]
 
     def prune(self, max_bytes: int) -> tuple[int, int]:
-        """Remove least recently used entries until at most ``max_bytes`` are left: (entries, bytes) removed."""
+        """Remove least recently used entries until at most ``max_bytes`` are left: (entries, bytes) removed.
+
+        Besides, what processes that were killed left half written. `OSError` where nobody may remove an entry.
+        """
         if max_bytes < 0:
             raise UserError(f"cache size must be 0 or more, not {max_bytes}")
+        for path in self.root.glob("*/??/.*.tmp"):
+            with contextlib.suppress(FileNotFoundError):
+                if path.stat().st_mtime < time.time() - _LEFT_S:
+                    path.unlink()
         listed = []
         for path in self._entries():
             with contextlib.suppress(FileNotFoundError):

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,6 +96,29 @@ def test_an_unwritable_store_costs_the_entry_not_the_result(tmp_path):
     store = Store(blocked / "store")
     store.put("photos", "ab", {"i": np.zeros(3)})
     assert not (blocked / "store").exists()
+
+
+def test_a_full_store_in_which_nothing_can_be_removed_costs_the_entry_alone(tmp_path, monkeypatch):
+    store = Store(tmp_path, max_bytes=0)
+
+    def refuses(*_, **__):
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "unlink", refuses)
+    store.put("photos", "ab", {"i": np.zeros(3)})
+    with pytest.raises(PermissionError):
+        store.prune(0)
+
+
+def test_prune_removes_what_killed_processes_left(tmp_path):
+    store = Store(tmp_path)
+    store.put("photos", "ab", {"i": np.zeros(3)})
+    new, old = (file_of(store, "ab").with_name(f".ab.{age}.tmp") for age in ("new", "old"))
+    for path in (new, old):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    assert store.prune(10**6) == (0, 0)
+    assert new.exists() and not old.exists()
 
 
 def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
