@@ -161,6 +161,8 @@ def _photograph_files(folder: Path, masks: Path | None) -> tuple[list[Path], lis
         of_masks = [f for f in folders if f.lower() in ("mask", "masks") or Path(root, f).resolve() == masks]
         notes += [f"left out the masks in {f}" for f in of_masks if Path(root, f).resolve() != masks]
         folders[:] = sorted(f for f in folders if f[0] != "." and f not in of_masks)
+        linked = [_readable(f) for f in folders if Path(root, f).is_symlink()]
+        notes += [f"left out the linked folder {f}; to have its photographs, copy it there" for f in linked]
         files += [Path(root, name) for name in sorted(names) if name[0] != "." and Path(root, name).is_file()]
     lower = {str(p).lower() for p in files}
     paths = [p for p in files if p.suffix.lower() in PLAIN and not _is_mask(p, lower)]
@@ -279,12 +281,12 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
 
 
 def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:
-    """With unique names: two files may differ in their suffix alone, or in "/" that was "_"."""
+    """With unique names: two files may differ in their suffix alone, in "/" that was "_", or in bytes that are no UTF-8."""
     parts = [p.path.relative_to(folder) for p in photographs]
-    names = ["_".join(part.with_suffix("").parts) for part in parts]
+    names = [_readable("_".join(part.with_suffix("").parts)) for part in parts]
     if len({name.lower() for name in names}) < len(names):
         names = [f"{index}_{name}" for index, name in enumerate(names)]
-    return [replace(p, name=_readable(name)) for p, name in zip(photographs, names, strict=True)]
+    return [replace(p, name=name) for p, name in zip(photographs, names, strict=True)]
 
 
 def _readable(name: str) -> str:

@@ -1,5 +1,6 @@
 """What a folder may hold, and what is said of the rest."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,20 @@ def test_too_few_and_copies(folder: Path) -> None:
     (folder / "1.jpg").unlink()
     (folder / "2.jpg").unlink()
     assert "needs 8 or more" in refusal(folder)
+
+
+def test_names_stay_unique_once_they_can_be_read(folder: Path) -> None:
+    for index, byte in enumerate((b"\xe9", b"\xe8")):
+        (folder / f"{index}.jpg").rename(folder / os.fsdecode(byte + b".jpg"))
+    found, _ = read_folder(folder, silent)
+    assert len({p.name for p in found}) == 9 and sum("?" in p.name for p in found) == 2
+
+
+def test_a_linked_folder_is_told(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    (folder / "more").symlink_to(tmp_path_factory.mktemp("elsewhere"))
+    assert read_folder(folder, silent)[1] == [
+        "left out the linked folder more; to have its photographs, copy it there"
+    ]
 
 
 def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
