@@ -12,6 +12,7 @@ import numpy as np
 
 from nbv.cache import cached
 from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
+from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.dense import PosedViews, make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
@@ -43,7 +44,7 @@ MAX_VIEWS = 140  # reconstructed at once: memory grows with them
 DENSE_SIZE_PX = 800  # long side: a pixel is then finer than a voxel
 WORKERS = 2
 MIN_BASELINE_ANGLE_DEG = 60.0  # photographs one behind the other rectify to huge pictures
-AGREEING_VIEWS = 3  # as many as `gatetune photographs enough` asks of its missions
+AGREEING_VIEWS: int = PHOTOGRAPH_SET_DEFAULTS["dense.agreeing_views"]
 VOXEL_M = 0.008
 SECTORS = 12
 WEAK_SHARE = 0.25  # of a sector's points beyond the middle threshold make it weak

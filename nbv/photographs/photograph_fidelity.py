@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig, preset
-from nbv.config.presets import REDUCED_SFM
+from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.evaluation import Evaluation
 from nbv.gates import GroundTruthOracle
 from nbv.mission.fidelity import MissionContext
@@ -21,22 +21,11 @@ from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.camera import PhotographCamera
-from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.photograph_set import PhotographSet
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.types import Cloud
 
-# Defaults for photograph sets, where the configuration has its preset's value. Work is left out that scores do not show; photographs
-# of 1280 px take the dense stage ten times as long, and fewer of their depths agree: they are not sharp to a pixel; and six
-# views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
-PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
-    **REDUCED_SFM,
-    "sparse.max_features": 2048,
-    "sparse.min_registered_seeds": 3,  # that a model can be aligned by: photographs that do not register are an outcome
-    "dense.max_size_px": 480,
-    "dense.agreeing_views": AGREEING_VIEWS,
-}
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
@@ -109,7 +98,7 @@ class PhotographFidelity(CloudFidelity):
 def config_for_set(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
     """``config`` with the set's camera and object, a crop that holds the object, and arrivals without error.
 
-    Where it has its preset's value, `PHOTOGRAPH_SET_DEFAULTS` hold.
+    Where it has its preset's value, `PHOTOGRAPH_SET_DEFAULTS` hold: in preset ``photographs``, which has them itself, all stands.
     """
     half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
     usual = preset(config.preset)

@@ -57,7 +57,7 @@ from tuner.comparison.advice import advice_of
 from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
-from tuner.missions.registry import mission_kind
+from tuner.missions.registry import PHOTOGRAPHS, mission_kind, usual_preset
 from tuner.problem.baselines import TUNED
 from tuner.report.answer import advice_lines
 from tuner.report.labels import duration
@@ -121,7 +121,10 @@ def run(
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING["instance" if fields.get("mission") else "rock"]):
-        resolved = resolved_settings(fields, str(settings or "command line"))
+        resolved = resolved_settings(fields, source := str(settings or "command line"))
+        usual = usual_preset(resolved.rocks, resolved.fidelity) if resolved.mission is None else ""
+        if usual == PHOTOGRAPHS and "preset" not in fields:
+            resolved = resolved_settings({**fields, "preset": usual}, source)
         require_comparable(resolved)
     if executor == "local" and scheduler is None:
         mission_kind(resolved.fidelity).require_dense_stage(resolved.problem.base)

@@ -35,7 +35,7 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
 from tuner.missions.external.mission_file import external_config, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, kind_on
+from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
 from tuner.problem.objective import Objective, dotted
 from tuner.report.answer import gate_words
 from tuner.report.labels import duration, format_number
@@ -47,7 +47,10 @@ RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is 
 @app.command()
 def run(
     rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
-    preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "campaign",
+    preset: Annotated[
+        str | None,
+        typer.Option(help=f"{PRESET_NAMES} (default: photographs for a set of photographs, else campaign)"),
+    ] = None,
     config_file: Annotated[
         Path | None,
         typer.Option("--config", help="A whole configuration, such as gatetune.yaml of gatetune export."),
@@ -70,7 +73,7 @@ def run(
     Example: gatetune mission run --rock slab --gate hyb-h
     """
     base = None if config_file is None else config_from_dict(read_yaml(config_file))
-    config = mission_config(preset, set_ or [], gate, condition, base)
+    config = mission_config(preset or usual_preset([rock]), set_ or [], gate, condition, base)
     instance = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{instance}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -150,6 +150,15 @@ def kind_on(target: str, fidelity: str) -> MissionKind:
         )
         raise UserError(f"{fidelity} missions cannot run on {target}; {remedy}")
     return kind
+
+
+def usual_preset(targets: Sequence[str], fidelity: str = DEFAULT_FIDELITY) -> str:
+    """The preset of missions for which nobody names one: ``photographs`` where all are over sets of photographs, else ``campaign``.
+
+    Raises `UserError`: as `kind_on`.
+    """
+    over_sets = all(kind_on(target, fidelity) is BUILT_IN[PHOTOGRAPHS] for target in targets)
+    return "photographs" if over_sets else "campaign"
 
 
 def uses_store(fidelity: str) -> bool:

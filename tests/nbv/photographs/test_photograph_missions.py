@@ -1,6 +1,7 @@
 """Missions over photographs: where they may look from, what they are measured by, and one from end to end."""
 
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from scene_helpers import CENTRE_M, around
 
 from nbv import plugins
 from nbv.config import preset
+from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.metric import Metric
 from nbv.geometry.frames import Similarity
@@ -20,7 +22,7 @@ from nbv.photographs.photograph_fidelity import config_for_set, run_photographs_
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
-from tuner.missions.registry import kind_on, mission_kind
+from tuner.missions.registry import kind_on, mission_kind, usual_preset
 
 PAPER = preset("campaign")
 RING = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0})
@@ -92,6 +94,18 @@ def test_what_nobody_chose_is_as_photographs_need_it(grey_set: PhotographSet) ->
     believed = config_for_set(PAPER.with_values(chosen), grey_set)
     assert believed.with_values(chosen) == believed
     assert believed.dense.search == "sparse"
+
+
+def test_what_is_set_stands_though_a_preset_has_it(grey_set: PhotographSet) -> None:
+    assert (usual_preset(["ball"]), usual_preset(["ball", "slab"])) == ("photographs", "campaign")
+    base = preset(usual_preset(["ball"]))
+    assert config_for_set(base, grey_set) == replace(config_for_set(PAPER, grey_set), preset="photographs")
+    chosen = {path: attrgetter(path)(PAPER) for path in PHOTOGRAPH_SET_DEFAULTS}
+    asked = base.with_values(chosen)
+    believed = config_for_set(asked, grey_set)
+    assert believed.with_values(chosen) == believed
+    assert (believed.dense.agreeing_views, believed.dense.max_size_px) == (6, 0)
+    assert asked.sparse == believed.sparse  # what is recorded is what runs
 
 
 def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: PhotographSet) -> None:
