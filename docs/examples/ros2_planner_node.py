@@ -22,7 +22,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 import nbv
-from nbv.errors import MissionFailure
+from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import align_umeyama, camera_centers_m, heading_to
 from nbv.sparse.alignment import Alignment
 from nbv.sparse.colmap import camera_from_model_poses, registered_names, to_sparse_model
@@ -75,15 +75,12 @@ class PlannerNode(Node):
             model = sparse_model(Path(told["workspace"]), positions)
             visited = np.array(list(positions.values()))
             plan = self.planner.plan(model, visited, int(told["seeds"]), self.vehicle_m, self.heading_rad)
-        except (OSError, ValueError, KeyError, TypeError, RuntimeError, MissionFailure) as error:
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, MissionFailure, UserError) as error:
             self.get_logger().error(f"nothing is planned: {type(error).__name__}: {error}")
             return
         if plan.next_view is not None:
             self.next_view.publish(self.pose(np.array(plan.next_view.position_m)))
-        why = (
-            plan.decision.reason if plan.decision else "converged" if plan.converged else "no candidate left"
-        )
-        self.decision.publish(String(data=why))
+        self.decision.publish(String(data=plan.decision.reason if plan.decision else plan.end))
 
     def pose(self, position_m: np.ndarray) -> PoseStamped:
         """A camera there that looks at the target: turned about z, then pitched."""

@@ -24,7 +24,8 @@ class Plan:
     converged: bool  # the cloud is dense enough, or the next view adds too little
     pool: CandidatePool
     rankings: dict[str, Ranking] = field(default_factory=dict)  # empty where there is no decision
-    decision: GateDecision | None = None  # None where the phase ends: converged, or the pool is empty
+    decision: GateDecision | None = None  # None where the phase ends
+    end: str = ""  # why it ends: the budget is used, converged, or no candidate is left
 
     @property
     def next_view(self) -> Viewpoint | None:
@@ -65,7 +66,8 @@ class Planner:
     ) -> Plan:
         """Decide on the next view.
 
-        `MissionFailure` ``no_points_in_box``: no tracked point near the target.
+        `MissionFailure` ``no_points_in_box``: no tracked point near the target. `UserError` where a pose is not finite, or
+        ``n_seeds`` is no number of the visited views.
 
         Parameters
         ----------
@@ -81,6 +83,12 @@ class Planner:
         visited = np.asarray(visited_m, dtype=float).reshape(-1, 3)
         stop = self.config.stop
         used = len(visited) - n_seeds
+        if not 0 <= n_seeds <= len(visited):
+            raise UserError(
+                f"n_seeds {n_seeds} is not 0 to {len(visited)}, of the visited views; count the seeds"
+            )
+        if not np.isfinite([*visited.ravel(), *np.ravel(vehicle_position_m), vehicle_heading_rad]).all():
+            raise UserError("a visited view or the vehicle's pose is not finite; plan once they are known")
         state = PlanningState(
             model=model,
             visited_m=visited,
@@ -93,6 +101,8 @@ class Planner:
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
+        if used >= state.adaptive_budget:
+            return Plan(state, False, pool, end=f"the budget of {state.adaptive_budget} is used")
         prediction, converged = None, False
         if stop.criterion == "both":
             converged = state.d95_m <= stop.knn_threshold_m
@@ -100,7 +110,7 @@ class Planner:
             prediction = predict(model, self.config)
             converged = prediction.f_score_percent >= stop.predicted_percent
         if converged or len(pool) == 0:
-            return Plan(state, converged, pool)
+            return Plan(state, converged, pool, end="converged" if converged else "no candidate left")
         rankings = Rankings(state, pool, self.config, prediction)
         decision = self.gate.decide(state, pool, rankings)
         if self.config.plugins_used:

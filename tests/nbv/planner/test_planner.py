@@ -8,6 +8,7 @@ import yaml
 
 import nbv
 from nbv.config import preset
+from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission.planning_state import load_state
 
@@ -49,7 +50,7 @@ def test_alone_it_chooses_the_views_of_the_mission(gate, rock, tmp_path):
         assert (plan.next_view.id, plan.decision.ranking.scorer) == (record.chosen, record.scorer)
 
 
-def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
+def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left_or_the_budget_is_used(tmp_path):
     config = preset("campaign").with_values({"stop.adaptive_budget": 1})
     run_geometric_mission(config, "slab", 0, tmp_path)
     state, _ = load_state(tmp_path / "states" / "iter_00.npz")
@@ -59,3 +60,14 @@ def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
     assert plan.converged and plan.next_view is None
     plan = nbv.Planner(config.with_values({"pool.max_travel_m": 0.001})).plan(*given)
     assert not plan.converged and plan.next_view is None and plan.pool is not None and len(plan.pool) == 0
+    planner, (model, visited, seeds, at, heading) = nbv.Planner(config), given
+    plan = planner.plan(model, visited, seeds - 1, at, heading)
+    assert plan.next_view is None and not plan.converged and plan.end == "the budget of 1 is used"
+    for wrong in (
+        (seeds + 1, at, heading),
+        (-1, at, heading),
+        (seeds, at * float("nan"), heading),
+        (seeds, at, float("inf")),
+    ):
+        with pytest.raises(UserError, match=r"n_seeds|not finite"):
+            planner.plan(model, visited, *wrong)
