@@ -93,7 +93,7 @@ class MissionResult:
         `UserError` for what is no mission result, one of another schema version, or changed since it was written.
         """
         if not (run / RESULT).is_file():
-            raise UserError(f"{run} holds no {RESULT}; name a mission directory")
+            raise UserError(f"{run} holds no {RESULT}; name the directory of a finished mission")
         tree = read_result(run)
         try:
             if tree["schema_version"] != SCHEMA_VERSION:

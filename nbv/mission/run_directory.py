@@ -46,7 +46,8 @@ CONFIG, LOCATED, RESULT = "config.yaml", "located.yaml", "mission.json"
 PROGRESS, TRACE, WORKER_LOG = "progress.txt", "trace.jsonl", "worker.log"
 IMAGES, STATES, SPARSE_MODEL = "images", "states", "sparse/0"
 DENSE, CLEANED, CLEANING, FLIGHT = "dense.ply", "cleaned.ply", "cleaning.json", "flight.json"
-_REMOVED_AT_START = (RESULT, PROGRESS, IMAGES, STATES, "sparse", TRACE, LOCATED, DENSE, CLEANED)
+_FILES = (PROGRESS, TRACE, LOCATED, DENSE, CLEANED, CLEANING, FLIGHT)
+_REMOVED_AT_START = (RESULT, IMAGES, STATES, "sparse", *_FILES)
 
 
 class RunDirectory:

@@ -208,13 +208,13 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
 
 
 def _write_plan(run: Path, source: Path, rock: str | None, home: Home, out: Path | None) -> None:
-    flight, config = read_flight(source), mission_config(source)
+    flight, config, result = read_flight(source), mission_config(source), MissionResult.load(source)
     views = list(flight.photographed_m())
     seeds = sum(name.startswith("seed_") for name in views)
     route = f"it carries the route of {source}: {len(views)} photographs ({seeds} seeds, then {len(views) - seeds} planned there)"
     obstacles: tuple[Cylinder, ...] = ()
     if config.ground.neighbours:
-        target = rock_of_mission(source, MissionResult.load(source), rock, Store())
+        target = rock_of_mission(source, result, rock, Store())
         obstacles = neighbour_keep_outs(config, buried_rock(target, config).sha256)
     _write_route(config, views, home, out or run / "route.plan", [route], obstacles)
 

@@ -9,6 +9,7 @@ from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.geometric.world import WORLDS
 from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import RunDirectory
 from nbv.rocks.catalogue import LOADED
 from nbv.viewpoints import raw_candidates
 
@@ -71,6 +72,9 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
     assert MissionResult.load(tmp_path / "run").to_json() == result.to_json()
     with pytest.raises(UserError, match="already holds a finished mission"):
         run_geometric_mission(config, ROCK, 0, tmp_path / "run")
+    (tmp_path / "run/cleaning.json").touch()
+    RunDirectory(tmp_path / "run", overwrite=True)  # and then it is interrupted
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {"config.yaml", "images", "states"}
 
 
 @pytest.mark.slow

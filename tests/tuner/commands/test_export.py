@@ -6,7 +6,8 @@ import fake_campaigns
 import pytest
 import yaml
 
-from nbv.config import config_from_dict
+from nbv.config import config_from_dict, preset
+from nbv.geometric import run_geometric_mission
 from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring
 from tuner.problem.observations import short
@@ -75,6 +76,15 @@ def test_other_keys_of_their_file_are_kept(gatetune, campaign, tmp_path):
     gatetune.ok("export", campaign.directory, *asked)
     written = read_file(tmp_path / "s.yaml", "scoring.yaml")
     assert (written["gimbal_pitch_rad"], written["hybrid.shadow.log_top_k"]) == (-0.3, 9)
+
+
+def test_the_route_of_an_unfinished_mission_is_refused(gatetune, tmp_path):
+    run = tmp_path / "mission"
+    run_geometric_mission(preset("campaign").with_values({"stop.adaptive_budget": 1}), "slab", 0, run)
+    asked = ("export", run, "--to", "plan", "--home", "1,2")
+    assert "25 photographs" in gatetune.ok(*asked)
+    (run / "mission.json").unlink()
+    assert "holds no mission.json; name the directory of a finished mission" in gatetune.refused(*asked)
 
 
 @pytest.mark.parametrize(
