@@ -95,7 +95,7 @@ class _Program:
         output = process.stdout.fileno()
         if select.select([output], [], [], 0.0)[0] and os.read(output, 1):
             raise ValueError("it wrote a line that was not asked for")
-        began, overdue = time.monotonic(), threading.Timer(ANSWER_S, process.kill)
+        began, overdue = time.monotonic(), threading.Timer(ANSWER_S, _end, [process])
         overdue.start()  # whether it does not read or does not write
         try:
             rest = memoryview(line + b"\n")
