@@ -57,21 +57,23 @@ def qgc_plan(
 ) -> dict[str, Any]:
     """Return the plan as a JSON tree.
 
-    ``view_ids``: photographs in their order, such as ``seed_00`` and ``cand_017``. ``obstacles``: what the route keeps out of
-    besides the target.
+    ``view_ids``: photographs in their order, such as ``seed_00``, ``cand_017`` and, for a view flown again, ``cand_017b``.
+    ``obstacles``: what the route keeps out of besides the target.
 
     Raises `UserError`: a view that the configuration does not have.
     """
-    known = {view.id: view for view in (*seed_viewpoints(config), *raw_candidates(config))}
-    unknown = [name for name in view_ids if name not in known]
+    seeds = (*seed_viewpoints(config), *seed_viewpoints(config, interleaved=True))
+    known = {view.id: view for view in (*seeds, *raw_candidates(config))}
+    places = [name.rstrip("b") for name in view_ids]
+    unknown = [name for name in places if name not in known]
     if unknown:
         raise UserError(
-            f"view {unknown[0]!r} is not one of this configuration's; export the mission that took it"
+            f"view {unknown[0]!r} is none of this configuration's seeds and candidates; restore the config.yaml that it was flown with"
         )
     space = Airspace(config.flight, config.target_m, obstacles=obstacles)
     items = [
         {**item, "doJumpId": i, "autoContinue": True, "type": "SimpleItem"}
-        for i, item in enumerate(_items(space, config, [known[name] for name in view_ids], home), start=1)
+        for i, item in enumerate(_items(space, config, [known[name] for name in places], home), start=1)
     ]
     return {
         "fileType": "Plan",
