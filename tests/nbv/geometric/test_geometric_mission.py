@@ -9,7 +9,7 @@ from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.geometric.world import WORLDS
 from nbv.mission.result import MissionResult
-from nbv.mission.run_directory import RunDirectory
+from nbv.mission.run_directory import RunDirectory, state_file, state_files
 from nbv.rocks.catalogue import LOADED
 from nbv.viewpoints import raw_candidates
 
@@ -73,6 +73,9 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
     with pytest.raises(UserError, match="already holds a finished mission"):
         run_geometric_mission(config, ROCK, 0, tmp_path / "run")
     (tmp_path / "run/cleaning.json").touch()
+    for number in range(BUDGET, 101):
+        state_file(tmp_path / "run", number).touch()
+    assert state_files(tmp_path / "run") == [state_file(tmp_path / "run", k) for k in range(101)]
     RunDirectory(tmp_path / "run", overwrite=True)  # and then it is interrupted
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"config.yaml", "images", "states"}
 
