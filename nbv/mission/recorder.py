@@ -32,7 +32,7 @@ class Recorder:
         progress: RunDirectory | None = None,
         log: Log = no_log,
     ) -> None:
-        self._config, self.stopwatch = config, stopwatch
+        self.stopwatch = stopwatch
         self._run, self._progress, self._log = run, progress, log
         self._most_images = config.seed.total + config.adaptive_budget
         self._planned_at_s = 0.0  # wall clock
@@ -78,7 +78,6 @@ class Recorder:
         if config is None:
             self.notes.append("target_not_found")
             return
-        self._config = config
         if self._run is not None:
             self._run.write_config(config.to_dict(), LOCATED)
 
@@ -99,7 +98,7 @@ class Recorder:
             self.trace.append(record)
             if self._run is not None:
                 self._run.append(TRACE, json.dumps(json_ready(record)))
-            number, budget = record.iteration + 1, self._config.adaptive_budget
+            number, budget = record.iteration + 1, plan.state.adaptive_budget
             left_s = (budget - number) * (time.perf_counter() - self._planned_at_s)
             self._log(
                 f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
