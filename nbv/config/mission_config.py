@@ -117,13 +117,17 @@ class MissionConfig:
             )
 
     def require_flyable(self) -> None:
-        """`UserError` where a ring of seeds meets the ground, or home is in the keep-out; asked of what is ordered, not of an estimate."""
+        """`UserError` where seeds or target meet the ground, or home is in the keep-out; asked of what is ordered, not of an estimate."""
         home, flight = self.flight.home_m, self.flight
         away_m = math.hypot(home[0] - self.target_m[0], home[1] - self.target_m[1])
         if away_m < flight.keep_out_radius_m and home[2] < flight.keep_out_height_m:
             raise UserError(
                 f"flight.home_m is {away_m:.2f} m from the target's axis, inside the keep-out of "
                 f"{flight.keep_out_radius_m:g} m (flight.keep_out_radius_m); take off farther away"
+            )
+        if self.target_m[2] <= self.target.ground_m:
+            raise UserError(
+                f"target.ground_m {self.target.ground_m:g} is not below the target's centre, at {self.target_m[2]:g} m; lower it"
             )
         lowest_m, least_m = self.target_m[2] + self.seed.lowest_view_m, self.flight.min_camera_altitude_m
         if lowest_m < least_m:

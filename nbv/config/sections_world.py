@@ -323,6 +323,12 @@ class TargetConfig(Section):
         reason="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
         added=True,
     )
+    ground_m: float = not_in_paper(
+        0.0,
+        "height of the ground below it where the vehicle counts heights from; where telemetry errs it is found with the target",
+        reason="*predicted* must not take the ground for rock",
+        added=True,
+    )
 
     @property
     def is_known(self) -> bool:

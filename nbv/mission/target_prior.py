@@ -95,6 +95,7 @@ def with_target_found(config: MissionConfig, model: SparseModel) -> MissionConfi
     if not config.telemetry.is_exact:
         pool, flight, ground_m = config.pool, config.flight, target.ground_m
         config = config.changed(
+            target={"ground_m": ground_m},
             pool={
                 "min_altitude_m": pool.min_altitude_m + ground_m,
                 "max_altitude_m": pool.max_altitude_m + ground_m,

@@ -10,7 +10,7 @@ of simulated missions on training rocks and shapes, to which it was fitted, are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -56,7 +56,7 @@ CALIBRATION = Calibration()
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the registered views will reconstruct of the estimated surface."""
+    """What the registered views will reconstruct of the estimated surface, on a ground at z = 0."""
 
     samples_m: Floats  # (S, 3) of it, evenly
     normals: Floats  # (S, 3)
@@ -106,6 +106,7 @@ class Prediction:
         A view helps where the surface will be missing, it sees it well, and a view so far sees it at an angle to be
         matched with. Where there is none yet it helps half as much: the next one finds it there.
         """
+        candidates_m = candidates_m - [0.0, 0.0, self.config.target.ground_m]
         missing = np.float32(1.0) - self.chance
         total = float(missing.sum())
         if total <= 0.0 or len(candidates_m) == 0:
@@ -131,6 +132,15 @@ class Prediction:
 
 def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     """What the registered cameras of a sparse model will reconstruct of the surface that it and its coarse depth show."""
+    down_m = np.array([0.0, 0.0, config.target.ground_m])
+    x, y, z = config.target_m
+    config = config.changed(target_m=(x, y, z - config.target.ground_m))
+    model = replace(
+        model,
+        points_m=model.points_m - down_m,
+        depth_m=model.depth_m - down_m,
+        camera_centers_m=model.camera_centers_m - down_m,
+    )
     near = np.abs(model.depth_m - config.target_m).max(axis=1) <= config.dense.crop_half_width_m
     near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
     known, cameras_m = model.depth_m[near], model.camera_centers_m

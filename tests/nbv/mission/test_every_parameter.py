@@ -71,6 +71,7 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "gate.oracle_threshold_m": ({CALLED: "hyb-o"}, 0.3),
     "gate.oracle_quality_weight": ({CALLED: "hyb-o"}, 5.0),
     "target.size_error_percent": ({"rock": "boulder-7"}, 50.0),
+    "target.ground_m": ({CALLED: "predicted"}, 0.3),
     **{f"telemetry.{name}": (NOISY, value) for name, value in {
         "horizontal_noise_m": 0.2, "vertical_noise_m": 0.2, "drift_m": 0.1,
         "lever_arm_m": [0.1, 0.0, 0.0], "attitude_noise_deg": 1.0,
@@ -295,12 +296,12 @@ BESIDE_SCENE: dict[str, tuple[dict[str, Any], Any]] = {
     "evaluation.ground_max_tilt_deg": ({}, 1.0),
     "evaluation.ground_max_offset_m": ({}, 1e-6),
 }
-OF_DRAWN_ROCKS = "target.size_error_percent"  # which geometric missions fly
+PLANNED_BY = ("target.size_error_percent", "target.ground_m")  # in geometric missions
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "path", [p for p in parameters() if p.split(".")[0] in OF_THE_WORLD and p != OF_DRAWN_ROCKS]
+    "path", [p for p in parameters() if p.split(".")[0] in OF_THE_WORLD and p not in PLANNED_BY]
 )
 def test_a_rendered_photograph_or_its_measures_notice_it_or_it_is_refused(path):
     check(PhotogrammetricFidelity, seen, path, *scenario(path, SMALL, BESIDE | BESIDE_SCENE))

@@ -106,6 +106,7 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     for capture in mission.captures[24:]:
         assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
     assert mission.config.flight.keep_out_height_m == pytest.approx(2.2 + ground_m, abs=0.05)
+    assert mission.config.target.ground_m == pytest.approx(ground_m, abs=0.05)
 
 
 class FoundLate(OnTheGround):

@@ -83,6 +83,24 @@ def test_a_top_that_no_depth_has_shown_is_predicted_to_have_holes():
     assert predict(model(cameras_m), CONFIG).unknown == 1.0
 
 
+@pytest.mark.parametrize("ground_m", [-0.5, 0.5])
+def test_a_ground_that_telemetry_has_elsewhere_is_not_taken_for_rock(ground_m):
+    """The same gains and the same score as of a model that stands on z = 0."""
+    up_m = np.array([0.0, 0.0, ground_m])
+    side, top = model(orbit(12, 20.0, turn_deg=180.0), *drum(lid=True)), orbit(24)
+    plain = np.random.default_rng(0).uniform([-2, -2, 0], [2, 2, 0.01], (4000, 3))
+    here = dataclasses.replace(
+        side,
+        depth_m=np.concatenate([side.depth_m, plain]),
+        depth_cameras=np.concatenate([side.depth_cameras, np.arange(4000) % 12]),
+    )
+    moved = {name: getattr(here, name) + up_m for name in ("points_m", "depth_m", "camera_centers_m")}
+    config = CONFIG.changed(target_m=(0.0, 0.0, 0.8 + ground_m), target={"ground_m": ground_m})
+    known, told = predict(here, CONFIG), predict(dataclasses.replace(here, **moved), config)
+    np.testing.assert_allclose(told.expected_gain(top + up_m), known.expected_gain(top), atol=0.01)
+    assert told.f_score_percent == pytest.approx(known.f_score_percent, abs=0.2)
+
+
 def run_mission(**values):
     config = CONFIG.with_values(
         {
