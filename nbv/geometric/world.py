@@ -39,7 +39,9 @@ from nbv.viewpoints import camera_shell
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
-GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box
+GROUND_MARGIN_M = (
+    0.05  # near ground reaches this far beyond the planners' box, or the default one where that is larger
+)
 GROUND_SPACING_M = 0.118
 FAR_LANDMARKS = 1_000
 FAR_RADIUS_M = 30.0
@@ -145,7 +147,7 @@ WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campa
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     """The rock's world: from memory, from the store, or made."""
-    scale = (config.target_m, config.shared.box_half_extent_m)
+    scale = (config.target_m, _near_m(config))
     key = (rock.sha256, config.camera, config.scene, config.ground, *scale)
     return WORLDS.get(key, lambda: _stored_world(rock, config, store))
 
@@ -156,7 +158,7 @@ def _stored_world(rock: Rock, config: MissionConfig, store: Store | None) -> Geo
         rock.sha256,
         config.camera,
         list(config.target_m),
-        config.shared.box_half_extent_m,
+        _near_m(config),
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
     ]
@@ -201,7 +203,7 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
     on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)
     above = on_rock[:, 2] > 0
     on_rock, rock_normals = on_rock[above], rock_normals[above]
-    near_m = config.shared.box_half_extent_m + GROUND_MARGIN_M
+    near_m = _near_m(config)
     near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
     ground = ground[
@@ -227,6 +229,10 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
         "sample_neighbours": neighbours.astype(np.int32),
         "sample_distances_m": distances,
     }
+
+
+def _near_m(config: MissionConfig) -> float:
+    return max(c.shared.box_half_extent_m for c in (config, MissionConfig())) + GROUND_MARGIN_M
 
 
 def _near_ground(half_extent_m: float) -> Floats:

@@ -159,8 +159,9 @@ def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
     assert chosen[0] == chosen[1]
 
 
-def test_the_same_photographs_have_the_same_score_whatever_the_pool(config):
+def test_the_same_photographs_have_the_same_score_whatever_the_pool_and_a_small_box(config):
     seeds = config.with_values({"stop.adaptive_budget": 0})
     other = {"pool.radius_m": 2.5, "pool.lateral_elevations_deg": [20.0], "pool.upper_elevations_deg": [60.0]}
-    a, b = (run_geometric_mission(c, ROCK).metrics for c in (seeds, seeds.with_values(other)))
-    assert a == b
+    box = {"shared.box_half_extent_m": 0.5}  # of the scorers
+    a, b, c = (run_geometric_mission(seeds.with_values(values), ROCK) for values in ({}, other, box))
+    assert a.metrics == b.metrics == c.metrics and c.status == "ok"
