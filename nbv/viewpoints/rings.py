@@ -63,15 +63,18 @@ def _seed_positions(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
 
 
 def lateral_ring_counts(total: int, rings: int) -> list[int]:
-    """``total`` candidates shared out by inverse rank (1, 1/2, 1/3, ...), at least one per ring.
+    """``total`` candidates shared out by inverse rank (1, 1/2, 1/3, ...), at least one per ring, on the first ``total`` rings if these are fewer.
 
-    Rounding drift is taken from (or given to) the last ring. 120 over 4 rings: 58, 29, 19, 14.
+    Rounding drift is taken from (or given to) the last ring, what it has not from the largest. 120 over 4 rings: 58, 29, 19, 14.
     """
+    rings = min(rings, total)
     if rings == 0:
         return []
     weights = [1.0 / (rank + 1) for rank in range(rings)]
     counts = [max(1, round(total * w / sum(weights))) for w in weights]
     counts[-1] = max(1, counts[-1] + total - sum(counts))
+    while sum(counts) > total:
+        counts[counts.index(max(counts))] -= 1
     return counts
 
 
