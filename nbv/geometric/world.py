@@ -39,9 +39,7 @@ from nbv.viewpoints import camera_shell
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
-GROUND_MARGIN_M = (
-    0.05  # near ground reaches this far beyond the planners' box, or the default one where that is larger
-)
+GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box, or a larger default one
 GROUND_SPACING_M = 0.118
 FAR_LANDMARKS = 1_000
 FAR_RADIUS_M = 30.0

@@ -105,9 +105,8 @@ def state_file(run: Path, iteration: int) -> Path:
 
 
 def state_files(run: Path) -> list[Path]:
-    return sorted(
-        (run / STATES).glob("iter_*.npz"), key=lambda path: (len(path.name), path.name)
-    )  # by number
+    """The saved states in the order of their numbers."""
+    return sorted((run / STATES).glob("iter_*.npz"), key=lambda path: (len(path.name), path.name))
 
 
 def read_result(run: Path, *, follow: bool = True) -> dict[str, Any]:

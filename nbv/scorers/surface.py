@@ -8,9 +8,7 @@ from scipy.spatial import cKDTree
 from nbv.config import MissionConfig
 from nbv.types import Floats
 
-GROUND_CLEARANCE_M = (
-    0.05  # points below are ground: z = 0 (`predict` has moved it there), good to a few centimetres
-)
+GROUND_CLEARANCE_M = 0.05  # points below are ground, which is at z = 0 to a few centimetres
 STRAY_NEIGHBOURS = 10  # a point whose 10th neighbour is three times as far as usual is a stray
 STRAY_SPACINGS = 3.0
 BALL_POINTS = 200
