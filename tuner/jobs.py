@@ -15,7 +15,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary
 from tuner.campaign.session import run_campaign
-from tuner.campaign.settings_file import SETTINGS_FILE, read_settings, resolved_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, laid_over, read_settings, resolved_settings
 from tuner.comparison.of_campaign import (
     PlannedComparison,
     end_of_campaign,
@@ -68,7 +68,7 @@ def tune(
     if mission is not None:
         given["mission"] = str(mission)
     if (where / SETTINGS_FILE).is_file():
-        same = resolved_settings({**read_settings(where)[0], **given}, "tune()") if given else None
+        same = resolved_settings(laid_over(read_settings(where)[0], given), "tune()") if given else None
         campaign = Campaign.open(where, same, mission=mission)
     else:
         resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")

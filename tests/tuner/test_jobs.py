@@ -9,6 +9,8 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.comparison.result import all_results
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -58,6 +60,15 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
     assert [t.record.finished for t in again.trials()] == [t.record.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
         tuner.tune(campaign.directory, rocks=["boulder"], space="gate_and_weights", budget=3)
+
+
+def test_another_objective_does_not_keep_the_constraint(tmp_path: Path) -> None:
+    asked = {"name": "c", "rocks": ["slab"], "fidelity": "geometric", "objective": "photographs@f_score>=97"}
+    begun = begin_campaign(tmp_path, resolved_settings(asked, "test"))
+    with pytest.raises(UserError, match=r"other settings: second is .* not None"):
+        tuner.tune(begun.directory, objective="photographs")
+    other = merged_settings(tmp_path / "campaign.yaml", {"objective": "seconds"}, quick=False)
+    assert str(resolved_settings(other, "test").goal) == "seconds"
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,20 @@ def first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> st
     return ""
 
 
+def laid_over(*layers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of ``layers``, the last of which counts; null counts as left out.
+
+    A constraint belongs to its objective: one that comes with another objective takes its place, or there is none.
+    """
+    tree = dict[str, Any]()
+    for layer in layers:
+        given = {key: value for key, value in layer.items() if value is not None}
+        if "objective" in given:
+            tree = {key: value for key, value in tree.items() if key not in ("second", "limit")}
+        tree |= given
+    return tree
+
+
 def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool) -> dict[str, Any]:
     """Return the YAML form of what is asked for: what was ``given`` goes before the file, the file before ``quick``.
 
@@ -199,7 +213,7 @@ def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool)
     """
     read = read_settings_file(file) if file else {}
     layers = (QUICK if quick else {}, read, given)
-    tree = {key: value for layer in layers for key, value in layer.items() if value is not None}
+    tree = laid_over(*layers)
     if "mission" in given:
         wrong = [s.option for name, s in SETTINGS.items() if s.builtin and name in given]
         if wrong or quick:
