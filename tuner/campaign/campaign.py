@@ -37,7 +37,7 @@ from tuner.campaign.settings_file import (
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.problem.goal import Goal
-from tuner.problem.observations import Observation, Proposal
+from tuner.problem.observations import Observation, Proposal, configuration_key
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from tuner.campaign.ledger import Ledger
     from tuner.surrogate.model import InstanceMeanGP
 
+# After so many trials in a row without a new photograph the search space has no other plan to try.
+MAX_CONSECUTIVE_REPEATS = 12
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
 
@@ -148,6 +150,8 @@ class Campaign:
         trials = self.trials()
         done = [t for t in trials if t.record.status]
         values = [t.raw for t in done if t.raw is not None]
+        repeats = len(repeated(trials))
+        is_open = len(trials) > len(done) or len(done) - repeats >= self.settings.budget
         return CampaignStatus(
             name=self.settings.name,
             budget=self.settings.budget,
@@ -160,7 +164,32 @@ class Campaign:
             },
             failures=dict(collections.Counter(t.reason for t in done if t.raw is None)),
             mission_wall_s=float(sum(t.record.wall_s for t in done)),
-            repeats=len(repeated(trials)),
+            repeats=repeats,
+            exhausted="" if is_open else self.exhausted(trials),
+        )
+
+    def exhausted(self, trials: Sequence[Trial]) -> str:
+        """Return why nothing is left to try after ``trials``, in trial order; empty where something is."""
+        budget, p = self.settings.budget, self.settings.problem
+        again, in_row = repeated(trials), 0
+        done = [t for t in trials if t.record.status]
+        for trial in done:
+            if trial.record.metadata.get("phase") != "simplified":  # which repeats on purpose
+                in_row = in_row + 1 if trial.number in again else 0
+        if in_row >= MAX_CONSECUTIVE_REPEATS:
+            return (
+                f"the last {in_row} trials took photographs that earlier ones had taken: the search has no plan left to try, "
+                f"and used {len(done) - len(again)} of {budget} missions"
+            )
+        every = p.space.size * len(p.instances) * p.replicates
+        if len(trials) < every:
+            return ""
+        run = {(configuration_key(p.space, t.values), t.instance, t.replicate) for t in trials}
+        if sum(replicate < p.replicates for _, _, replicate in run) < every:
+            return ""
+        return (
+            f"all {p.space.size:.0f} configurations have run with every replicate: the other "
+            f"{budget + len(again) - len(trials)} missions of the budget would repeat them; for repeats give --replicates"
         )
 
     def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:

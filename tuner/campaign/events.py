@@ -44,6 +44,7 @@ class CampaignStatus:
     failures: dict[str, int]  # by reason
     mission_wall_s: float
     repeats: int = 0  # trials that took the photographs of an earlier one: they use no budget
+    exhausted: str = ""  # why the search ended before the budget was used, so that a resume runs nothing
 
     @property
     def finished(self) -> int:

@@ -25,7 +25,7 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.long_runs import Stop, long_run
 from tuner.missions.run_jobs import run_jobs
 from tuner.problem.instances import family_of
-from tuner.problem.observations import Proposal, configuration_key, next_block
+from tuner.problem.observations import Proposal, next_block
 from tuner.recommendation.recommendation import Recommendation
 
 _LAST_EVENT: dict[Ending, EventKind] = {
@@ -42,8 +42,6 @@ NOTHING_REGISTERS = (
     f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
     "again with more seeds (seed.count) or lower ones (seed.lowest_deg)"
 )
-# After so many trials in a row without a new photograph the search space has no other plan to try.
-MAX_CONSECUTIVE_REPEATS = 12
 SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
@@ -102,7 +100,6 @@ class _Session:
         self._began = time.monotonic()
         self._ask_s = 0.0
         self._finished = 0
-        self._repeats_in_row = 0
         self._failed_in_row = list[Trial]()
         self._lost = list[Trial]()  # ended by the machine: their trials stay open
         self._to_retry = collections.deque[_Prepared]()
@@ -247,31 +244,11 @@ class _Session:
 
     def _end_of_search(self, trials: Sequence[Trial], left: int) -> tuple[Ending, str] | None:
         """Return how the search ends, and why; None while there is more to propose. ``left``: of the budget."""
-        s = self._settings
-        if self._repeats_in_row >= MAX_CONSECUTIVE_REPEATS:
-            return "exhausted", (
-                f"the last {self._repeats_in_row} trials took photographs that earlier ones had taken: the search has no plan "
-                f"left to try, and used {self._finished} of {s.budget} missions"
-            )
+        if left > 0 and (why := self.campaign.exhausted(trials)):
+            return "exhausted", why
         if self._no_planned_view_can_register(trials):
             return "failing", NOTHING_REGISTERS
-        if left <= 0:
-            return "budget", "the budget is used"
-        if self._has_run_all(trials):
-            return "exhausted", (
-                f"all {s.space.size:.0f} configurations have run with every replicate: the other {left} missions of the "
-                "budget would repeat them; for repeats give --replicates"
-            )
-        return None
-
-    def _has_run_all(self, trials: Sequence[Trial]) -> bool:
-        """Return whether every configuration has run with every replicate in every instance: what follows would be repeats."""
-        p = self._settings.problem
-        every = p.space.size * len(p.instances) * p.replicates
-        if len(trials) < every:
-            return False
-        run = {(configuration_key(p.space, t.values), t.instance, t.replicate) for t in trials}
-        return sum(replicate < p.replicates for _, _, replicate in run) >= every
+        return ("budget", "the budget is used") if left <= 0 else None
 
     def _no_planned_view_can_register(self, trials: Sequence[Trial]) -> bool:
         """Return whether no planned photograph of the first `FIRST_FEW` missions registered in the sparse model, and no tuned
@@ -304,8 +281,6 @@ class _Session:
         self._taken.add(trial.photographs_taken)
         self._repeats += repeats
         self._finished += not repeats
-        if trial.record.metadata.get("phase") != "simplified":  # which repeats on purpose
-            self._repeats_in_row = self._repeats_in_row + 1 if repeats else 0
         return repeats
 
     def _count(self, trial: Trial) -> None:

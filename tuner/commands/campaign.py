@@ -269,7 +269,8 @@ def run_and_report(
 
     ``show_pair``: run the default and the recommendation once more with all files kept, for the interactive page.
     """
-    settings, remaining = campaign.settings, campaign.status().remaining
+    settings, counts = campaign.settings, campaign.status()
+    remaining = 0 if counts.exhausted else counts.remaining
     if remaining:
         load(MODEL)
     output.print(

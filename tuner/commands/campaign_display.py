@@ -133,6 +133,8 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
     if facts.repeats:
         repeats = counted(facts.repeats, "more trial")
         output.print(f"{repeats} took the photographs of an earlier mission and used no budget")
+    if facts.exhausted:
+        output.print(f"the search has ended: {facts.exhausted}")
     parts = {word: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition

@@ -114,7 +114,7 @@ def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]
 
 def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | None) -> Next:
     s, status = campaign.settings, campaign.status()
-    if best is None or advice is None or status.remaining:
+    if best is None or advice is None or (status.remaining and not status.exhausted):
         return Next.RUN
     if best.limit is not None and not best.limit.kept:
         return Next.MORE

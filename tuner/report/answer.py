@@ -152,14 +152,17 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
         evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
     export = f"gatetune export {shlex.quote(str(campaign.directory))}"
     finish = f"Finish it: {status.remaining} of {status.budget} missions are left."
+    more = "Run more missions", f"{resume} --missions {2 * status.budget}"
+    if status.exhausted:
+        more = "Begin a campaign in a wider search space, since this one has nothing left to try", ""
     if status.failures and not status.complete:
         reason = max(status.failures, key=lambda r: status.failures[r])
         finish = f"Every mission failed, most often with {reason!r}: correct that (see below), then resume."
     return {
         Next.RUN: (finish, resume),
         Next.MORE: (
-            "Run more missions, or relax the constraint if there is one: nothing that was run is known to be good enough.",
-            f"{resume} --missions {2 * status.budget}",
+            f"{more[0]}, or relax the constraint if there is one: nothing that was run is known to be good enough.",
+            more[1],
         ),
         Next.CONFIRM: (
             "Confirm it in new replicates: your mission file has no held-out instance.",

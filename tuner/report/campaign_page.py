@@ -209,6 +209,8 @@ def _warnings(
 
 def _stop_reason(status: CampaignStatus, trials: Sequence[Trial]) -> str:
     """Why the budget was not used up."""
+    if status.exhausted:
+        return f"The search has ended: {status.exhausted}."
     begin = "Not finished"
     last = [t for t in trials if t.state != "running" and t.reason != REFUSED][-MAX_CONSECUTIVE_FAILURES:]
     if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):

@@ -154,5 +154,8 @@ def test_a_search_without_a_plan_left_to_try_runs_nothing_when_resumed(tmp_path)
     )
     assert "no plan left to try" in " ".join(gatetune(tmp_path, *run.split()).split())
     before = len(Campaign.open(tmp_path / "runs/few", read_only=True).trials())
-    assert "no plan left to try" in " ".join(gatetune(tmp_path, "campaign", "resume", "runs/few").split())
+    resumed = " ".join(gatetune(tmp_path, "campaign", "resume", "runs/few").split())
+    assert "no plan left to try" in resumed and "to run" not in resumed
+    page = (tmp_path / "runs/few/report.html").read_text()
+    assert "no plan left to try" in page and "Finish it" not in page
     assert len(Campaign.open(tmp_path / "runs/few", read_only=True).trials()) == before == 13
