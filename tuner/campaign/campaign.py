@@ -320,11 +320,14 @@ class Campaign:
         ``latest``: however many missions have ended since.
         """
         history = self.history() if history is None else history
-        failures = sum(not o.feasible for o in history)
         try:
             saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
         except (UserError, AttributeError, ValueError, KeyError, TypeError):
             return None
         evaluated = any(saved.values == dict(o.values) for o in history)
-        counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
-        return saved if evaluated and (latest or counted) else None
+        return saved if evaluated and (latest or missions_behind(saved) == len(history)) else None
+
+
+def missions_behind(best: Recommendation) -> int:
+    """Return after how many finished missions ``best`` was made, with those that failed or were left out as outliers."""
+    return best.observations + best.failures + sum(o.counts_as is None for o in best.outliers)

@@ -14,7 +14,7 @@ from rich.padding import Padding
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign, extend_campaign
-from tuner.campaign.campaign import Campaign
+from tuner.campaign.campaign import Campaign, missions_behind
 from tuner.campaign.events import CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings
@@ -177,7 +177,7 @@ def status(
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, campaign.settings.problem.instance_word)
-    if best is not None and (known := best.observations + best.failures) < counts.complete + counts.failed:
+    if best is not None and (known := missions_behind(best)) < counts.complete + counts.failed:
         output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
     advised = show_recommendation(best, campaign)
     missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}

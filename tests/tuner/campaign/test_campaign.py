@@ -261,8 +261,10 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     path = tmp_path / "run" / "recommendation.json"
     saved = json.loads(path.read_text())
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
-    path.write_text(json.dumps({**saved, "values": other}))
-    assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.problem.config(other)
+    left_out = {"mission": 0, "measured": 0.0, "counts_as": None}
+    for current in ({}, {"observations": 5, "outliers": [left_out]}):
+        path.write_text(json.dumps({**saved, "values": other, **current}))
+        assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.problem.config(other)
     for stale in (
         {**saved, "values": other, "observations": 5},
         {**saved, "values": {**other, "gate.d95_m": 1e9}},  # never run
