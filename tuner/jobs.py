@@ -15,7 +15,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary
 from tuner.campaign.session import run_campaign
-from tuner.campaign.settings_file import SETTINGS_FILE, laid_over, read_settings, resolved_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, resolved_settings, settings_there
 from tuner.comparison.of_campaign import (
     PlannedComparison,
     end_of_campaign,
@@ -64,13 +64,12 @@ def tune(
     """
     where = Path(directory)
     given = {name: list(v) if isinstance(v, tuple) else v for name, v in settings.items() if v is not None}
-    mission = Path(str(given["mission"])) if "mission" in given else None
-    if mission is not None:
-        given["mission"] = str(mission)
+    mission = Path(str(given.pop("mission"))) if "mission" in given else None
     if (where / SETTINGS_FILE).is_file():
-        same = resolved_settings(laid_over(read_settings(where)[0], given), "tune()") if given else None
-        campaign = Campaign.open(where, same, mission=mission)
+        campaign = Campaign.open(where, settings_there(where, given, mission), mission=mission)
     else:
+        if mission is not None:
+            given["mission"] = str(mission)
         resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         require_comparable(resolved)
         campaign = begin_campaign(where, resolved)

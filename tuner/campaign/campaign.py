@@ -105,7 +105,7 @@ class Campaign:
             if difference:
                 raise UserError(
                     f"{directory} holds a campaign with other settings: {difference}; "
-                    "resume it as it is or choose another directory"
+                    f"resume it as it is (gatetune campaign resume {directory}; --missions N for more) or choose another directory"
                 )
         if not read_only:
             settings.problem.require_named(mission is not None)

@@ -230,6 +230,36 @@ def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool)
     return {"name": SETTINGS["name"].default, **tree, "overrides": overrides}
 
 
+def settings_there(
+    directory: Path, given: Mapping[str, Any], mission: Path | None
+) -> CampaignSettings | None:
+    """Return the settings of the campaign in ``directory`` under those ``given``, which it must have; None where none is.
+
+    Overrides are laid over one another; what was decided on another machine stays. ``mission``: its mission file.
+
+    Raises `UserError`: as `read_settings`, `with_mission_file` and `settings_from_dict`.
+    """
+    stored = read_settings(directory)[0]
+    if not given:
+        return None
+    if mission is not None:
+        stored = with_mission_file(stored, mission, directory)
+    overrides = {**(stored.get("overrides") or {}), **(given.get("overrides") or {})}
+    tree = {**laid_over(stored, given), "overrides": overrides}
+    return settings_from_dict(_with_absolute_rocks(_checked(tree, "settings given")), "settings given")
+
+
+def _with_absolute_rocks(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``tree`` with mesh files as absolute paths, and families of rocks by their names."""
+    placed = dict(tree)
+    if tree.get("mission") is None:
+        if tree.get("rocks") is not None:
+            placed["rocks"] = absolute_rocks(with_families(tree["rocks"]))
+        if tree.get("compare_on") is not None:
+            placed["compare_on"] = absolute_rocks(tree["compare_on"])
+    return placed
+
+
 def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     """Return the settings that a YAML form means on this machine; ``source`` names a file in messages.
 
@@ -240,11 +270,7 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
         return settings_from_dict(tree, source)
     if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
         tree["overrides"] = with_best_dense_stage(tree.get("overrides") or {})
-    if tree.get("rocks") is not None:
-        tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
-    if tree.get("compare_on") is not None:
-        tree["compare_on"] = absolute_rocks(tree["compare_on"])
-    settings = settings_from_dict(tree, source)
+    settings = settings_from_dict(_with_absolute_rocks(tree), source)
     _require_metrics(settings)
     rock_arguments(settings.rocks, tuned=True)
     rock_arguments(settings.compare_on)

@@ -17,7 +17,7 @@ from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign, missions_behind
 from tuner.campaign.events import CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
-from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings, settings_there
 from tuner.campaign.showcase import run_showcase, showcase_jobs
 from tuner.commands.campaign_display import (
     CampaignProgress,
@@ -94,7 +94,7 @@ def run(
         bool,
         typer.Option(
             "--resume-if-present",
-            help="Resume the campaign if the directory already holds it.",
+            help="Resume the campaign if the directory already holds it; settings given must be its own.",
             rich_help_panel=EXECUTION,
         ),
     ] = False,
@@ -117,7 +117,12 @@ def run(
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it exists already and is resumed")
         named_mission = given.get("mission") and Path(given["mission"])
-        campaign = Campaign.open(directory, mission=named_mission)
+        asked = merged_settings(settings, given, quick=False) if settings or given else {}
+        place = () if out else ("name",)  # it chose the directory
+        asked = {key: value for key, value in asked.items() if key not in ("mission", *place)}
+        campaign = Campaign.open(
+            directory, settings_there(directory, asked, named_mission), mission=named_mission
+        )
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING["instance" if fields.get("mission") else "rock"]):

@@ -7,6 +7,7 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 
+from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
@@ -77,6 +78,18 @@ def test_the_command_runs_the_same_campaign(
     with pytest.raises(LookupError) as found:
         app(words, standalone_mode=False)
     assert program == "gatetune" and found.value.args[0].to_dict() == made.settings.to_dict()
+
+
+def test_a_campaign_that_is_there_is_not_run_with_other_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin_campaign(tmp_path / "runs/b", fake_campaigns.settings(space=load_search_space("gate"), budget=6))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
+    words = ["campaign", "run", "--name", "b", "--resume-if-present", "--budget"]
+    app([*words, "6", "--quick"], standalone_mode=False)  # what --quick alone would set is not given
+    with pytest.raises(UserError, match="budget is 6 there, not 12"):
+        app([*words, "12"], standalone_mode=False)
 
 
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
