@@ -54,8 +54,14 @@ class Advice:
     )  # the greedy oracle minus the best plain plan, in points; None where it was not run
 
     @property
+    def gain(self) -> Interval | None:
+        """What the recommendation gains over ``plain``; None where they are one or nothing plain was run."""
+        return self.over_plain.gain if self.over_plain else None
+
+    @property
     def instances(self) -> int:
-        return len(self.results.rocks)
+        """On how many the recommendation is judged: those that ``plain`` ran on, too, where it is another one."""
+        return len(self.results.rocks) if self.gain is None else self.gain.rocks
 
 
 def leaves_room(ceiling: Interval | None) -> bool:

@@ -227,9 +227,10 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
     records, strategies, complete = list[Trial](), dict[str, Configuration](), True
     for where, plan in plans:
         of_plan = plan.records(where)
-        complete &= len(of_plan) == plan.combinations
-        records += [r for r in of_plan if r.condition in under]
-        strategies |= plan.strategies
+        if counted := [r for r in of_plan if r.condition in under]:  # of one without, nothing is to be shown
+            complete &= len(of_plan) == plan.combinations
+            records += counted
+            strategies |= plan.strategies
     records = _with_twins(records, strategies)
     return Results(True, records, strategies, complete, campaign.settings) if records else None
 

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from tuner.comparison.result import Results
     from tuner.missions.job import Trial
     from tuner.problem.instances import Instance
+    from tuner.problem.intervals import Interval
     from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
 
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which it is said that they are too narrow
@@ -90,7 +91,8 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
 
 def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> list[str]:
     """What to fly, what it gains over the best plain plan and over the reference, on how many instances, and what an orbit would lose."""
-    where, said = there(advice.results, s.problem.instance_word), [use_sentence(best, s)]
+    word, said = s.problem.instance_word, [use_sentence(best, s)]
+    where = there(advice.results, word, advice.gain)
     if advice.fly != TUNED and advice.over_plain is not None:
         label, gain = metric_label(advice.over_plain.metric), advice.over_plain.gain
         lost = (
@@ -103,19 +105,22 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     against = {
         v.reference: v for v in (advice.over_reference, advice.over_plain) if v and v.strategy == advice.fly
     }
-    gains = list[str]()
+    gains = list[tuple[str, str]]()
     for verdict in reversed(against.values()):
         unit = metric_label(verdict.metric).difference_unit
         over = strategy_label(verdict.reference)
         over = f"the best plain plan ({over})" if verdict is advice.over_plain else over
-        if verdict.gain is not None:
-            gains.append(f"{f'{difference_text(verdict.gain)} {unit}'.strip()} against {over}")
+        if (gain := verdict.gain) is not None:
+            text = f"{f'{difference_text(gain)} {unit}'.strip()} against {over}"
+            gains.append((text, there(advice.results, word, gain)))
     if gains:
-        said.append(f"On {where} it has {', '.join(gains)} (95 % intervals; above 0 is better).")
+        texts, places = zip(*gains)
+        each = ", ".join(f"{text} on {place}" for text, place in gains)
+        has = f"It has {each}" if len({*places}) > 1 else f"On {places[0]} it has {', '.join(texts)}"
+        said.append(f"{has} (95 % intervals; above 0 is better).")
     if advice.fly != TUNED:
-        said.append(f"It was chosen on these {s.problem.instance_word}s, so its intervals are optimistic.")
+        said.append(f"It was chosen on these {word}s, so its intervals are optimistic.")
     if best.plain == ARMS[0] and advice.over_plain is not None and not advice.results.held_out:
-        word = s.problem.instance_word
         said.append(f"That does not tell which is better on other {word}s: docs/results/what_to_fly.md.")
     if advice.is_plain and not best.keep_default and advice.over_plain is None:
         said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
@@ -130,16 +135,17 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     return said
 
 
-def there(results: Results, word: str = "rock") -> str:
-    """``2 held-out rocks``."""
-    return counted(len(results.rocks), f"held-out {word}" if results.held_out else f"training {word}")
+def there(results: Results, word: str, gain: Interval | None = None) -> str:
+    """``2 held-out rocks``: those of ``gain``, without one those on which the recommendation has run."""
+    number = len(results.rocks) if gain is None else gain.rocks
+    return counted(number, f"held-out {word}" if results.held_out else f"training {word}")
 
 
 def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[str, str]:
     """What to do now and its command; an empty command means to stop."""
     s, status = campaign.settings, campaign.status()
     word, count = s.problem.instance_word, advice.instances if advice else 0
-    where = there(advice.results, word) if advice else ""
+    where = there(advice.results, word, advice.gain) if advice else ""
     plain = strategy_label(advice.plain) if advice else ""
     evidence = "no plain plan is better"
     if advice is not None and advice.is_plain:

@@ -195,11 +195,13 @@ def earned_sentences(results: Sequence[Results], best: Recommendation) -> list[s
     if not best.keep_default:
         label = metric_label(first.settings.goal.shown.metric)
         what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
-        also = [f", and {difference_text(each.gain(TUNED))} on {there(each, word)}" for each in results[1:]]
-        gain = first.gain(TUNED)
+        gains = [each.gain(TUNED) for each in results]
+        on = [there(each, word, gain) for each, gain in zip(results, gains)]
+        also = [f", and {difference_text(gain)} on {where}" for gain, where in zip(gains[1:], on[1:])]
+        gain = gains[0]
         verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
         said.append(
-            f"On {here} Tuned {verb} {difference_text(gain)} {what} {against} {strategy_label(reference)}{''.join(also)}."
+            f"On {on[0]} Tuned {verb} {difference_text(gain)} {what} {against} {strategy_label(reference)}{''.join(also)}."
         )
         if reference == "hyb-h":
             said += _what_earned_it(first, best.changed)

@@ -19,8 +19,8 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.comparison.advice import advice_of
-from tuner.comparison.result import Results, training_results
+from tuner.comparison.advice import Next, advice_of, next_step
+from tuner.comparison.result import Results, held_out_results, training_results
 from tuner.comparison.verdict import Kind
 from tuner.export.photogrammetry_nbv import read_file
 from tuner.problem.baselines import TUNED, baseline
@@ -29,7 +29,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import recommend
-from tuner.report.answer import use_sentence
+from tuner.report.answer import advice_lines, use_sentence
 
 TWENTY = {"seed.count": 12, "stop.adaptive_budget": 8}
 
@@ -215,6 +215,25 @@ def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
     advice = advice_of(campaign, best)
     assert advice.plain == "random" and advice.over_plain is not None and advice.over_plain.gain is not None
     assert advice.over_plain.gain.mean == pytest.approx(-0.6)
+    unpaired = made_trial(TUNED, "third", 0, measured={"metrics": made_metrics(70.0)})
+    results = Results(True, [*records, unpaired], configs, True, campaign.settings)
+    advice = advice_of(campaign, best)
+    assert "On 2 held-out rocks it has" in " ".join(advice_lines(advice, best, campaign.settings))
+    assert next_step(campaign, best, advice) is Next.MORE_INSTANCES
+
+
+def test_a_plan_without_a_record_adds_no_strategy(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tuned = campaign.recommended_config()
+    records = {TUNED: [made_trial(TUNED, "arch", 0)], "random": []}
+    plans = [
+        SimpleNamespace(fidelity="", combinations=1, strategies={name: tuned}, records=lambda _, of=of: of)
+        for name, of in records.items()
+    ]
+    monkeypatch.setattr("tuner.comparison.result.evaluations", lambda *_: [(Path(), p) for p in plans])
+    found = held_out_results(campaign, tuned)
+    assert found is not None and list(found.strategies) == [TUNED] and found.complete
 
 
 def test_the_list_of_campaigns_names_what_is_advised(

@@ -70,7 +70,7 @@ def step_of(campaign: Campaign, best: Recommendation, held_out: Sequence[str] = 
     records = [dataclasses.replace(trial, rock=rock, strategy="tuned") for rock in held_out]
     if held_out:
         results = dataclasses.replace(advice.results, held_out=True, records=records)
-        advice = dataclasses.replace(advice, results=results, **of_advice)
+        advice = dataclasses.replace(advice, results=results, over_plain=None, **of_advice)
     return next_step(campaign, best, advice)
 
 
