@@ -170,7 +170,9 @@ def run_and_report(
     plan, paper = planned.plan, planned.source is None
     executor = planned.executor(workers, timeout_s)
     taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
-    notes = (*planned.notes, *filter(None, [mission_kind(plan.fidelity).note]), *map(_ceiling, taken))
+    not_counted = planned.not_counted(out)
+    said = filter(None, [mission_kind(plan.fidelity).note, not_counted])
+    notes = (*planned.notes, *said, *map(_ceiling, taken))
     planned = dataclasses.replace(planned, notes=notes)
     for note in notes:
         output.print(note, style="yellow")
@@ -184,7 +186,7 @@ def run_and_report(
         facts, report = run_comparison(planned, executor, out, f"gatetune {shlex.join(sys.argv[1:])}")
     for line in comparison.verdict_lines(facts):
         output.print(line, style="bold")
-    answer = {} if planned.source is None else show_all_results(planned.source)
+    answer = {} if planned.source is None else show_all_results(planned.source, not_counted)
     tables = {f"Under {name}": table for name, table in facts.conditions.items()}
     if not answer.pop("tables", False):
         tables = {"Results by strategy": facts.summary, **tables}
@@ -216,8 +218,11 @@ def run_comparison(
         return facts, write_comparison_report(facts, command)
 
 
-def show_all_results(campaign: Campaign) -> dict[str, Any]:
-    """Print the campaign's tables, what to fly and what next, anew from all results, which its page has, too; return what was said."""
+def show_all_results(campaign: Campaign, not_counted: str) -> dict[str, Any]:
+    """Print the campaign's tables, what to fly and what next, anew from all results, which its page has, too; return what was said.
+
+    ``not_counted``: why what has just run is not among them; empty where it is.
+    """
     from tuner.report.campaign_page import write_campaign_report
 
     best = campaign.recommended()
@@ -232,6 +237,8 @@ def show_all_results(campaign: Campaign) -> dict[str, Any]:
     why, command = next_text(next_step(campaign, best, advice), campaign, advice)
     for line in said:
         output.print(line, style="bold", highlight=False)
+    if not_counted:
+        output.print(not_counted, style="yellow")
     output.print(f"What next: {why}", highlight=False)
     if command:
         output.print(command, highlight=False, soft_wrap=True)

@@ -56,6 +56,20 @@ class PlannedComparison:
         mission = self.source.settings.mission if self.source else None
         return local_executor(self.plan.fidelity, workers, timeout_s, mission)
 
+    def not_counted(self, out: Path | None) -> str:
+        """Return why what runs in ``out`` (None: in ``usual``) adds nothing to its campaign's answer; empty where it does."""
+        if self.source is None:
+            return ""
+        begin, usual = "This does not count toward the campaign's answer", self.usual.resolve()
+        if out is not None and (
+            out.resolve().parent != usual.parent or not out.resolve().name.startswith(usual.name)
+        ):
+            return f"{begin}, which reads {self.usual}, {self.usual.name}-2 and so on, not {out}."
+        own = [condition.name for condition in self.source.settings.conditions]
+        if not any(condition.name in own for condition in self.plan.conditions):
+            return f"{begin}, which is for {', '.join(own)}, where it was tuned."
+        return ""
+
     def run(
         self,
         executor: Executor,

@@ -174,7 +174,10 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
             "Confirm it in new replicates: your mission file has no held-out instance.",
             f"gatetune confirm {run}",
         ),
-        Next.EVALUATE: (f"Evaluate it on held-out {word}s: so far it has run where it was tuned.", evaluate),
+        Next.EVALUATE: (
+            f"Evaluate it on held-out {word}s: all that counts so far ran where it was tuned.",
+            evaluate,
+        ),
         Next.MORE_INSTANCES: (
             f"Evaluate it on more {word}s: {counted(count, word)} cannot represent others.",
             evaluate,

@@ -79,7 +79,8 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy, 
     found = campaign.recommendation()
     assert found is not None and found.values["gain"] <= 2
     evaluate = ("evaluate", "runs/two", "--mission", "toy.yaml", "--replicates", 1, "--workers", 1)
-    gatetune.ok(*evaluate)
+    assert gatetune.ok(*evaluate, "--out", "elsewhere").count("does not count") == 2  # first and last
+    assert "does not count" not in gatetune.ok(*evaluate)
 
     def refuse(_):
         raise UserError("cannot write it")

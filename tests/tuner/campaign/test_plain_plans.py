@@ -13,13 +13,15 @@ import pytest
 import yaml
 from made_evaluations import made_metrics, made_trial
 
-from nbv.config import config_from_dict, preset
+from nbv.config import config_from_dict, load_conditions, preset
 from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.comparison.advice import Next, advice_of, next_step
+from tuner.comparison.of_campaign import PlannedComparison
+from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.result import Results, held_out_results, training_results
 from tuner.comparison.verdict import Kind
 from tuner.export.photogrammetry_nbv import read_file
@@ -220,6 +222,15 @@ def test_plans_that_ran_on_other_rocks_are_compared_where_both_ran(
     advice = advice_of(campaign, best)
     assert "On 2 held-out rocks it has" in " ".join(advice_lines(advice, best, campaign.settings))
     assert next_step(campaign, best, advice) is Next.MORE_INSTANCES
+
+
+def test_an_evaluation_under_other_conditions_does_not_count(campaign: Campaign) -> None:
+    for name, says in {"harsh": "for ideal, where it was tuned", "ideal": ""}.items():
+        conditions = tuple(load_conditions([name]))
+        plan = EvaluationPlan({TUNED: campaign.recommended_config()}, ("arch",), conditions=conditions)
+        usual = campaign.directory / "evaluation"
+        why = PlannedComparison(plan, TUNED, "", usual, source=campaign).not_counted(usual)
+        assert says in why and bool(says) == bool(why)
 
 
 def test_a_plan_without_a_record_adds_no_strategy(
