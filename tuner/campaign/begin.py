@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import shlex
 import uuid
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         theirs = read_settings(directory)[0]
         what = "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
         raise UserError(
-            f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
+            f"{directory} already holds {what}; resume it with `gatetune campaign resume {shlex.quote(str(directory))}` "
             "or choose another directory"
         )
     if directory.exists() and (not directory.is_dir() or not all(map(_is_leftover, directory.iterdir()))):

@@ -19,6 +19,7 @@ import dataclasses
 import functools
 import json
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,7 +106,7 @@ class Campaign:
             if difference:
                 raise UserError(
                     f"{directory} holds a campaign with other settings: {difference}; "
-                    f"resume it as it is (gatetune campaign resume {directory}; --missions N for more) or choose another directory"
+                    f"resume it as it is (gatetune campaign resume {shlex.quote(str(directory))}; --missions N for more) or choose another directory"
                 )
         if not read_only:
             settings.problem.require_named(mission is not None)

@@ -10,6 +10,7 @@ import collections
 import concurrent.futures
 import dataclasses
 import functools
+import shlex
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -405,7 +406,7 @@ class ReproducibilityCheck:
     def _ask(self, what: str) -> None:
         raise UserError(
             f"{what}: its ledger would mix two kinds of missions; restore what it was, or go on all the same with "
-            f"`gatetune campaign resume {self._directory} --accept-changes`"
+            f"`gatetune campaign resume {shlex.quote(str(self._directory))} --accept-changes`"
         )
 
 

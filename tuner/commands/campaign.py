@@ -246,7 +246,7 @@ def _row(directory: Path) -> dict[str, Any]:
         mean = f"{best.mean:.4g}: " if advice.fly == TUNED else ""  # the recommendation's
         answer = mean + advice_lines(advice, best, s)[0]
     elif not campaign.nothing_yet():
-        answer = f"not computed yet: gatetune campaign status {directory}"
+        answer = f"not computed yet: gatetune campaign status {shlex.quote(str(directory))}"
     return {
         **row,
         "objective": str(s.goal),
@@ -304,7 +304,8 @@ def run_and_report(
                 where = shlex.join([str(campaign.directory), *settings.problem.options()])
                 output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
                 output.print(
-                    f"write its report so far: gatetune mission view {campaign.directory}", soft_wrap=True
+                    f"write its report so far: gatetune mission view {shlex.quote(str(campaign.directory))}",
+                    soft_wrap=True,
                 )
                 raise typer.Exit(130)
             output.print(
@@ -339,7 +340,9 @@ def show_comparison(campaign: Campaign, planned: PlannedComparison, executor: ex
         f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
     )
     facts, _ = run_comparison(planned, executor)
-    require_complete(facts.run, f"resume with: gatetune campaign resume {campaign.directory}")
+    require_complete(
+        facts.run, f"resume with: gatetune campaign resume {shlex.quote(str(campaign.directory))}"
+    )
     show_answer(campaign, campaign.recommendation(save=False))
 
 
@@ -356,12 +359,16 @@ def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
         with working("writing the report"):
             report = write_campaign_report(campaign)
     except KeyboardInterrupt:
-        output.print(f"no report: gatetune mission view {campaign.directory} writes it", soft_wrap=True)
+        output.print(
+            f"no report: gatetune mission view {shlex.quote(str(campaign.directory))} writes it",
+            soft_wrap=True,
+        )
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
         output.print(f"interactive page, the default beside the recommendation: {page}", soft_wrap=True)
     elif shown:
         output.print(
-            f"write an interactive page of it: gatetune mission view {campaign.directory}", soft_wrap=True
+            f"write an interactive page of it: gatetune mission view {shlex.quote(str(campaign.directory))}",
+            soft_wrap=True,
         )

@@ -3,8 +3,8 @@
 Of the plain plans (orbits, random views, the default) the first stands unless it fails more often than another, or another is
 better with a 95 % interval over the training rocks: a few rocks say little of which orbit is the best on others. Most parameters
 that a search varies have no effect on the outcome. So among the configurations that are better than the best plain plan, with a
-95 % interval, the one with the fewest changes is taken that is not worse than the best of them. Where none is better, a plain plan
-is recommended: the gain lies within the noise.
+95 % interval, the one with the fewest changes is taken that is not worse than the best of them, or that had exactly its outcomes.
+Where none is better, a plain plan is recommended: the gain lies within the noise.
 
 The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
 infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
@@ -205,11 +205,9 @@ class Choice:
         if self.problem.arms and index in self.plain_plans(among):
             return index
         outcomes = self.candidates[index].outcomes
-        same = [
-            i
-            for i in among
-            if outcomes.items() <= self.candidates[i].outcomes.items() and self._not_worse(i, index)
-        ]
+        theirs = {i: self.candidates[i].outcomes for i in among}
+        same = [i for i in among if outcomes.items() <= theirs[i].items()]
+        same = [i for i in same if outcomes == theirs[i] or self._not_worse(i, index)]
         return min(same, key=self.changes)
 
     def _cheapest(self) -> list[int]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -109,7 +110,9 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective):
     file |= {"metric": "quality", "direction": "maximise", "replicates": 2}
     (tmp_path / "shots.yaml").write_text(yaml.safe_dump(file))
     asked = {"mission": str(tmp_path / "shots.yaml"), "budget": 12, "initial": 4, "objective": objective}
-    campaign = begin_campaign(tmp_path / "runs/shots", settings_from_dict({"name": "shots", **asked}, "test"))
+    campaign = begin_campaign(
+        tmp_path / "runs/my shots", settings_from_dict({"name": "shots", **asked}, "test")
+    )
     run_campaign(campaign, InProcessExecutor())
     found, trials = campaign.recommendation(), [t for t in campaign.trials() if t.state == "complete"]
     wanted = 0.6 if "shots<=" in objective else 0.0
@@ -125,7 +128,7 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, instances, objective):
     assert "--anyway" in said and f"{found.limit.missed_by:.3g}" in said
     assert not (run / "gatetune.yaml").exists()
     said = gatetune.ok("export", run)  # what it says to type works
-    gatetune.ok(*said.partition("write the first: gatetune ")[2].split())
+    gatetune.ok(*shlex.split(said.partition("write the first: gatetune ")[2]))
     assert (run / "gatetune.yaml").is_file()
     asked = ("confirm", run, "--mission", "shots.yaml", "--replicates", 1, "--workers", 1, "--json")
     tree = json.loads(gatetune.ok(*asked))
