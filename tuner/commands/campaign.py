@@ -115,7 +115,6 @@ def run(
     directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
     output.print(f"campaign {fields['name']} in {directory}")
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
-        output.print("it exists already and is resumed")
         named_mission = given.get("mission") and Path(given["mission"])
         asked = merged_settings(settings, given, quick=False) if settings or given else {}
         place = () if out else ("name",)  # it chose the directory
@@ -123,6 +122,7 @@ def run(
         campaign = Campaign.open(
             directory, settings_there(directory, asked, named_mission), mission=named_mission
         )
+        output.print("it exists already and is resumed")
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING["instance" if fields.get("mission") else "rock"]):
