@@ -125,7 +125,7 @@ class MissionConfig:
                 f"flight.home_m is {away_m:.2f} m from the target's axis, inside the keep-out of "
                 f"{flight.keep_out_radius_m:g} m (flight.keep_out_radius_m); take off farther away"
             )
-        if self.target_m[2] <= self.target.ground_m:
+        if self.target.ground_m and self.target_m[2] <= self.target.ground_m:
             raise UserError(
                 f"target.ground_m {self.target.ground_m:g} is not below the target's centre, at {self.target_m[2]:g} m; lower it"
             )

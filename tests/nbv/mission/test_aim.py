@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from nbv.config import preset
+from nbv.errors import UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity, run_geometric_mission
 from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
 from nbv.photographs.photograph_fidelity import PhotographFidelity
@@ -78,3 +79,11 @@ def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
         Seen.run(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
         assert planned_by[-1].target_m == beliefs[replicate].target_m
         assert planned_by[-1].dense == beliefs[replicate].dense
+
+
+def test_heights_may_count_from_the_target_and_ground_lies_below_it():
+    config = preset("campaign").with_values({"target_m": [0.0, 0.0, 0.0]})
+    for below_m in (0.0, -0.8):  # 0: nothing is known of it
+        config.with_values({"target.ground_m": below_m}).require_flyable()
+    with pytest.raises(UserError, match=r"target\.ground_m 0\.1 is not below"):
+        config.with_values({"target.ground_m": 0.1}).require_flyable()
