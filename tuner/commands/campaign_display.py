@@ -174,7 +174,11 @@ def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
     if best is None or not results:
         return False
     document = campaign_document(results, best)
-    write_atomic(campaign.directory / "comparison.json", json.dumps(json_ready(document), indent=1))
+    path = campaign.directory / "comparison.json"
+    try:
+        write_atomic(path, json.dumps(json_ready(document), indent=1))
+    except OSError as error:  # of a campaign that may only be read
+        output.print(f"{path} stays as it was: {error.strerror}", highlight=False, soft_wrap=True)
     for each in results:
         output.print(*results_table(each).for_terminal())
     if legend := legend_of(results[0].table):

@@ -1,5 +1,6 @@
 """A campaign over a mission file, from the command line: everything that a campaign over our own missions has."""
 
+import errno
 import json
 import re
 import shlex
@@ -86,9 +87,14 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy, 
     def refuse(_):
         raise UserError("cannot write it")
 
+    def read_only(*_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
     monkeypatch.setattr("tuner.report.campaign_page.write_campaign_report", refuse)
+    monkeypatch.setattr("tuner.commands.campaign_display.write_atomic", read_only)
     said = gatetune.ok(*evaluate)  # of a campaign that may only be read
     assert "stays as it was: cannot write it" in said and "What next" in said
+    assert "comparison.json stays as it was: Read-only file system" in said
 
 
 SHOTS = """
