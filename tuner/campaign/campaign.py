@@ -326,9 +326,4 @@ class Campaign:
         except (UserError, AttributeError, ValueError, KeyError, TypeError):
             return None
         evaluated = any(saved.values == dict(o.values) for o in history)
-        return saved if evaluated and (latest or missions_behind(saved) == len(history)) else None
-
-
-def missions_behind(best: Recommendation) -> int:
-    """Return after how many finished missions ``best`` was made, with those that failed or were left out as outliers."""
-    return best.observations + best.failures + sum(o.counts_as is None for o in best.outliers)
+        return saved if evaluated and (latest or saved.missions_behind == len(history)) else None

@@ -20,7 +20,7 @@ from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.rock_choice import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
 from tuner.problem.objective import Direction, reached
@@ -239,9 +239,9 @@ def settings_there(
 
     Raises `UserError`: as `read_settings`, `with_mission_file` and `settings_from_dict`.
     """
-    stored = read_settings(directory)[0]
     if not given:
         return None
+    stored = read_settings(directory)[0]
     if mission is not None:
         stored = with_mission_file(stored, mission, directory)
     overrides = {**(stored.get("overrides") or {}), **(given.get("overrides") or {})}
@@ -268,9 +268,12 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     tree = _checked(tree, source)
     if tree.get("mission") is not None:
         return settings_from_dict(tree, source)
-    if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
+    tree, fidelity = _with_absolute_rocks(tree), tree.get("fidelity") or DEFAULT_FIDELITY
+    if fidelity == DEFAULT_FIDELITY:
         tree["overrides"] = with_best_dense_stage(tree.get("overrides") or {})
-    settings = settings_from_dict(_with_absolute_rocks(tree), source)
+    if tree.get("rocks") and not tree.get("preset"):
+        tree["preset"] = usual_preset(tree["rocks"], fidelity)
+    settings = settings_from_dict(tree, source)
     _require_metrics(settings)
     rock_arguments(settings.rocks, tuned=True)
     rock_arguments(settings.compare_on)

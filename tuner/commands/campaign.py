@@ -14,7 +14,7 @@ from rich.padding import Padding
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign, extend_campaign
-from tuner.campaign.campaign import Campaign, missions_behind
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings, settings_there
@@ -57,7 +57,7 @@ from tuner.comparison.advice import advice_of
 from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
-from tuner.missions.registry import PHOTOGRAPHS, mission_kind, usual_preset
+from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import TUNED
 from tuner.report.answer import advice_lines
 from tuner.report.labels import duration
@@ -126,10 +126,7 @@ def run(
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
     with working(LOADING["instance" if fields.get("mission") else "rock"]):
-        resolved = resolved_settings(fields, source := str(settings or "command line"))
-        usual = usual_preset(resolved.rocks, resolved.fidelity) if resolved.mission is None else ""
-        if usual == PHOTOGRAPHS and "preset" not in fields:
-            resolved = resolved_settings({**fields, "preset": usual}, source)
+        resolved = resolved_settings(fields, str(settings or "command line"))
         require_comparable(resolved)
     if executor == "local" and scheduler is None:
         mission_kind(resolved.fidelity).require_dense_stage(resolved.problem.base)
@@ -182,7 +179,7 @@ def status(
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts, campaign.settings.problem.instance_word)
-    if best is not None and (known := missions_behind(best)) < counts.complete + counts.failed:
+    if best is not None and (known := best.missions_behind) < counts.complete + counts.failed:
         output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
     advised = show_recommendation(best, campaign)
     missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}

@@ -169,6 +169,11 @@ class Recommendation:
         )
 
     @property
+    def missions_behind(self) -> int:
+        """After how many finished missions it was made, with those that failed or were left out as outliers."""
+        return self.observations + self.failures + sum(o.counts_as is None for o in self.outliers)
+
+    @property
     def keep_default(self) -> bool:
         """Whether the answer is to change nothing."""
         return not self.changed
