@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
+from nbv.config.sections_planning import SharedTermsConfig
 from nbv.evaluation.ground_truth import observable_mask
 from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
@@ -230,7 +231,8 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
 
 
 def _near_m(config: MissionConfig) -> float:
-    return max(c.shared.box_half_extent_m for c in (config, MissionConfig())) + GROUND_MARGIN_M
+    """How far near ground reaches from the target's axis: what photographs show does not end at a scorer's box."""
+    return max(config.shared.box_half_extent_m, SharedTermsConfig().box_half_extent_m) + GROUND_MARGIN_M
 
 
 def _near_ground(half_extent_m: float) -> Floats:

@@ -102,9 +102,9 @@ def export(
     if to is Format.plan:
         return _export_plan(exported, rock, _place(home), out)
     files = vehicle_files(exported, {to.value: onto} if to and onto else None)
-    first = shlex.join(["gatetune", "export", str(run), "--to", files[0].name])
-    first += "" if strategy is None else f" --strategy {strategy}"
-    first += " --anyway" if best.limit is not None and not best.limit.kept else ""
+    options = ["--to", files[0].name, *(() if strategy is None else ("--strategy", strategy))]
+    options += ["--anyway"] if best.limit is not None and not best.limit.kept else []
+    first = shlex.join(["gatetune", "export", str(run), *options])
     if to is None:
         changes = ", ".join(map(exported.change, exported.values))
         what = "recommended" if exported.is_recommended else strategy_label(exported.strategy)

@@ -49,9 +49,8 @@ class Advice:
     over_plain: Verdict | None  # the recommendation against that plan; None where they are one
     over_reference: Verdict | None  # ``fly`` against the reference
     by_orbit: Verdict | None  # the best plain orbit against ``fly``; None where that is one
-    ceiling: (
-        Interval | None
-    )  # the greedy oracle minus the best plain plan, in points; None where it was not run
+    # The greedy oracle minus the best plain plan, in points; None where it was not run.
+    ceiling: Interval | None
 
     @property
     def gain(self) -> Interval | None:
