@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,20 +27,16 @@ def converted(
     tree: Any,
     kind: type[T],
     source: str,
-    rules: Mapping[str, str] | None = None,
     dec_hook: Callable[[type, Any], Any] | None = None,
 ) -> T:
-    """``tree`` as a ``kind``; `UserError`, which begins with ``source``, where it is none.
-
-    ``rules`` puts patterns of text into words.
-    """
+    """``tree`` as a ``kind``; `UserError`, which begins with ``source``, where it is none."""
     try:
         return msgspec.convert(tree, kind, dec_hook=dec_hook)
     except msgspec.ValidationError as error:
-        raise UserError(f"{source}: {_words(str(error), tree, kind, rules or {})}") from error
+        raise UserError(f"{source}: {_words(str(error), tree, kind)}") from error
 
 
-def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str:
+def _words(message: str, tree: Any, kind: type) -> str:
     problem, _, place = message.partition(" - at ")
     of_key, place = place.startswith("`key`"), place.rpartition("`$")[2].strip("`.")
     name, inside = re.sub(r"\[\.\.\.\]", " (an entry)", place) or "the file", f"{place}: " if place else ""
@@ -50,12 +46,10 @@ def _words(message: str, tree: Any, kind: type, rules: Mapping[str, str]) -> str
         known = [] if place else [field.encode_name for field in msgspec.structs.fields(kind)]
         return f"{inside}unknown key {unknown[1]!r}" + (f"; allowed: {', '.join(known)}" if known else "")
     value = _value(tree, place)
-    pattern = re.search(r"matching regex '(.*)'", problem)
-    regex = pattern[1].replace("\\\\", "\\") if pattern else ""  # as its repr
-    rule = rules.get(regex, f"text like {regex}") if pattern else _rule(problem, kind, place)
+    rule = _rule(problem, kind, place)
     if of_key:
         keys = value if isinstance(value, dict) else {}
-        bad = [k for k in keys if not isinstance(k, str) or (pattern and not re.search(regex, k))]
+        bad = [k for k in keys if not isinstance(k, str)]
         return f"{name}: the name {bad[0]!r} must be {rule}" if bad else f"{name}: a name must be {rule}"
     shown = "" if value is _NOTHING else f" is {_short(value)}; it"
     return f"{name}{shown} must be {rule}"

@@ -74,22 +74,10 @@ def _config(path: Path) -> None:
     config_from_dict(read_yaml(path))
 
 
-def _mission_file(path: Path) -> None:
-    from tuner.missions.external.mission_file import load_mission_file
-
-    load_mission_file(path)
-
-
 def _authors_file(path: Path) -> None:
     from tuner.export.photogrammetry_nbv import FILES, read_file
 
     read_file(path, next(iter(FILES)))
-
-
-def _result(path: Path) -> None:
-    from tuner.missions.external.program import read_result
-
-    read_result(path)
 
 
 def _mission_result(path: Path) -> None:
@@ -299,9 +287,7 @@ TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "search space": ("x.yaml", _space),
     "condition": ("x.yaml", _condition),
     "configuration": ("x.yaml", _config),
-    "mission file": ("mission.yaml", _mission_file),
     "authors' file": ("x.yaml", _authors_file),
-    "result.json": ("result.json", _result),
     "mission.json": ("mission.json", _mission_result),
     "planning state": ("state.npz", _state),
     "rock": ("rock.npz", _rock),
@@ -346,7 +332,6 @@ def make_seeds(folder: Path) -> None:
     from nbv.rocks.catalogue import write_rock
     from nbv.rocks.importer import import_mesh
     from tuner.export.photogrammetry_nbv import FILES, write_text
-    from tuner.missions.external.skeleton_files import write_skeleton
 
     FLOWN = folder / "flown"
     campaign = fake_campaigns.run(FLOWN, sampler="sobol", budget=3)
@@ -362,15 +347,9 @@ def make_seeds(folder: Path) -> None:
     SEEDS["search space"] = [p.read_bytes() for p in sorted((ROOT / "search_spaces").glob("*.yaml"))]
     SEEDS["condition"] = [p.read_bytes() for p in sorted((ROOT / "conditions").glob("*.yaml"))]
     SEEDS["configuration"] = [yaml.safe_dump(preset("campaign").to_dict()).encode()]
-    write_skeleton(folder / "skeleton")
-    SEEDS["mission file"] = [p.read_bytes() for p in sorted((folder / "skeleton").glob("*.yaml"))]
     kind = next(iter(FILES))
     theirs = {key.path: key.default for key in FILES[kind][1] if key.default is not None}
     SEEDS["authors' file"] = [write_text(theirs, kind).encode()]
-    SEEDS["result.json"] = [
-        b'{"metrics": {"score": 0.5, "a": {"b": 1}}, "costs": {"energy_j": 1.5}}',
-        b'{"failure": "x"}',
-    ]
     SEEDS["mission.json"] = [next(FLOWN.glob("missions/*/mission.json")).read_bytes()]
     SEEDS["ledger"] = [(FLOWN / "study.journal").read_bytes()]
     SEEDS["recommendation"] = [(FLOWN / "recommendation.json").read_bytes()]

@@ -22,7 +22,6 @@ from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, SHAPES
 from tuner.comparison.curves import Suite, comparison_plans
 from tuner.problem.instances import Instance
 from tuner.problem.intervals import mean_interval
-from tuner.problem.search_space import builtin
 from tuner.report.labels import difference_text
 
 PLAIN = ("orbit", "orbit-high", "orbit-two", "random")
@@ -48,9 +47,8 @@ def scores_of(
     """Every strategy on every target."""
     suite, found = Suite(tuple(map(Instance, targets)), tuple(numbers), fidelity=fidelity), Scores()
     (plan,) = comparison_plans(suite, dict.fromkeys(("predicted", "greedy-oracle", *PLAIN))).values()
-    runs = [(name, builtin(config)) for name, config in plan.strategies.items()]
     for target in targets:
-        for name, config in runs:
+        for name, config in plan.strategies.items():
             strategy = next(
                 s
                 for s in ("predicted", "greedy-oracle", *reversed(PLAIN))

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from tuner.campaign.rock_problem import plain_plans
 
 from nbv.rocks.families import HELD_OUT_FROM
 from nbv.types import Floats
-from tuner.campaign.rock_problem import plain_plans
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.missions.registry import kind_on

@@ -88,11 +88,7 @@ for command in (
     doctor.doctor,
 ):
     app.command()(command)
-app.add_typer(
-    mission.app,
-    name="mission",
-    help="Run one mission, explain its decisions, view it in 3D; set up missions of your own.",
-)
+app.add_typer(mission.app, name="mission", help="Run one mission, explain its decisions, view it in 3D.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(
     photographs.app, name="photographs", help="Import sets of real photographs; find how few are enough."

@@ -64,18 +64,13 @@ def tune(
     """
     where = Path(directory)
     given = {name: list(v) if isinstance(v, tuple) else v for name, v in settings.items() if v is not None}
-    mission = Path(str(given.pop("mission"))) if "mission" in given else None
     if (where / SETTINGS_FILE).is_file():
-        campaign = Campaign.open(where, settings_there(where, given, mission), mission=mission)
+        campaign = Campaign.open(where, settings_there(where, given))
     else:
-        if mission is not None:
-            given["mission"] = str(mission)
         resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         require_comparable(resolved)
         campaign = begin_campaign(where, resolved)
-    with local_executor(
-        campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
-    ) as executor:
+    with local_executor(campaign.settings.fidelity, workers, timeout_s) as executor:
         run_to_end(campaign, executor, on_event)
     return campaign
 
@@ -113,7 +108,6 @@ def evaluate(
     conditions: Sequence[str] | None = None,
     fidelity: str = "photogrammetric",
     directory: str | Path | None = None,
-    mission: str | Path | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
 ) -> EvaluationRun:
@@ -122,7 +116,7 @@ def evaluate(
     Parameters
     ----------
     rocks
-        By default the procedural held-out ones, or what a mission file holds out.
+        By default the procedural held-out ones.
     strategies
         The baselines, by default the command's; at the recommendation's number of photographs, and the default's own plan
         beside them.
@@ -130,18 +124,14 @@ def evaluate(
         Names or files; by default the campaign's.
     directory
         By default ``evaluation`` in the campaign's; missions that are there are not run again.
-    mission
-        Of a campaign over a mission file: that file, whose program may run.
 
     Raises
     ------
     UserError
         The campaign has no recommendation, or was tuned on one of the rocks.
     """
-    if mission is not None or not isinstance(campaign, Campaign):
-        where = campaign.directory if isinstance(campaign, Campaign) else Path(campaign)
-        campaign = Campaign.open(where, read_only=True, mission=None if mission is None else Path(mission))
-    campaign.settings.problem.require_named(mission is not None)
+    if not isinstance(campaign, Campaign):
+        campaign = Campaign.open(Path(campaign), read_only=True)
     comparison = held_out(
         campaign,
         rocks=rocks,

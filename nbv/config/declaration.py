@@ -103,7 +103,6 @@ class Declaration:
     panel: str = ""  # of the command's help
     in_file: str = ""  # further forms in a settings file
     has_paths: bool = False  # relative ones start at the settings file's folder
-    builtin: bool = False  # applies to built-in missions only
     read: Callable[[Any, str], Any] | None = (
         None  # (YAML form, source) to value, where the type does not tell
     )

@@ -41,8 +41,8 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     if directory.exists() and (not directory.is_dir() or not all(map(_is_leftover, directory.iterdir()))):
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
     learned = None
-    if settings.sources:
-        learned = learn_from(settings.sources, settings.problem, settings.objective)
+    if settings.learn_from:
+        learned = learn_from(settings.learn_from, settings.problem, settings.objective)
     make_sampler(settings.sampler, settings.search)  # refuses a search space that it cannot handle
     identity = uuid.uuid4().hex
     try:

@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.events import CampaignStatus
@@ -33,13 +34,11 @@ from tuner.campaign.settings_file import (
     first_difference,
     read_settings,
     settings_from_dict,
-    with_mission_file,
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
 from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation, Proposal, configuration_key
-from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -62,7 +61,7 @@ class Campaign:
         self.directory = directory
         self.settings = settings
         self.ledger = ledger
-        self.learned = self._read_learned() if settings.sources else None
+        self.learned = self._read_learned() if settings.learn_from else None
 
     def __repr__(self) -> str:
         """``Campaign(mine in runs/mine: space gate, rocks slab, fin, 64 missions)``; the ledger is not read for it."""
@@ -79,27 +78,20 @@ class Campaign:
 
     @staticmethod
     def open(
-        directory: Path,
-        expected: CampaignSettings | None = None,
-        *,
-        read_only: bool = False,
-        mission: Path | None = None,
+        directory: Path, expected: CampaignSettings | None = None, *, read_only: bool = False
     ) -> Campaign:
         """Return the campaign in ``directory``.
 
-        ``expected``: settings that it must have. ``read_only``: it may be running. ``mission``: the mission file whose program it
-        may run.
+        ``expected``: settings that it must have. ``read_only``: it may be running.
 
         Raises `UserError`: no campaign there, other settings, a ledger that is missing or belongs elsewhere, an unknown
-        fidelity, a mission file whose program is not allowed.
+        fidelity.
         """
         if directory.name in ("", ".."):  # ``.``: names beside it are made from its own
             directory = directory.resolve()
         from tuner.campaign.ledger import Ledger  # noqa: PLC0415  loads Optuna
 
         stored, identity, digest = read_settings(directory)
-        if mission is not None:
-            stored = with_mission_file(stored, mission, directory)
         settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
         if expected is not None:
             difference = first_difference(settings.to_dict(), expected.to_dict())
@@ -108,8 +100,6 @@ class Campaign:
                     f"{directory} holds a campaign with other settings: {difference}; "
                     f"resume it as it is (gatetune campaign resume {shlex.quote(str(directory))}; --missions N for more) or choose another directory"
                 )
-        if not read_only:
-            settings.problem.require_named(mission is not None)
         if settings.problem.base.digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
@@ -251,7 +241,7 @@ class Campaign:
             running.append(in_flight(self._sampler_settings, history, running, proposal))
         return ask_many(self._sampler, self._sampler_settings, history, running, count)
 
-    def job(self, trial: Trial, config: Configuration) -> MissionJob:
+    def job(self, trial: Trial, config: MissionConfig) -> MissionJob:
         """Return the job that runs ``config`` where ``trial`` runs, and writes into its directory."""
         s = self.settings
         return MissionJob(
@@ -297,7 +287,7 @@ class Campaign:
         ]
         return math.ceil(sum(numbers) / len(numbers)) if numbers else None
 
-    def recommended_config(self) -> Configuration:
+    def recommended_config(self) -> MissionConfig:
         """Return the recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
         return self.settings.problem.config(self.recommended().values)
 

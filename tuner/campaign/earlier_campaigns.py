@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.shipped import SHIPPED, shipped_missions
+from tuner.campaign.mission_problem import MissionProblem
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.problem import MissionProblem
-from tuner.problem.search_space import Configuration, Values, value_at
+from tuner.problem.search_space import Values, value_at
 from tuner.samplers.earlier_missions import EarlierMissions
 
 MIN_OBSERVATIONS = 20  # with the metric, of an earlier campaign
@@ -30,10 +30,9 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
     to be as in the problem's base configuration. What neither tunes may differ, as rocks and fidelity may: earlier missions
     only say which configurations run first.
 
-    ``directories``: the campaigns' run directories, or ``shipped``.
+    ``directories``: the campaigns' run directories.
 
-    Raises `UserError`: no campaign in a directory, too few such missions in it, a directory named twice, or nothing
-    shipped.
+    Raises `UserError`: no campaign in a directory, too few such missions in it, or a directory named twice.
     """
     places = [Path(directory).resolve() for directory in directories]
     for directory, place in zip(directories, places):
@@ -43,10 +42,7 @@ def learn_from(directories: Sequence[str], problem: MissionProblem, objective: O
     rocks: list[str] = []
     seen: set[str] = set()
     for number, directory in enumerate(directories, start=1):
-        if directory == SHIPPED:
-            one = shipped_missions(problem.space, objective)
-        else:
-            one = _missions_of(directory, problem, objective)
+        one = _missions_of(directory, problem, objective)
         # Two campaigns may have run one rock with different fidelities or presets: each has offsets of its own.
         names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
         observations += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
@@ -77,7 +73,7 @@ def _missions_of(directory: str, problem: MissionProblem, objective: Objective) 
     )
 
 
-def _values_in(problem: MissionProblem, tuned: Mapping[str, Any], held: Configuration) -> Values | None:
+def _values_in(problem: MissionProblem, tuned: Mapping[str, Any], held: MissionConfig) -> Values | None:
     """Return ``tuned`` values of a mission whose others are ``held``, in the problem's space; None where it is no configuration of it."""
     space = problem.space
     if any(

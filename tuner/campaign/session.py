@@ -208,7 +208,6 @@ class _Session:
                 self._failed_in_row.append(ended)
                 self._emit("lost", trial, message=f"{ended.reason}: {ended.record.message}")
             else:
-                self._require_measured(ended)
                 self._count(self._enter(trial, ended))
 
     def _next_trial(self) -> _Prepared | Trial | None:
@@ -265,12 +264,6 @@ class _Session:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
         record = dataclasses.replace(trial.record, status="failed", message=str(why))
         return self._ledger.finish(trial.number, dataclasses.replace(trial, reason=REFUSED, record=record))
-
-    def _require_measured(self, ended: Trial) -> None:
-        """Raise `UserError` where the first missions end well without a metric that they are tuned for."""
-        s = self._settings
-        if ended.record.status != "failed" and not any(t.state == "complete" for t in self._ledger.trials()):
-            s.problem.require_measured(s.goal.objectives, {**ended.metrics, "costs": ended.costs})
 
     def _enter(self, trial: Trial, ended: Trial) -> Trial:
         self._reproducibility.require(trial, ended.record.rock_sha256)
@@ -371,14 +364,13 @@ class ReproducibilityCheck:
     def __init__(self, campaign: Campaign, *, accept: bool) -> None:
         self._directory, self._accept = campaign.directory, accept
         self._rocks: dict[str, tuple[str, int]] = {}
-        problem = campaign.settings.problem
-        self.code = problem.code()
+        self.code = campaign.settings.problem.code()
         if accept:
             return
         trials = campaign.trials()
         known = [t for t in trials if t.record.code]
         if known and known[-1].record.code != self.code:
-            self._ask(f"the {problem.code_word} of its missions changed after trial {known[-1].number}")
+            self._ask(f"the code of its missions changed after trial {known[-1].number}")
         for trial in trials:
             self._remember(trial, trial.record.rock_sha256)
 

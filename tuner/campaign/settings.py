@@ -6,7 +6,6 @@ import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from nbv.config import (
@@ -22,18 +21,14 @@ from nbv.config import (
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
 from nbv.mission.function import Keep
+from tuner.campaign.mission_problem import MissionProblem
 from tuner.campaign.rock_choice import procedural_rocks
-from tuner.campaign.rock_problem import RockProblem
-from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
-from tuner.missions.external.mission_file import MissionFile, load_mission_file
-from tuner.missions.external.problem import MissionFileProblem
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, FIDELITIES
+from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES
 from tuner.problem.deterministic_metrics import DeterministicMetrics
 from tuner.problem.goal import Goal
 from tuner.problem.instances import require_rocks
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES, Block, Proposal
-from tuner.problem.problem import MissionProblem
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.samplers.base import SamplerSettings
@@ -66,14 +61,6 @@ def _read_objective(raw: Any, source: str) -> Objective:
     return Objective(metric, raw.get("direction") or direction_of(metric))
 
 
-def _read_mission(raw: Any, source: str) -> MissionFile:
-    if isinstance(raw, str):
-        return load_mission_file(Path(raw))
-    if not isinstance(raw, Mapping) or set(raw) != {"file", "sha256"}:
-        raise UserError(f"{source}: mission is {raw!r}; it must be the path of a mission file")
-    return load_mission_file(Path(str(raw["file"])), str(raw["sha256"]))
-
-
 @dataclass(frozen=True, kw_only=True)
 class CampaignSettings(Section):
     """What a campaign is; two campaigns with equal settings are the same experiment.
@@ -99,7 +86,6 @@ class CampaignSettings(Section):
         panel=WHAT,
         in_file="or the space itself, as in a search space's file",
         has_paths=True,
-        builtin=True,
         read=_read_space,
         write=SearchSpace.to_dict,
     )
@@ -120,7 +106,6 @@ class CampaignSettings(Section):
         panel=WHAT,
         in_file="or {name: sections}",
         has_paths=True,
-        builtin=True,
         read=_read_conditions,
         write=lambda conditions: {condition.name: condition.to_dict() for condition in conditions},
     )
@@ -132,16 +117,6 @@ class CampaignSettings(Section):
         option="--compare-on",
         panel=WHAT,
         has_paths=True,
-        builtin=True,
-    )
-    mission: MissionFile | None = setting(
-        None,
-        "file of a mission of your own (see `gatetune mission init`), which has every setting not given here",
-        option="--mission",
-        panel=WHAT,
-        has_paths=True,
-        read=_read_mission,
-        write=lambda mission: {"file": str(mission.path), "sha256": mission.sha256},
     )
     objective: Objective = setting(
         Objective,
@@ -170,14 +145,12 @@ class CampaignSettings(Section):
         names=lambda: PRESETS,
         option="--preset",
         panel=MISSION,
-        builtin=True,
     )
     overrides: dict[str, Any] = setting(
         dict,
         "values by parameter path, laid over the preset in every mission",
         option="--set",
         panel=MISSION,
-        builtin=True,
     )
     fidelity: str = setting(
         DEFAULT_FIDELITY,
@@ -185,7 +158,6 @@ class CampaignSettings(Section):
         "plug-in's",
         option="--fidelity",
         panel=MISSION,
-        builtin=True,
     )
     replicates: OneOrMore = setting(
         2,
@@ -211,10 +183,10 @@ class CampaignSettings(Section):
         shown="by sampler, budget and space",
         unit="missions",
     )
-    learn_from: tuple[str, ...] | None = setting(
-        None,
-        f"earlier campaigns: run directories, {SHIPPED} (missions that come with this program) or {NOTHING}",
-        shown=f"{SHIPPED} where the space has some",
+    learn_from: tuple[str, ...] = setting(
+        tuple,
+        "run directories of earlier campaigns, whose missions say what to try first",
+        shown="none",
         option="--learn-from",
         panel=SEARCH,
         has_paths=True,
@@ -250,14 +222,13 @@ class CampaignSettings(Section):
         FIDELITIES.require(self.fidelity)
         require_rocks(self.rocks)
         require_distinct(self.conditions)
-        if self.mission is None:  # a frozen record's one change of its own: bounds that the preset decides
-            space = self.space.with_defaults(self.overrides).fitted(self._asked(self.space))
-            object.__setattr__(self, "space", space)
+        # A frozen record's one change of its own: bounds that the preset decides.
+        space = self.space.with_defaults(self.overrides).fitted(self._asked(self.space))
+        object.__setattr__(self, "space", space)
         if twice := set(self.compare_on) & set(self.rocks):
             raise UserError(
                 f"{sorted(twice)[0]} is tuned on and compared on; compare on rocks that the campaign does not tune on"
             )
-        self._check_mission()
         self._check_options()
         self._check_conditions()
         self._check_limit()
@@ -265,22 +236,6 @@ class CampaignSettings(Section):
     def _asked(self, space: SearchSpace) -> MissionConfig:
         """Return the preset with overrides and the fixed values of ``space``, at once: one may need the other."""
         return preset(self.preset).with_values({**self.overrides, **space.base})
-
-    def _check_mission(self) -> None:
-        if (self.fidelity == EXTERNAL) != (self.mission is not None):
-            raise UserError(
-                "the fidelity external and a mission file belong together; name one with --mission"
-            )
-        if self.mission is None:
-            return
-        for what, given in {
-            "overrides": self.overrides,
-            "conditions": self.conditions != (IDEAL_CONDITION,),
-        }.items():
-            if given:
-                raise UserError(f"{what} apply to missions over rocks; leave them out with a mission file")
-        if self.space != self.mission.space:
-            raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
 
     def _check_conditions(self) -> None:
         per_setting = {
@@ -299,7 +254,7 @@ class CampaignSettings(Section):
     def _check_options(self) -> None:
         exclusive = {
             "a second objective": self.second is not None,
-            "learning from earlier campaigns": bool(self.sources),
+            "learning from earlier campaigns": bool(self.learn_from),
         }
         for what, wanted in exclusive.items():
             if wanted and self.sampler != "gp":
@@ -320,10 +275,8 @@ class CampaignSettings(Section):
 
     @functools.cached_property
     def problem(self) -> MissionProblem:
-        """What a trial is: a mission over rocks, or that of a mission file."""
-        if self.mission is not None:
-            return MissionFileProblem.of(self.mission, self.rocks, self.replicates)
-        return RockProblem.of(
+        """What a trial is."""
+        return MissionProblem.of(
             self.space,
             self._asked(self.space),
             self.rocks,
@@ -395,23 +348,12 @@ class CampaignSettings(Section):
             self.space.dimension,
             self.budget,
             trusted_default=self._trusted_default,
-            earlier=bool(self.sources),
+            earlier=bool(self.learn_from),
         )
-
-    @functools.cached_property
-    def sources(self) -> tuple[str, ...]:
-        """The campaigns that it learns from."""
-        if self.learn_from is None:
-            return sources_by_default(self.space, self.objective, self.sampler, self.second)
-        if NOTHING in self.learn_from and len(self.learn_from) > 1:
-            raise UserError(
-                f"--learn-from {NOTHING} stands beside another --learn-from; leave one of them out"
-            )
-        return () if NOTHING in self.learn_from else self.learn_from
 
     def to_dict(self) -> dict[str, Any]:
         """Return the YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
         tree = {
             name: field.to_yaml(getattr(self, name)) for name, field in declared(CampaignSettings).items()
         }
-        return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}
+        return {**tree, "initial": self.initial_size()}

@@ -19,15 +19,13 @@ from nbv.evaluation.registry import PREDICTED, all_metrics
 from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
 from tuner.campaign.rock_choice import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.missions.external.mission_file import MissionFile, load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind, usual_preset
+from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
-from tuner.problem.objective import Direction, reached
-from tuner.problem.search_space import builtin
+from tuner.problem.objective import reached
 
 SETTINGS_FILE = "campaign.yaml"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 SETTINGS = declared(CampaignSettings)
 # `make tune`: what to fly with 20 photographs, then the comparison. In a dim hall the paper's weights lose to random views, as on
 # photographs of a real figure (docs/results/real_photographs.md).
@@ -51,14 +49,7 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 
     Raises `UserError`: a setting that there is not, one of the wrong kind, or settings that make no campaign.
     """
-    tree = _checked(tree, source)
-    if tree.get("mission") is None:
-        return CampaignSettings(**_values(_with_objectives_expanded(tree), source))
-    mission = SETTINGS["mission"].from_yaml(tree.pop("mission"), source)
-    if tree.pop("space", None) not in (None, mission.space.to_dict()):
-        raise UserError(f"{source}: its search space is not that of {mission.path}; leave space out")
-    full = _with_objectives_expanded({**_settings_of_mission_file(mission), **tree}, mission.directions)
-    return CampaignSettings(mission=mission, space=mission.space, **_values(full, source))
+    return CampaignSettings(**_values(_with_objectives_expanded(_checked(tree, source)), source))
 
 
 def _checked(tree: Any, source: str) -> dict[str, Any]:
@@ -78,44 +69,16 @@ def _values(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
     return {name: SETTINGS[name].from_yaml(raw, source) for name, raw in tree.items() if raw is not None}
 
 
-def _with_objectives_expanded(
-    tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None
-) -> dict[str, Any]:
-    """Return ``tree`` with objectives written out: the text ``f_score@photographs<=21`` stands for three settings.
-
-    ``directions``: which way the metrics of a mission file are better.
-    """
+def _with_objectives_expanded(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``tree`` with objectives written out: the text ``f_score@photographs<=21`` stands for three settings."""
     full = dict(tree)
     for key in ("second", "objective"):
         if isinstance(tree.get(key), str):
-            goal = parse_goal(tree[key], directions)
+            goal = parse_goal(tree[key])
             full[key] = SETTINGS[key].to_yaml(goal.objective)
             if goal.second is not None:
                 full |= {"second": SETTINGS["second"].to_yaml(goal.second), "limit": goal.limit}
     return full
-
-
-def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) -> dict[str, Any]:
-    """Return the settings of the campaign in ``directory`` with its mission file where the user says that it is.
-
-    Raises `UserError`: it is no mission file, or not the one that the campaign began with.
-    """
-    mission, began = load_mission_file(file), stored.get("mission")
-    if not isinstance(began, Mapping):
-        raise UserError(f"the campaign in {directory} is of missions over rocks; leave --mission out")
-    if mission.sha256 != began.get("sha256"):
-        raise UserError(f"{mission.path} is not the mission file that the campaign in {directory} began with")
-    return {**stored, "mission": {"file": str(mission.path), "sha256": mission.sha256}}
-
-
-def _settings_of_mission_file(mission: MissionFile) -> dict[str, Any]:
-    return {
-        "name": mission.name,
-        "rocks": list(mission.instances),
-        "replicates": mission.replicates,
-        "objective": SETTINGS["objective"].to_yaml(mission.objective),
-        "fidelity": EXTERNAL,
-    }
 
 
 def read_settings_file(path: Path) -> dict[str, Any]:
@@ -208,42 +171,25 @@ def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool)
 
     Overrides are laid over one another.
 
-    Raises `UserError`: as `read_settings_file`; a setting of missions over rocks beside a mission file; a mission
-    file that was not ``given``: a settings file may not choose what is run.
+    Raises `UserError`: as `read_settings_file`.
     """
     read = read_settings_file(file) if file else {}
     layers = (QUICK if quick else {}, read, given)
     tree = laid_over(*layers)
-    if "mission" in given:
-        wrong = [s.option for name, s in SETTINGS.items() if s.builtin and name in given]
-        if wrong or quick:
-            raise UserError(
-                f"{[*wrong, '--quick'][0]} applies to missions over rocks; leave it out with --mission"
-            )
-        return {"name": load_mission_file(Path(given["mission"])).name, **tree}
-    if "mission" in tree:
-        named = tree["mission"]["file"] if isinstance(tree["mission"], dict) else tree["mission"]
-        raise UserError(
-            f"{file} asks to run a mission of its own; if you trust it, name it: --mission {named}"
-        )
     overrides = {path: value for layer in layers for path, value in (layer.get("overrides") or {}).items()}
     return {"name": SETTINGS["name"].default, **tree, "overrides": overrides}
 
 
-def settings_there(
-    directory: Path, given: Mapping[str, Any], mission: Path | None
-) -> CampaignSettings | None:
+def settings_there(directory: Path, given: Mapping[str, Any]) -> CampaignSettings | None:
     """Return the settings of the campaign in ``directory`` under those ``given``, which it must have; None where none is.
 
-    Overrides are laid over one another; what was decided on another machine stays. ``mission``: its mission file.
+    Overrides are laid over one another; what was decided on another machine stays.
 
-    Raises `UserError`: as `read_settings`, `with_mission_file` and `settings_from_dict`.
+    Raises `UserError`: as `read_settings` and `settings_from_dict`.
     """
     if not given:
         return None
     stored = read_settings(directory)[0]
-    if mission is not None:
-        stored = with_mission_file(stored, mission, directory)
     overrides = {**(stored.get("overrides") or {}), **(given.get("overrides") or {})}
     tree = {**laid_over(stored, given), "overrides": overrides}
     return settings_from_dict(_with_absolute_rocks(_checked(tree, "settings given")), "settings given")
@@ -252,11 +198,10 @@ def settings_there(
 def _with_absolute_rocks(tree: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``tree`` with mesh files as absolute paths, and families of rocks by their names."""
     placed = dict(tree)
-    if tree.get("mission") is None:
-        if tree.get("rocks") is not None:
-            placed["rocks"] = absolute_rocks(with_families(tree["rocks"]))
-        if tree.get("compare_on") is not None:
-            placed["compare_on"] = absolute_rocks(tree["compare_on"])
+    if tree.get("rocks") is not None:
+        placed["rocks"] = absolute_rocks(with_families(tree["rocks"]))
+    if tree.get("compare_on") is not None:
+        placed["compare_on"] = absolute_rocks(tree["compare_on"])
     return placed
 
 
@@ -265,10 +210,8 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
 
     Raises `UserError`: as `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
-    tree = _checked(tree, source)
-    if tree.get("mission") is not None:
-        return settings_from_dict(tree, source)
-    tree, fidelity = _with_absolute_rocks(tree), tree.get("fidelity") or DEFAULT_FIDELITY
+    tree = _with_absolute_rocks(_checked(tree, source))
+    fidelity = tree.get("fidelity") or DEFAULT_FIDELITY
     if fidelity == DEFAULT_FIDELITY:
         tree["overrides"] = with_best_dense_stage(tree.get("overrides") or {})
     if tree.get("rocks") and not tree.get("preset"):
@@ -279,7 +222,7 @@ def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:
     rock_arguments(settings.compare_on)
     problem = settings.problem
     for place in problem.instances:  # a set of photographs is under no condition, and other kinds fly no set
-        config = builtin(problem.config(problem.default, place.condition))
+        config = problem.config(problem.default, place.condition)
         kind_on(place.rock, settings.fidelity).require_possible(config)
     return settings
 
@@ -289,7 +232,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
     kind = mission_kind(settings.fidelity)
     if not (kind.truth or kind.predicts):
         return
-    thresholds = builtin(settings.problem.base).evaluation.thresholds_mm
+    thresholds = settings.problem.base.evaluation.thresholds_mm
     measured = PREDICTED if kind.predicts else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in settings.goal.objectives:

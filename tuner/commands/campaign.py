@@ -29,7 +29,7 @@ from tuner.commands.campaign_display import (
     show_recommendation,
 )
 from tuner.commands.console import (
-    LOADING,
+    LOADING_ROCKS,
     AsJson,
     answer_json,
     executor_at,
@@ -46,7 +46,6 @@ from tuner.commands.evaluate import run_comparison
 from tuner.commands.options import (
     EXECUTION,
     Executor,
-    MissionAllowed,
     Scheduler,
     Timeout,
     Unencrypted,
@@ -115,17 +114,14 @@ def run(
     directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
     output.print(f"campaign {fields['name']} in {directory}")
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
-        named_mission = given.get("mission") and Path(given["mission"])
         asked = merged_settings(settings, given, quick=False) if settings or given else {}
-        place = () if out else ("name",)  # it chose the directory
-        asked = {key: value for key, value in asked.items() if key not in ("mission", *place)}
-        campaign = Campaign.open(
-            directory, settings_there(directory, asked, named_mission), mission=named_mission
-        )
+        if out is None:  # it chose the directory
+            asked.pop("name", None)
+        campaign = Campaign.open(directory, settings_there(directory, asked))
         output.print("it exists already and is resumed")
         ready = executor_at(where, campaign.settings, workers, timeout_s)
         return run_and_report(campaign, ready, show_pair=quick)
-    with working(LOADING["instance" if fields.get("mission") else "rock"]):
+    with working(LOADING_ROCKS):
         resolved = resolved_settings(fields, str(settings or "command line"))
         require_comparable(resolved)
     if executor == "local" and scheduler is None:
@@ -148,7 +144,6 @@ def resume(
     executor: Executor = "local",
     scheduler: Scheduler = None,
     unencrypted: Unencrypted = False,
-    mission: MissionAllowed = None,
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
     ] = False,
@@ -159,7 +154,7 @@ def resume(
     Example: gatetune campaign resume runs/mine --missions 64
     """
     output.print(f"campaign in {directory}")
-    campaign = Campaign.open(directory, mission=mission)
+    campaign = Campaign.open(directory)
     # The same number is given again where a resume was refused.
     if missions is not None and missions != campaign.settings.budget:
         campaign = extend_campaign(campaign, missions)
@@ -178,7 +173,7 @@ def status(
     output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
-    show_counts(counts, campaign.settings.problem.instance_word)
+    show_counts(counts)
     if best is not None and (known := best.missions_behind) < counts.complete + counts.failed:
         output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
     advised = show_recommendation(best, campaign)
@@ -226,7 +221,7 @@ def _measured_on(row: Mapping[str, Any]) -> str:
     under = "" if row["conditions"] == [IDEAL] else f" under {', '.join(row['conditions'])}"
     rocks = ", ".join(Path(rock).stem for rock in row["rocks"])
     fixed = "".join(f"; {path} {value}" for path, value in row["overrides"].items())
-    return f"{row['place']}s {rocks}{under}; space {row['space']}; fidelity {row['fidelity']}{fixed}"
+    return f"rocks {rocks}{under}; space {row['space']}; fidelity {row['fidelity']}{fixed}"
 
 
 def _row(directory: Path) -> dict[str, Any]:
@@ -247,7 +242,6 @@ def _row(directory: Path) -> dict[str, Any]:
     return {
         **row,
         "objective": str(s.goal),
-        "place": s.problem.instance_word,
         "rocks": s.rocks,
         "conditions": [condition.name for condition in s.conditions],
         "space": s.space.name,
@@ -289,8 +283,7 @@ def run_and_report(
         output.print(note)
     if campaign.learned is not None:
         output.print(
-            f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)} "
-            "(--learn-from nothing begins without)"
+            f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
         )
     with executor, contextlib.ExitStack() as shown:
         progress = shown.enter_context(CampaignProgress(settings))
@@ -298,18 +291,15 @@ def run_and_report(
         def searched(summary: CampaignSummary) -> None:
             shown.close()
             if summary.stopped == "interrupted":  # and the prompt is back at once
-                where = shlex.join([str(campaign.directory), *settings.problem.options()])
+                where = shlex.quote(str(campaign.directory))
                 output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
-                output.print(
-                    f"write its report so far: gatetune mission view {shlex.quote(str(campaign.directory))}",
-                    soft_wrap=True,
-                )
+                output.print(f"write its report so far: gatetune mission view {where}", soft_wrap=True)
                 raise typer.Exit(130)
             output.print(
                 f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
             )
             if settings.compare_on and summary.found:
-                output.print(f"preparing the comparison, {LOADING[settings.problem.instance_word]}")
+                output.print(f"preparing the comparison, {LOADING_ROCKS}")
 
         summary = run_to_end(
             campaign,

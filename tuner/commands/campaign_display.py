@@ -14,7 +14,6 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output
 from tuner.comparison.advice import advice_of
 from tuner.missions.registry import mission_kind
-from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
     advice_lines,
@@ -70,7 +69,7 @@ def expected_s(campaign: Campaign, workers: int) -> float:
     if ended := status.complete + status.failed:
         one_s = status.mission_wall_s / ended
     elif (seconds := mission_kind(s.fidelity).seconds) is not None:
-        one_s = seconds(builtin(s.problem.config(s.problem.default)))
+        one_s = seconds(s.problem.config(s.problem.default))
     return one_s * status.remaining / max(1, workers)
 
 
@@ -123,8 +122,8 @@ def event_line(event: CampaignEvent) -> str:
     return json.dumps(json_ready(fields))
 
 
-def show_counts(facts: CampaignStatus, word: str) -> None:
-    """Missions, failures and costs so far; ``word``: what missions run on."""
+def show_counts(facts: CampaignStatus) -> None:
+    """Missions, failures and costs so far."""
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
@@ -135,7 +134,7 @@ def show_counts(facts: CampaignStatus, word: str) -> None:
         output.print(f"{repeats} took the photographs of an earlier mission and used no budget")
     if facts.exhausted:
         output.print(f"the search has ended: {facts.exhausted}")
-    parts = {word: facts.per_rock}
+    parts = {"rock": facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
         parts["condition"] = facts.per_condition
     for what, counts in parts.items():

@@ -29,7 +29,6 @@ from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.instances import Instance
 from tuner.problem.objective import DEFAULT_METRIC
-from tuner.problem.search_space import builtin
 
 TARGETS = 60
 DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")
@@ -133,7 +132,7 @@ def compare(
             f"these settings are not those of the suite {suite} ({', '.join(changed)}); remove --suite, or the options that change it"
         )
     if campaign is not None:
-        chosen["tuned"] = builtin(Campaign.open(campaign, read_only=True).recommended_config())
+        chosen["tuned"] = Campaign.open(campaign, read_only=True).recommended_config()
     reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")

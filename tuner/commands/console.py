@@ -38,7 +38,7 @@ from nbv.safe_files import parse_yaml, printable
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
-from tuner.missions.executors import Executor, limit_s, local_executor
+from tuner.missions.executors import Executor, local_executor
 from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance
 from tuner.report.labels import duration, number_text
@@ -59,7 +59,6 @@ PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
 LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"
 # By what missions run on.
-LOADING = {"rock": LOADING_ROCKS, "instance": "reading the mission file's instances"}
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
@@ -288,7 +287,7 @@ def executor_at(
     """
     kind, scheduler, unencrypted = where
     if kind == "local" and scheduler is None:
-        return local_executor(settings.fidelity, workers, timeout_s, settings.mission)
+        return local_executor(settings.fidelity, workers, timeout_s)
     kind = "dask" if kind == "local" else kind
     try:
         from tuner.missions.cluster.connect import WHERE, dask_executor
@@ -299,8 +298,7 @@ def executor_at(
     if kind not in WHERE:
         raise UserError(f"unknown executor {kind!r}; there are local, {', '.join(WHERE)}")
     count = workers or len(os.sched_getaffinity(0))
-    limit = limit_s(timeout_s, settings.mission)
-    return dask_executor(kind, scheduler, count, limit, unencrypted=unencrypted)
+    return dask_executor(kind, scheduler, count, timeout_s, unencrypted=unencrypted)
 
 
 def workers_text(executor: Executor) -> str:

@@ -16,7 +16,6 @@ from nbv.photographs import PhotographSet
 from tuner.campaign.campaign import Campaign
 from tuner.commands.campaign_display import show_answer
 from tuner.commands.console import (
-    LOADING,
     LOADING_ROCKS,
     AsJson,
     ComparisonProgress,
@@ -31,7 +30,6 @@ from tuner.commands.console import (
 from tuner.commands.options import (
     Conditions,
     Fidelity,
-    MissionAllowed,
     Overrides,
     Rocks,
     Timeout,
@@ -63,7 +61,6 @@ def evaluate(
     timeout_s: Timeout = 3600.0,
     fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
-    mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
     """Job 2: run the recommendation and the baselines on held-out rocks; print a table with intervals.
@@ -71,8 +68,8 @@ def evaluate(
     Example: gatetune evaluate runs/mine --replicates 3
     """
     output.print(f"evaluating the recommendation of {campaign}")
-    source = _open(campaign, mission)
-    with working(LOADING[source.settings.problem.instance_word]):
+    source = Campaign.open(campaign, read_only=True)
+    with working(LOADING_ROCKS):
         planned = held_out(
             source,
             rocks=rocks,
@@ -94,7 +91,6 @@ def confirm(
     timeout_s: Timeout = 3600.0,
     fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation).")] = None,
-    mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the recommendation, the default and plain orbits on training rocks in new replicates; print whether the rocks gained.
@@ -102,20 +98,14 @@ def confirm(
     Example: gatetune confirm runs/mine --rock mine
     """
     output.print(f"confirming the recommendation of {campaign}")
-    source = _open(campaign, mission)
-    with working(LOADING[source.settings.problem.instance_word]):
+    source = Campaign.open(campaign, read_only=True)
+    with working(LOADING_ROCKS):
         planned = confirmation(source, rocks=rocks, replicates=replicates, fidelity=fidelity)
     if planned is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
         output.print(note)
         return answer_json({"notes": [note]})
     run_and_report(planned, out, workers, timeout_s)
-
-
-def _open(directory: Path, mission: Path | None) -> Campaign:
-    source = Campaign.open(directory, read_only=True, mission=mission)
-    source.settings.problem.require_named(mission is not None)
-    return source
 
 
 def reproduce(
@@ -178,7 +168,7 @@ def run_and_report(
         output.print(note, style="yellow")
     named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), planned.word)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{named} on {counted(len(plan.rocks), 'rock')}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))

@@ -33,7 +33,6 @@ from tuner.export.route import Home, qgc_plan
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
 from tuner.problem.baselines import TUNED, base_name, baseline
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import advice_lines
 
@@ -114,9 +113,7 @@ def export(
         _say(f"write the first: {first}")
         listed = [{"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files]
         return answer_json({"values": exported.values, "files": listed, "write": first})
-    file = next((file for file in files if file.name == to.value), None)
-    if file is None:
-        raise UserError(f"the missions of {run} are of a mission file; run: {first}")
+    file = next(file for file in files if file.name == to.value)
     if not file.useful:
         why = f": {file.remarks[0]}" if not file.text else ""
         raise UserError(
@@ -181,7 +178,7 @@ def _exported(campaign: Campaign, best: Recommendation, advice: Advice, strategy
     elif name in problem.arms:
         config = problem.config(problem.arms[name])
     else:
-        config = baseline(name, (TUNED,)).config(builtin(problem.base))
+        config = baseline(name, (TUNED,)).config(problem.base)
     return Exported(campaign, best, name, config)
 
 
@@ -189,7 +186,7 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
     """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
     s, run = exported.campaign.settings, exported.campaign.directory
     config = exported.config
-    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+    if config.adaptive_budget == 0:
         config = under(config, s.conditions[0])
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
@@ -239,9 +236,7 @@ def _recommended_mission(run: Path) -> Path:
     campaign = Campaign.open(run, read_only=True)
     jobs = showcase_jobs(campaign)
     if not jobs:
-        raise UserError(
-            f"{run} has no route: it has no recommendation, or its missions are of a mission file"
-        )
+        raise UserError(f"{run} has no route: it has no recommendation, or its fidelity is a plug-in's")
     if not was_run(jobs[-1]):
         raise UserError(
             f"{run} has not run its recommendation with everything kept; run: gatetune mission view {shlex.quote(str(run))}"

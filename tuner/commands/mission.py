@@ -1,9 +1,8 @@
-"""``gatetune mission run|explain|view``, and ``init|check`` for own missions."""
+"""``gatetune mission run|explain|view``."""
 
 from __future__ import annotations
 
 import functools
-import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +11,7 @@ from rich.markup import escape
 
 from nbv.cache import Store
 from nbv.config import IDEAL, config_from_dict
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from nbv.safe_files import read_yaml
@@ -34,9 +33,7 @@ from tuner.commands.console import (
 )
 from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
-from tuner.missions.external.mission_file import external_config, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
-from tuner.problem.objective import Objective, dotted
 from tuner.report.answer import gate_words
 from tuner.report.labels import duration, format_number
 
@@ -173,52 +170,5 @@ def _view_campaign(directory: Path) -> None:
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: running the missions that its page still needs", soft_wrap=True)
     s = campaign.settings
-    with local_executor(s.fidelity, None, 3600.0, s.mission) as executor:
+    with local_executor(s.fidelity, None, 3600.0) as executor:
         write_pages(campaign, executor)
-
-
-@app.command()
-def init(
-    folder: Annotated[Path, typer.Argument(help="A new or empty folder; the mission is called after it.")],
-) -> None:
-    """Write a working example of a mission of your own, which compresses real data with `xz`.
-
-    Example: gatetune mission init my-mission
-    """
-    from tuner.missions.external.skeleton_files import write_skeleton
-
-    for path in write_skeleton(folder):
-        output.print(f"wrote {path}")
-
-
-@app.command()
-def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_json: AsJson = False) -> None:
-    """Try a mission of your own: run its defaults once, on its first instance.
-
-    Example: gatetune mission check my-mission/mission.yaml
-    """
-    from tuner.missions.external.mission import run_external_mission
-
-    loaded = load_mission_file(mission)
-    config, instance = external_config(loaded, {}), next(iter(loaded.instances))
-    folder = Path(tempfile.mkdtemp(prefix="gatetune-check-"))
-    reason = message = ""
-    metrics: dict[str, Any] = {}
-    try:
-        with working(f"running {instance}"):
-            result = run_external_mission(config, instance, 0, folder, keep="all")
-        reason, message = result.reason, result.message
-        metrics = {**result.metrics, "costs": result.costs}
-    except MissionFailure as failure:
-        reason, message = failure.reason, failure.message
-    numbers = {name: Objective(name).measure(metrics) for name in dotted(metrics)}
-    if not reason and loaded.metric not in numbers:
-        reason, message = "no_metric", f"it has no metric {loaded.metric!r}, which the mission file tunes"
-    for name, value in numbers.items():
-        output.print(f"{name} = {value:.6g}", markup=False, highlight=False)
-    output.print(f"its files are in {folder / 'output'}", soft_wrap=True)
-    answer_json({"reason": reason, "message": message, "numbers": numbers})
-    if reason:
-        output.print(f"[red]not ready[/]: {escape(': '.join(filter(None, (reason, message))))}", markup=True)
-        raise typer.Exit(1)
-    output.print(f"ready: gatetune campaign run --mission {mission}", soft_wrap=True)

@@ -6,7 +6,6 @@ import functools
 import inspect
 import typing
 from collections.abc import Callable
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -69,10 +68,6 @@ Unencrypted = Annotated[
     typer.Option(
         "--unencrypted", help="Allow workers on other machines without TLS.", rich_help_panel=EXECUTION
     ),
-]
-MissionAllowed = Annotated[
-    Path | None,
-    typer.Option(help="The campaign's mission file, if it has one: naming it allows its program to run."),
 ]
 
 

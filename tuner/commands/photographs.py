@@ -28,7 +28,6 @@ from tuner.commands.console import (
 )
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.problem.objective import DEFAULT_METRIC
-from tuner.problem.search_space import builtin
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
@@ -145,7 +144,7 @@ def enough(
     photographs = PhotographSet.read(name)
     tuned = None
     if campaign is not None:
-        tuned = builtin(Campaign.open(campaign, read_only=True).recommended_config())
+        tuned = Campaign.open(campaign, read_only=True).recommended_config()
     plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
     where = out or Path("runs") / f"enough-{name}"
     missions = sum(plan.missions for plan in plans.values())

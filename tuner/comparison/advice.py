@@ -14,7 +14,6 @@ from tuner.comparison.verdict import Kind, Verdict, best_by_gain, judge
 from tuner.problem.baselines import TUNED, base_name, controls_at_equal_number, is_orbit
 from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.problem.observations import mission_key
-from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 CEILING = "greedy-oracle"
@@ -24,7 +23,6 @@ LITTLE = 1.0  # points: what the oracle gains at most where it is not worth tryi
 class Next(StrEnum):
     RUN = "run the rest of the campaign"
     MORE = "run more missions"
-    CONFIRM = "confirm on a training instance"
     EVALUATE = "evaluate on held-out instances"
     MORE_INSTANCES = "evaluate on more instances"
     FLY_PLAIN = "fly the plain plan in place of the recommendation"
@@ -42,7 +40,7 @@ class Advice:
     """
 
     fly: str
-    config: Configuration
+    config: MissionConfig
     results: Results
     plain: str  # the best plain plan (an orbit, random views, the default) with as many photographs; empty without one
     is_plain: bool  # whether ``fly`` runs the missions of a plain plan
@@ -107,11 +105,11 @@ def advice_of(campaign: Campaign, best: Recommendation) -> Advice:
     )
 
 
-def _plain(strategies: Mapping[str, Configuration], reference: str) -> list[str]:
+def _plain(strategies: Mapping[str, MissionConfig], reference: str) -> list[str]:
     """Return the plain plans among ``strategies`` that take as many photographs as the recommendation, it among them."""
     tuned, equal = strategies.get(TUNED), {*controls_at_equal_number(strategies)}
     kinds = [name for name in strategies if is_orbit(name) or base_name(name) in ("random", reference)]
-    if not isinstance(tuned, MissionConfig):
+    if tuned is None:
         return kinds
     same = {name for name in kinds if mission_key(strategies[name]) == mission_key(tuned)}
     return [name for name in kinds if name in equal | same]
@@ -124,7 +122,7 @@ def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | 
     if best.limit is not None and not best.limit.kept:
         return Next.MORE
     if advice.results.held_out:
-        enough = min(MIN_ROCKS, len(s.problem.held_out()) or 1)
+        enough = min(MIN_ROCKS, len(s.problem.held_out()))
         if advice.instances < enough:
             return Next.MORE_INSTANCES
         if advice.fly != TUNED:
@@ -134,4 +132,4 @@ def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | 
     if best.keep_default and len(s.problem.arms) == 1:
         hopeless = rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd)
         return Next.KEEP if hopeless else Next.MORE
-    return Next.EVALUATE if s.problem.held_out() else Next.CONFIRM
+    return Next.EVALUATE

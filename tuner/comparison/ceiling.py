@@ -9,7 +9,6 @@ from tuner.comparison.advice import CEILING, LITTLE
 from tuner.comparison.curves import Suite, comparison_plans, require_room
 from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
-from tuner.problem.search_space import builtin
 
 ORBIT_NUMBERS = tuple(range(12, 49, 4))
 
@@ -42,7 +41,7 @@ def ceiling(target: str, photographs: int = 24) -> Ceiling:
         numbers = suite.numbers if name == "orbit-two" else (photographs,)
         (plan,) = comparison_plans(Suite(places, numbers), {name: None}).values()
         for run, config in plan.strategies.items():
-            metrics = run_curve_mission(builtin(config), target).metrics or {}
+            metrics = run_curve_mission(config, target).metrics or {}
             reached[run] = float(metrics["curve"][-1][1]) if "curve" in metrics else 0.0
     plain = {name: reached[f"{name}-{photographs}"] for name in ORBITS}
     best = max(plain, key=plain.__getitem__)

@@ -25,7 +25,6 @@ from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.objective import DEFAULT_METRIC
-from tuner.problem.search_space import builtin
 
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
@@ -181,7 +180,7 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
     """An estimate of the processor time of these plans' missions, in seconds."""
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
-    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, taken_by(builtin(c))) for c, n in configs)
+    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, taken_by(c)) for c, n in configs)
 
 
 def _name(way: str, number: int) -> str:

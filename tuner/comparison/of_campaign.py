@@ -14,9 +14,9 @@ from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.earlier_campaigns import learn_from
+from tuner.campaign.mission_problem import Evaluated
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.shipped import NOTHING
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
@@ -30,8 +30,6 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
-from tuner.problem.problem import Evaluated
-from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 AT_THE_END = 2  # replicates of the comparison that a campaign ends in
@@ -48,13 +46,11 @@ class PlannedComparison:
     usual: Path  # its directory, unless the user names another
     notes: tuple[str, ...] = ()  # what a reader must know before the outcome
     goal: Goal = TABLE_I
-    word: str = "rock"  # what missions run on
     source: Campaign | None = None  # None: the paper's Table I
 
     def executor(self, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
         """Return processes of this machine for its missions."""
-        mission = self.source.settings.mission if self.source else None
-        return local_executor(self.plan.fidelity, workers, timeout_s, mission)
+        return local_executor(self.plan.fidelity, workers, timeout_s)
 
     def not_counted(self, out: Path | None) -> str:
         """Return why what runs in ``out`` (None: in ``usual``) adds nothing to its campaign's answer; empty where it does."""
@@ -90,7 +86,7 @@ def held_out(
     conditions: Sequence[Condition] | None = None,
     fidelity: str = DEFAULT_FIDELITY,
 ) -> PlannedComparison:
-    """The recommendation and the baselines on rocks, or a mission file's instances, that the campaign has not seen.
+    """The recommendation and the baselines on rocks that the campaign has not seen.
 
     Raises `UserError`: no mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the
     campaign.
@@ -104,16 +100,15 @@ def held_out(
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
     against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
     notes = (*_notes(best), *notes, *_conditions(source, under))
-    word = s.problem.instance_word
-    title = f"{s.name}: tuned against baselines on held-out {word}s"
-    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, s.goal, word, source)
+    title = f"{s.name}: tuned against baselines on held-out rocks"
+    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, s.goal, source)
 
 
 def _against_baselines(
     s: CampaignSettings, tuned: Evaluated, names: Sequence[str] | None, replicates: int, fidelity: str
 ) -> tuple[EvaluationPlan, tuple[str, ...]]:
     configs, notes = s.problem.strategies(tuned, names)
-    fidelity, conditions = s.problem.fidelity(fidelity), tuple(tuned.conditions)
+    conditions = tuple(tuned.conditions)
     plan = EvaluationPlan(configs, tuple(tuned.rocks), replicates, fidelity=fidelity, conditions=conditions)
     return plan, notes
 
@@ -153,14 +148,13 @@ def confirmation(
         chosen,
         replicates,
         first_replicate=first,
-        fidelity=s.problem.fidelity(fidelity),
+        fidelity=fidelity,
         conditions=s.conditions,
     )
-    word = s.problem.instance_word
-    title = f"{s.name}: the recommendation against the default on training {word}s, fresh replicates"
+    title = f"{s.name}: the recommendation against the default on training rocks, fresh replicates"
     notes = (*_notes(best), *notes)
     usual = source.directory / TRAINING
-    return PlannedComparison(plan, "default", title, usual, notes, s.goal, word, source)
+    return PlannedComparison(plan, "default", title, usual, notes, s.goal, source)
 
 
 def reproduction(
@@ -214,12 +208,12 @@ def require_comparable(s: CampaignSettings) -> None:
     if not s.compare_on:
         return
     rocks, replicates = s.problem.evaluated_on(s.compare_on, AT_THE_END)
-    if s.sources:
-        learned = learn_from(s.sources, s.problem, s.objective)
+    if s.learn_from:
+        learned = learn_from(s.learn_from, s.problem, s.objective)
         if seen := {*learned.rocks, *learned.seen} & set(rocks):
             raise UserError(
                 f"{sorted(seen)[0]} is compared on, and what the campaign learns from was tuned on it; compare on another rock, "
-                f"or give --learn-from {NOTHING}"
+                "or leave --learn-from out"
             )
     for values in s.problem.arms.values():
         tuned = Evaluated(values, None, s.conditions, rocks)
@@ -227,7 +221,7 @@ def require_comparable(s: CampaignSettings) -> None:
         plan.require_runnable()
 
 
-def evaluations(source: Campaign, name: str, tuned: Configuration) -> list[tuple[Path, EvaluationPlan]]:
+def evaluations(source: Campaign, name: str, tuned: MissionConfig) -> list[tuple[Path, EvaluationPlan]]:
     """Return the directories ``name``, ``name-2`` and so on in which ``tuned`` was evaluated, with their plans."""
     matching = []
     for path in sorted(source.directory.glob(f"{name}*/{PLAN_FILE}")):

@@ -19,18 +19,17 @@ from nbv.config import (
     Condition,
     MissionConfig,
     condition_from_dict,
+    config_from_dict,
     require_distinct,
     under,
 )
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require, require_plain
-from tuner.missions.external.mission_file import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES, kind_on
 from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
-from tuner.problem.search_space import Configuration, builtin
 
 PLAN_FILE = "evaluation.yaml"
 FORMAT_VERSION = 3
@@ -43,7 +42,7 @@ class EvaluationPlan:
     Raises `UserError`: nothing to compare.
     """
 
-    strategies: Mapping[str, Configuration]
+    strategies: Mapping[str, MissionConfig]
     rocks: tuple[str, ...]
     replicates: int = 1  # numbered from ``first_replicate``, the same for all strategies
     first_replicate: int = 0
@@ -109,7 +108,7 @@ class EvaluationPlan:
                     f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
                 )
             return EvaluationPlan(
-                {name: configuration_from_dict(config) for name, config in tree["strategies"].items()},
+                {name: config_from_dict(config) for name, config in tree["strategies"].items()},
                 tuple(tree["rocks"]),
                 tree["replicates"],
                 tree["first_replicate"],
@@ -128,14 +127,10 @@ class EvaluationPlan:
     def require_runnable(self) -> None:
         """Raise `UserError` where a strategy cannot fly under a condition, or a photograph set cannot give what it asks for."""
         for (name, config), condition in itertools.product(self.strategies.items(), self.conditions):
-            if not isinstance(config, MissionConfig):  # a mission file's
-                continue
             try:
                 varied = config if condition.name == IDEAL else under(config, condition)
                 varied.require_flyable()
                 for kind in (kind_on(rock, self.fidelity) for rock in self.rocks):
-                    if kind.targets == "instances":
-                        raise UserError("it is no mission of a mission file; choose another fidelity")
                     kind.require_possible(varied)
             except UserError as error:
                 raise UserError(f"strategy {name} cannot run under {condition.name}: {error}") from error
@@ -161,7 +156,7 @@ class EvaluationPlan:
         folder = f"{self.rocks.index(instance.rock):02d}_{instance.file_name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
-            config if condition.name == IDEAL else under(builtin(config), condition),
+            config if condition.name == IDEAL else under(config, condition),
             instance.rock,
             replicate,
             directory / "missions" / owner / folder,

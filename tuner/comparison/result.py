@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from nbv.config import MissionConfig
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.of_campaign import HELD_OUT, MARGIN, TRAINING, PlannedComparison, evaluations
@@ -46,7 +47,6 @@ from tuner.problem.goal import Goal
 from tuner.problem.intervals import Interval
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
-from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 LIMIT = "limit"  # key of the share of rocks that met the constraint
@@ -73,7 +73,7 @@ def by_strategy(
 ) -> ComparisonTable:
     """Costs, the objectives, the usual measures of a cloud, and the share of rocks that met the constraint.
 
-    What no mission has is left out. Missions of a mission file have their own costs.
+    What no mission has is left out. Missions of a plug-in's fidelity may have their own costs.
     """
     objectives = [row_of(o) for o in (goal.shown, *goal.objectives)]
     if not any("images" in r.costs for r in records):
@@ -101,12 +101,12 @@ class ComparisonFacts:
     def __init__(self, planned: PlannedComparison, run: EvaluationRun) -> None:
         self.planned, self.run = planned, run
         self.plan, self.records = run.plan, run.records
-        self.reference, self.goal, self.word = planned.reference, planned.goal, planned.word
+        self.reference, self.goal = planned.reference, planned.goal
         self.strategies = tuple(in_table_order(self.plan.strategies))
 
     @cached_property
     def tables(self) -> dict[str, ComparisonTable]:
-        """Table I by surface; empty where no mission has those metrics, as those of a mission file."""
+        """Table I by surface; empty where no mission has those metrics."""
         rows = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
         return {
             name: comparison_table(self.records, self.strategies, self.reference, of)
@@ -187,7 +187,7 @@ class Results:
 
     held_out: bool
     records: list[Trial]
-    strategies: Mapping[str, Configuration]
+    strategies: Mapping[str, MissionConfig]
     complete: bool
     settings: CampaignSettings  # of the campaign
 
@@ -205,7 +205,7 @@ class Results:
 
     @property
     def rocks(self) -> tuple[str, ...]:
-        """The rocks, or a mission file's instances, on which the recommendation has run."""
+        """The rocks on which the recommendation has run."""
         return tuple(dict.fromkeys(r.rock for r in self.records if r.strategy == TUNED))
 
     @property
@@ -215,7 +215,7 @@ class Results:
         return sorted(collections.Counter(rock for rock, _, _ in blocks).values())
 
 
-def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None:
+def held_out_results(campaign: Campaign, tuned: MissionConfig) -> Results | None:
     """Return the evaluations of ``tuned`` under the campaign's conditions, pooled; None without one.
 
     Missions with photographs count where there are some, else the others.
@@ -224,7 +224,7 @@ def held_out_results(campaign: Campaign, tuned: Configuration) -> Results | None
     if any(plan.fidelity == DEFAULT_FIDELITY for _, plan in plans):
         plans = [(where, plan) for where, plan in plans if plan.fidelity == DEFAULT_FIDELITY]
     under = {condition.name for condition in campaign.settings.conditions}
-    records, strategies, complete = list[Trial](), dict[str, Configuration](), True
+    records, strategies, complete = list[Trial](), dict[str, MissionConfig](), True
     for where, plan in plans:
         of_plan = plan.records(where)
         if counted := [r for r in of_plan if r.condition in under]:  # of one without, nothing is to be shown
@@ -260,7 +260,7 @@ def training_results(campaign: Campaign, best: Recommendation) -> Results:
     return Results(False, _with_twins(records, configs), configs, True, s)
 
 
-def _with_twins(records: Sequence[Trial], strategies: Mapping[str, Configuration]) -> list[Trial]:
+def _with_twins(records: Sequence[Trial], strategies: Mapping[str, MissionConfig]) -> list[Trial]:
     """Return each record once, those of the recommendation also under the names of the strategies that run its missions."""
     tuned, of_tuned = strategies.get(TUNED), [r for r in records if r.strategy == TUNED]
     same = [] if tuned is None else [n for n, c in strategies.items() if mission_key(c) == mission_key(tuned)]

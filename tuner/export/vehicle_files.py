@@ -14,11 +14,10 @@ from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
-from tuner.missions.external.mission_file import ExternalConfig
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import dotted
 from tuner.problem.observations import changes, mission_key, short
-from tuner.problem.search_space import Configuration, builtin, value_at
+from tuner.problem.search_space import value_at
 from tuner.recommendation.recommendation import Recommendation
 
 SCORING, MISSION, OURS = "scoring.yaml", "unified_mission.yaml", "gatetune.yaml"
@@ -32,7 +31,7 @@ class Exported:
     campaign: Campaign
     best: Recommendation
     strategy: str  # which plan it is: the recommendation (``tuned``), or a plain plan's name
-    config: Configuration  # under no condition
+    config: MissionConfig  # under no condition
 
     @cached_property
     def is_recommended(self) -> bool:
@@ -40,7 +39,7 @@ class Exported:
         return mission_key(self.config) == mission_key(self._at(self.best.values))
 
     @cached_property
-    def default(self) -> Configuration:
+    def default(self) -> MissionConfig:
         return self._at(self.best.default_values)
 
     @cached_property
@@ -53,14 +52,12 @@ class Exported:
         """``seed.count 14 (default 24)``."""
         return f"{path} {short(self.values[path])} (default {short(value_at(self.default, path))})"
 
-    def _at(self, values: Mapping[str, Any]) -> Configuration:
+    def _at(self, values: Mapping[str, Any]) -> MissionConfig:
         return self.campaign.settings.problem.config(values)
 
 
-def _flat(config: Configuration) -> dict[str, Any]:
+def _flat(config: MissionConfig) -> dict[str, Any]:
     """Every value by its path."""
-    if isinstance(config, ExternalConfig):
-        return dict(config.values)
     return {path: value_at(config, path) for path in dotted(config.to_dict(), of=object)}
 
 
@@ -96,14 +93,9 @@ def vehicle_files(exported: Exported, onto: Mapping[str, Path] | None = None) ->
     Raises `UserError`: a file of ``onto`` cannot be read.
     """
     config, conditions = exported.config, exported.campaign.settings.conditions
-    if isinstance(config, MissionConfig):
-        lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
-    else:
-        lines = [to_yaml(_flat(config))]
+    lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
     changed = tuple(exported.values)
     ours = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
-    if not isinstance(config, MissionConfig):
-        return [ours]
     theirs = sorted(
         (_their_file(name, exported, config, (onto or {}).get(name)) for name in WRITERS),
         key=lambda file: -len(file.carried),
@@ -116,7 +108,7 @@ def _their_file(name: str, exported: Exported, config: MissionConfig, onto: Path
     changed = tuple(exported.values)
     try:
         values, remarks = WRITERS[name](config, theirs)
-        carried = [path for path in changed if _carries(name, config, builtin(exported.default), path)]
+        carried = [path for path in changed if _carries(name, config, exported.default, path)]
     except UserError as error:  # the gate does not exist there
         return VehicleFile(name, "", (), changed or ("gate.kind",), (str(error),))
     said = tuple(str(remark) for remark in remarks)

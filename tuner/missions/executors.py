@@ -19,7 +19,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from nbv import plugins
 from nbv.cache import home
@@ -39,9 +39,6 @@ from tuner.missions.job import (
 from tuner.missions.keeper import children_of, when_parent_ends
 from tuner.missions.registry import DEFAULT_FIDELITY, modules_of
 from tuner.missions.run_job import EXIT_NOT_WRITABLE
-
-if TYPE_CHECKING:
-    from tuner.missions.external.mission_file import MissionFile
 
 
 class Executor(abc.ABC):
@@ -87,7 +84,6 @@ MAX_WORKERS = 1024
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
 _DUMP_S = 0.2
-_SCORING_S = 900.0  # of an own mission's cloud
 # A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
 _SILENCE_LIMIT_S = 60.0
 _SILENCE_LIMIT_AFTER_KILL_S = 10.0
@@ -307,16 +303,7 @@ def _wait_for_end(pid: int | None) -> None:
         time.sleep(0.01)
 
 
-def local_executor(
-    fidelity: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
-) -> LocalProcessExecutor:
-    """Return processes for missions, one per core unless told otherwise; a mission file has limits of its own on workers and time."""
+def local_executor(fidelity: str, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
+    """Return processes for missions, one per core unless told otherwise."""
     count = len(os.sched_getaffinity(0)) if workers is None else workers
-    if mission is not None:
-        count = min(count, mission.at_once)
-    return LocalProcessExecutor(count, limit_s(timeout_s, mission), (fidelity,))
-
-
-def limit_s(timeout_s: float, mission: MissionFile | None) -> float:
-    """Return when an executor kills a mission: one of a mission file keeps its own limit, unless it hangs afterwards."""
-    return timeout_s if mission is None else mission.time_limit_s + _SCORING_S
+    return LocalProcessExecutor(count, timeout_s, (fidelity,))

@@ -16,18 +16,17 @@ from typing import Any, Literal
 
 from nbv import plugins
 from nbv.checksums import CHECKSUM
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates.external import bring
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
 from nbv.safe_files import remove, remove_links, write_atomic
-from tuner.missions.external.mission_file import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, photographs_key
-from tuner.problem.search_space import Configuration
 
 MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending
 _INFRASTRUCTURE_FAILURES = {
@@ -50,7 +49,7 @@ class MissionJob:
     """One mission to run."""
 
     id: str  # unique among the jobs of one executor
-    config: Configuration
+    config: MissionConfig
     rock: str
     replicate: int
     directory: Path
@@ -60,7 +59,7 @@ class MissionJob:
     @property
     def planners(self) -> list[plugins.Plugin]:
         """Other people's code that plans, renders or reconstructs in this mission."""
-        return list(getattr(self.config, "plugins_used", ()))
+        return list(self.config.plugins_used)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form for a worker, whose working directory a planner may change."""
@@ -79,7 +78,7 @@ class MissionJob:
         for text in tree["plugins"]:
             bring(text)
         fields = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
-        config, directory = configuration_from_dict(tree["config"]), Path(tree["directory"])
+        config, directory = config_from_dict(tree["config"]), Path(tree["directory"])
         return MissionJob(**{**fields, "config": config, "directory": directory})
 
     def trial(self, *, reason: str = "", **ended: Any) -> Trial:
@@ -88,7 +87,6 @@ class MissionJob:
             rock=self.rock,
             replicate=self.replicate,
             condition=self.config.condition,
-            values=self.config.values if isinstance(self.config, ExternalConfig) else {},
             reason=reason,
             record=Record(
                 directory=self.directory, config_digest=self.config.digest(), job_id=self.id, **ended
@@ -136,7 +134,7 @@ class Trial(Observation):
     """
 
     number: int = 0  # in a campaign
-    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
+    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters
     strategy: str = ""  # in an evaluation
     record: Record = Record()
 
@@ -177,8 +175,8 @@ class Trial(Observation):
 
     @property
     def measurements(self) -> dict[str, Any]:
-        """What objectives are looked for in; a parameter is a cost, unless the mission says otherwise."""
-        return {**self.metrics, "costs": {**self.values, **self.costs}}
+        """What objectives are looked for in."""
+        return {**self.metrics, "costs": self.costs}
 
     def measured(self, objective: Objective) -> float | None:
         """An objective's metric, perhaps another than the campaign's; None while running, where it failed or has none."""

@@ -1,21 +1,22 @@
 """Kinds of missions (fidelities) by name, with what the tuner must know of each. A new one is one file, and an entry of `BUILT_IN`.
 
 The name goes into a campaign's settings, to the workers, and to ``--fidelity``. Those of other packages are plug-ins, so that no
-file of settings chooses code: a function like `nbv.mission.MissionFunction`, or a `MissionKind`.
+file of settings chooses code: a function like `nbv.mission.MissionFunction`, which may return its metrics alone, or a
+`MissionKind`.
 """
 
 from __future__ import annotations
 
-import hashlib
 import pkgutil
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.cache import Store, code_digest
 from nbv.config import MissionConfig
-from nbv.errors import UserError
+from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import MissionResult
 from nbv.plugins import Registry
 from nbv.rocks import Rock, load_coarse_rock, load_rock
@@ -27,9 +28,9 @@ class MissionKind:
     """One kind of mission; the defaults say of a plug-in that nothing is known of its missions."""
 
     # A `nbv.mission.MissionFunction`, or "module:function" of one that is built in; empty: none is known.
-    runs: str | Callable[..., MissionResult]
-    # Rocks of the catalogue, sets of photographs, instances of a mission file, or what nobody else need know.
-    targets: Literal["rocks", "photographs", "instances", "own"] = "own"
+    runs: str | Callable[..., MissionResult | Mapping[str, Any]]
+    # Rocks of the catalogue, sets of photographs, or what nobody else need know.
+    targets: Literal["rocks", "photographs", "own"] = "own"
     flies: Callable[[str], bool] = lambda target: True  # whether it can fly a target of that name
     photographs: Literal["rendered", "taken", ""] = ""  # what it needs, and reconstructs densely; empty: none
     truth: str = ""  # what its clouds are measured against
@@ -42,16 +43,49 @@ class MissionKind:
     loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, and a server before it forks
 
     @property
-    def function(self) -> Callable[..., MissionResult]:
+    def function(self) -> Callable[..., MissionResult | Mapping[str, Any]]:
         """The function that runs one mission; `UserError` where there is none."""
         if not self.runs:
             raise UserError("no such fidelity is known here; name its plug-in with gatetune --plugin")
-        function: Callable[..., MissionResult]
-        function = pkgutil.resolve_name(self.runs) if isinstance(self.runs, str) else self.runs
+        function: Callable[..., MissionResult | Mapping[str, Any]] = (
+            pkgutil.resolve_name(self.runs) if isinstance(self.runs, str) else self.runs
+        )
         return function
 
-    def __call__(self, *arguments: Any, **options: Any) -> MissionResult:
-        return self.function(*arguments, **options)
+    def __call__(
+        self,
+        config: MissionConfig,
+        rock: str,
+        replicate: int = 0,
+        directory: Path | None = None,
+        **options: Any,
+    ) -> MissionResult:
+        """Run one mission as a `nbv.mission.MissionFunction`; a function that returns its metrics alone has ended well.
+
+        What it returns under ``costs`` are its costs. Raises `MissionFailure`: it returned anything else.
+        """
+        started = time.perf_counter()
+        outcome = self.function(config, rock, replicate, directory, **options)
+        if isinstance(outcome, MissionResult):
+            return outcome
+        if not isinstance(outcome, Mapping) or not isinstance(outcome.get("costs", {}), Mapping):
+            raise MissionFailure(
+                "plugin_failed",
+                f"the fidelity returned {outcome!r:.80}, not a MissionResult or metrics by name",
+            )
+        return MissionResult(
+            status="ok",
+            reason="",
+            message="",
+            config_digest=config.digest(),
+            rock=rock,
+            replicate=replicate,
+            metrics={name: value for name, value in outcome.items() if name != "costs"},
+            trace=[],
+            timings_s={},
+            costs={"wall_s": time.perf_counter() - started, **outcome.get("costs", {})},
+            condition=config.condition,
+        )
 
     @property
     def uses_catalogue(self) -> bool:
@@ -84,7 +118,6 @@ def _rendered_s(config: MissionConfig) -> float:
 
 DEFAULT_FIDELITY = "photogrammetric"
 PHOTOGRAPHS = "photographs"
-EXTERNAL = "external"  # runs the missions of mission files
 _GEOMETRIC = MissionKind(
     "nbv.geometric:run_geometric_mission",
     targets="rocks",
@@ -117,11 +150,6 @@ BUILT_IN = {
         refuses="nbv.photographs.photograph_fidelity:PhotographFidelity.require_noticed",
         numbers_are="measured against the set's own dense reference; missions over real photographs",
         loads=("open3d",),
-    ),
-    EXTERNAL: MissionKind(
-        "tuner.missions.external.mission:run_external_mission",
-        targets="instances",
-        numbers_are="missions of your mission file",
     ),
 }
 FIDELITIES = Registry("fidelities", BUILT_IN)
@@ -162,8 +190,8 @@ def usual_preset(targets: Sequence[str], fidelity: str = DEFAULT_FIDELITY) -> st
 
 
 def uses_store(fidelity: str) -> bool:
-    """Whether missions of this fidelity keep what they share in the store: those that are built in, over rocks and sets of photographs."""
-    return fidelity in BUILT_IN and BUILT_IN[fidelity].uses_catalogue
+    """Whether missions of this fidelity keep what they share in the store: those that are built in."""
+    return fidelity in BUILT_IN
 
 
 def modules_of(fidelity: str) -> tuple[str, ...]:
@@ -175,10 +203,7 @@ def modules_of(fidelity: str) -> tuple[str, ...]:
 
 
 def code_of(fidelity: str) -> str:
-    """Digest of a fidelity's code: of ``nbv`` with all that it imports, of the adapter of mission files itself, of a plug-in its files."""
+    """Digest of a fidelity's code: of ``nbv`` with all that it imports, of a plug-in its files."""
     if (plugin := FIDELITIES.plugin(fidelity)) is not None:
         return plugin.source
-    if fidelity == EXTERNAL:
-        adapter = Path(__file__).parent / "external" / "mission.py"
-        return hashlib.sha256(adapter.read_bytes()).hexdigest()[:32]
     return code_digest(modules_of(fidelity)[0])

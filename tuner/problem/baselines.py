@@ -14,7 +14,6 @@ from nbv.errors import UserError
 from nbv.gates import gate_class
 from nbv.mission.target_prior import target_must_be_found
 from tuner.problem.observations import mission_key
-from tuner.problem.search_space import Configuration, builtin
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,7 @@ _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in 
         "Random, tuned pool",
         "a candidate at random in the pool of the recommended configuration",
     ),
-    "default": ("default", "nothing changed"),  # of a mission file
+    "default": ("default", "nothing changed"),
 }
 # What a campaign ends in, beside Tuned and its arms: the paper's four and the plainest plans at equal number.
 # In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
@@ -274,20 +273,20 @@ def photographs(config: MissionConfig) -> int:
     return config.seed.total + config.adaptive_budget
 
 
-def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[str, ...]:
+def controls_at_equal_number(strategies: Mapping[str, MissionConfig]) -> tuple[str, ...]:
     """Return the strategies with as many photographs as the tuned one, less its equals and those that see the true surface.
 
     Where the tuned mission may end early, its mean number counts, which is in the controls' names (``orbit-26``).
     """
     tuned = strategies.get(TUNED)
-    if not isinstance(tuned, MissionConfig):  # a mission file's configuration has no number
+    if tuned is None:
         return ()
     named = [int(said) for name in strategies if (said := _split(name)[1])]
     number = named[0] if tuned.stop.may_end_early and named else photographs(tuned)
     return tuple(
         name
         for name, config in strategies.items()
-        if photographs(builtin(config)) == number
+        if photographs(config) == number
         and mission_key(config) != mission_key(tuned)
         and not sees_ground_truth(name)
     )

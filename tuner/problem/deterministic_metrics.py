@@ -1,7 +1,6 @@
 """Costs that the configuration decides: they are computed, never modelled.
 
-The photographs of a mission over rocks are its seeds and its budget of captures, unless something may end it early. A parameter
-of a mission file is what it is. Flight time, early stops and whatever a mission measures are left to a model.
+The photographs of a mission are its seeds and its budget of captures, unless something may end it early. Flight time, early stops and whatever a mission measures are left to a model.
 """
 
 from __future__ import annotations
@@ -71,14 +70,6 @@ def with_second_first(history: Sequence[Observation]) -> list[Observation]:
     """Return the history with the second objective's outcomes in the place of the first's, which are computed."""
     both = [o for o in history if o.outcome is None or o.second is not None]
     return [replace(o, outcome=o.second, second=o.outcome) for o in both]
-
-
-def parameter_metric(space: SearchSpace, objective: Objective) -> DeterministicMetric | None:
-    """Return the objective where it is a parameter as a cost; None where only a mission can tell it."""
-    path = objective.metric.removeprefix("costs.")
-    if path not in {p.path for p in space.parameters if p.kind != "categorical"}:
-        return None
-    return DeterministicMetric(objective, (path,), lambda values: float(values[path]))
 
 
 def photographs_metric(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from nbv.errors import UserError
@@ -23,7 +23,6 @@ from tuner.problem.objective import (
     COUNTS,
     SHARE_FORM,
     SHORT,
-    Direction,
     Objective,
     direction_of,
     reached,
@@ -98,21 +97,18 @@ class Goal:
         return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{limit:g}"
 
 
-def parse_goal(text: str, directions: Mapping[str, Direction] | None = None) -> Goal:
-    """Return the meaning of a text; ``UserError`` in one line where it has none.
-
-    ``directions``: which way the metrics and costs of a mission file are better, as it says.
-    """
+def parse_goal(text: str) -> Goal:
+    """Return the meaning of a text; ``UserError`` in one line where it has none."""
     match = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
     if match is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
             "photographs@P(f_score>=98)>=0.95"
         )
-    first = _objective(match["first"], directions)
+    first = _objective(match["first"])
     if match["second"] is None:
         return Goal(first)
-    second = _objective(match["second"], directions)
+    second = _objective(match["second"])
     if first == second:
         raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
     right = "<=" if second.direction == "minimise" else ">="
@@ -141,23 +137,16 @@ def _name(objective: Objective) -> str:
     return names.get(objective.metric, objective.metric)
 
 
-def _objective(name: str, directions: Mapping[str, Direction] | None) -> Objective:
+def _objective(name: str) -> Objective:
     if "(" in name:
         if (share := SHARE_FORM.fullmatch(name)) is None:
             raise UserError(f"{name!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
-        reaches = _objective(share["metric"], directions)
+        reaches = _objective(share["metric"])
         if reaches.direction != "maximise":
             raise UserError(
                 f"{name!r}: less of {reaches.metric} is better; a share is of what should be at least so much"
             )
         return Objective(f"P({reaches.metric}>={_number(share['least'], name):g})")
-    if directions is not None:
-        if (direction := directions.get(name, "minimise" if name.startswith("costs.") else None)) is None:
-            raise UserError(
-                f"whether more or less of {name!r} is better is not known; say it in the mission file, such as "
-                f"directions: {{{name}: maximise}}; costs are costs.NAME"
-            )
-        return Objective(name, direction)
     metric = SHORT.get(name, name)
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")

@@ -11,7 +11,7 @@ from typing import Any
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
 from tuner.problem.instances import Instance
-from tuner.problem.search_space import PLANNERS, Configuration, SearchSpace, Values
+from tuner.problem.search_space import PLANNERS, SearchSpace, Values
 
 MAX_MISSIONS = 100_000  # of a campaign
 MAX_REPLICATES = 10_000  # of a rock
@@ -105,9 +105,9 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
     )
 
 
-def mission_key(config: Configuration) -> str:
+def mission_key(config: MissionConfig) -> str:
     """Return the same for configurations that run the same mission: what is without effect in it does not count."""
-    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+    if config.adaptive_budget == 0:
         config = _unplanned(config).changed(stop={"adaptive_budget": 0})
     return config.digest()
 
@@ -119,12 +119,12 @@ def _unplanned(config: MissionConfig) -> MissionConfig:
     return config.with_values(defaults).changed(plugins=())
 
 
-def photographs_key(config: Configuration, chosen: Sequence[str]) -> str:
-    """Return the same for missions on one block that take the same photographs and use them alike; empty for a mission file's.
+def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:
+    """Return the same for missions on one block that take the same photographs and use them alike.
 
     ``config``: of the mission. ``chosen``: the planned views, in order, by their names in the candidate pool.
     """
-    return digest(_unplanned(config).digest(), list(chosen)) if isinstance(config, MissionConfig) else ""
+    return digest(_unplanned(config).digest(), list(chosen))
 
 
 def short(value: Any) -> str:

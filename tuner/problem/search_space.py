@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,29 +18,6 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.types import Floats
 
-
-class Configuration(Protocol):
-    """What a mission is run with: `MissionConfig`, or the configuration of a mission file."""
-
-    @property
-    def preset(self) -> str:
-        """The preset on which it is based."""
-
-    @property
-    def condition(self) -> str:
-        """The condition under which it runs."""
-
-    def digest(self) -> str:
-        """Return a hash that equal configurations share, and only they."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-
-    def with_values(self, values: dict[str, Any]) -> Self:
-        """Return a copy with the named parameters replaced; ``UserError`` for a name or value that is none."""
-
-
-C = TypeVar("C", bound=Configuration)
 Value = float | int | str | bool
 Values = dict[str, Any]
 Kind = Literal["float", "int", "categorical"]
@@ -91,12 +68,6 @@ class Parameter:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return False
         return self.low <= value <= self.high and (self.kind == "float" or float(value).is_integer())
-
-    def as_declared(self, value: Any) -> Any:
-        """Return an admissible ``value`` as the type in which it is declared: 1 for the choice 1 where it is 1.0."""
-        if self.kind == "categorical":
-            return self.choices[self.choices.index(value)]
-        return float(value) if self.kind == "float" else int(value)
 
     def to_unit(self, value: Any) -> float:
         if self.kind == "categorical":
@@ -165,12 +136,12 @@ class SearchSpace:
     def paths(self) -> tuple[str, ...]:
         return tuple(parameter.path for parameter in self.parameters)
 
-    def fitted(self, preset: Configuration) -> SearchSpace:
+    def fitted(self, preset: MissionConfig) -> SearchSpace:
         """Return the space for the photographs that ``preset`` takes: with `equal_photographs` all of them may be seeds.
 
         The default is then the preset's own seed phase: its rings, or its one turn.
         """
-        if not self.equal_photographs or not isinstance(preset, MissionConfig):
+        if not self.equal_photographs:
             return self
         base = preset.with_values({p: v for p, v in self.base.items() if not p.startswith("stop.")})
         seeds, number = base.seed, base.seed.total + base.adaptive_budget
@@ -199,7 +170,7 @@ class SearchSpace:
         ]
         return dataclasses.replace(self, parameters=tuple(parameters))
 
-    def config(self, preset: C, values: Mapping[str, Any]) -> C:
+    def config(self, preset: MissionConfig, values: Mapping[str, Any]) -> MissionConfig:
         return preset.with_values({**self.base, **self.complete(values)})
 
     def complete(self, values: Mapping[str, Any]) -> Values:
@@ -209,7 +180,7 @@ class SearchSpace:
             **{path: values[p.path] for p in self.parameters for path in p.also if p.path in values},
         }
 
-    def default(self, preset: Configuration) -> Values:
+    def default(self, preset: MissionConfig) -> Values:
         """Return the default values: explicit ones, else the base configuration's (in every preset the paper's).
 
         Raises `UserError`: a default outside its bounds, or bounds that ``MissionConfig`` refuses.
@@ -238,7 +209,7 @@ class SearchSpace:
             self._require_mission(base, {**values, **begin}, f"begin {begin}", "change it")
         return values
 
-    def _require_mission(self, base: Configuration, values: Values, what: str, remedy: str) -> None:
+    def _require_mission(self, base: MissionConfig, values: Values, what: str, remedy: str) -> None:
         try:
             base.with_values(self.complete(values))
         except UserError as error:
@@ -301,18 +272,8 @@ class SearchSpace:
         }
 
 
-def builtin(config: Configuration) -> MissionConfig:
-    """``config`` of a mission over rocks; `UserError` where it is of a mission file, which has neither gate nor pool."""
-    if not isinstance(config, MissionConfig):
-        raise UserError(f"{config.preset} is a mission file's; this is only for missions over rocks")
-    return config
-
-
-def value_at(config: Configuration, path: str) -> Any:
+def value_at(config: MissionConfig, path: str) -> Any:
     """Return the value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
-    if not isinstance(config, MissionConfig):  # parameters by their names, which may have dots
-        values = config.to_dict()["values"]
-        return values[path] if path in values else config.with_values({path: None})
     node: Any = config
     for part in path.split("."):
         if not hasattr(node, part):

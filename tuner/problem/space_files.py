@@ -56,7 +56,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
     raw, base = _with_current_names(raw, source), _with_current_names(base, source)
-    parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
+    parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
         _known_path(path, source)
@@ -118,8 +118,7 @@ def _known_path(path: str, source: str) -> None:
             raise UserError(f"{source}: {error}") from error
 
 
-def parameter_from_dict(path: str, spec: Any, where: str) -> Parameter:
-    """Build and check one parameter of a space; ``where`` names it in a `UserError`."""
+def _parameter(path: str, spec: Any, where: str) -> Parameter:
     if not isinstance(spec, dict):
         raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
     _known_keys(spec, _PARAMETER_KEYS, where)
@@ -148,9 +147,7 @@ def _choices(raw: Any, where: str) -> tuple[Value, ...]:
     if any(not isinstance(choice, (str, int, float, bool)) for choice in raw):
         raise UserError(f"{where}: each choice must be a string, a number or a boolean")
     for one, other in itertools.combinations(raw, 2):
-        if one == other or str(one) == str(
-            other
-        ):  # a model would learn each by itself, and no program tells them apart
+        if one == other or str(one) == str(other):  # a model would learn each by itself
             same = "is given twice" if repr(one) == repr(other) else f"and {other!r} are one value"
             raise UserError(f"{where}: among the choices {one!r} {same}; list each value once")
     return tuple(raw)

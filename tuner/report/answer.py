@@ -21,7 +21,6 @@ from tuner.problem.baselines import ARMS, TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import reached
 from tuner.problem.observations import short
-from tuner.problem.search_space import Configuration, builtin
 from tuner.report.labels import (
     MISSING,
     MetricLabel,
@@ -65,15 +64,13 @@ GEOMETRIC = "These values are predictions of geometric missions, in which no pho
 
 def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     """``Fly 14 photographs on rings, then 12 chosen by the planner; and Pool: highest elevation 20 °.``"""
-    word = s.problem.instance_word
-    verb = "Fly" if word == "rock" else "Use"
     if best.limit is not None and not best.limit.kept:
         nearest = "the default" if best.keep_default else configuration_words(best.values, best, s)
         return f"No configuration that was evaluated is likely to meet the constraint ({limit_words(best.limit)}); nearest to it comes {nearest}, which misses it by {best.limit.missed_by:.3g}."
     plan = plan_words(s.problem.config(best.values))
     if best.plain and not best.keep_default:
         what = "the orbit" if is_orbit(best.plain) else strategy_label(best.plain).lower()
-        return f"Fly {what}: {plan}; no planner was better on the training {word}s."
+        return f"Fly {what}: {plan}; no planner was better on the training rocks."
     if best.keep_default:
         default = f"the default{f' ({plan})' if plan else ''}"
         if _leads(best.runner_up):
@@ -83,16 +80,16 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
     if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
         low, high = best.limit.next_hundred or (0, 100)
         return (
-            f"{words} met the constraint ({limit_words(best.limit)}) on the training {word}s, and is expected to on "
-            f"{bracketed(100 * best.limit.next_rock_keeps, low, high, 0)} of the next hundred {word}s (95 % interval)."
+            f"{words} met the constraint ({limit_words(best.limit)}) on the training rocks, and is expected to on "
+            f"{bracketed(100 * best.limit.next_rock_keeps, low, high, 0)} of the next hundred rocks (95 % interval)."
         )
-    return f"{verb} {words}."
+    return f"Fly {words}."
 
 
 def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> list[str]:
     """What to fly, what it gains over the best plain plan and over the reference, on how many instances, and what an orbit would lose."""
-    word, said = s.problem.instance_word, [use_sentence(best, s)]
-    where = there(advice.results, word, advice.gain)
+    said = [use_sentence(best, s)]
+    where = there(advice.results, advice.gain)
     if advice.fly != TUNED and advice.over_plain is not None:
         label, gain = metric_label(advice.over_plain.metric), advice.over_plain.gain
         lost = (
@@ -112,16 +109,16 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
         over = f"the best plain plan ({over})" if verdict is advice.over_plain else over
         if (gain := verdict.gain) is not None:
             text = f"{f'{difference_text(gain)} {unit}'.strip()} against {over}"
-            gains.append((text, there(advice.results, word, gain)))
+            gains.append((text, there(advice.results, gain)))
     if gains:
         texts, places = zip(*gains)
         each = ", ".join(f"{text} on {place}" for text, place in gains)
         has = f"It has {each}" if len({*places}) > 1 else f"On {places[0]} it has {', '.join(texts)}"
         said.append(f"{has} (95 % intervals; above 0 is better).")
     if advice.fly != TUNED:
-        said.append(f"It was chosen on these {word}s, so its intervals are optimistic.")
+        said.append("It was chosen on these rocks, so its intervals are optimistic.")
     if best.plain == ARMS[0] and advice.over_plain is not None and not advice.results.held_out:
-        said.append(f"That does not tell which is better on other {word}s: docs/results/what_to_fly.md.")
+        said.append("That does not tell which is better on other rocks: docs/results/what_to_fly.md.")
     if advice.is_plain and not best.keep_default and advice.over_plain is None:
         said.append(f"It is the best of the plain plans there ({strategy_label(advice.plain)}).")
     orbit_is_plain = advice.over_plain and advice.by_orbit and advice.by_orbit.strategy == advice.plain
@@ -135,28 +132,28 @@ def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> l
     return said
 
 
-def there(results: Results, word: str, gain: Interval | None = None) -> str:
+def there(results: Results, gain: Interval | None = None) -> str:
     """``2 held-out rocks``: those of ``gain``, without one those on which the recommendation has run."""
     number = len(results.rocks) if gain is None else gain.rocks
-    return counted(number, f"held-out {word}" if results.held_out else f"training {word}")
+    return counted(number, "held-out rock" if results.held_out else "training rock")
 
 
 def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[str, str]:
     """What to do now and its command; an empty command means to stop."""
     s, status = campaign.settings, campaign.status()
-    word, count = s.problem.instance_word, advice.instances if advice else 0
-    where = there(advice.results, word, advice.gain) if advice else ""
+    count = advice.instances if advice else 0
+    where = there(advice.results, advice.gain) if advice else ""
     plain = strategy_label(advice.plain) if advice else ""
     evidence = "no plain plan is better"
     if advice is not None and advice.is_plain:
         evidence = "nothing that was run is shown to be better"
     elif advice is not None and advice.over_plain is not None and advice.over_plain.kind is Kind.BETTER:
         evidence = f"it is better than every plain plan, {plain} the best of them,"
-    run = shlex.join([str(campaign.directory), *s.problem.options()])
+    run = shlex.quote(str(campaign.directory))
     resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
     if s.problem.draws_rocks:
         evaluate += "".join(f" --rock {rock}" for rock in s.rocks)
-    export = f"gatetune export {shlex.quote(str(campaign.directory))}"
+    export = f"gatetune export {run}"
     finish = f"Finish it: {status.remaining} of {status.budget} missions are left."
     more = "Run more missions", f"{resume} --missions {2 * status.budget}"
     if status.exhausted:
@@ -170,16 +167,12 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
             f"{more[0]}, or relax the constraint if there is one: nothing that was run is known to be good enough.",
             more[1],
         ),
-        Next.CONFIRM: (
-            "Confirm it in new replicates: your mission file has no held-out instance.",
-            f"gatetune confirm {run}",
-        ),
         Next.EVALUATE: (
-            f"Evaluate it on held-out {word}s: all that counts so far ran where it was tuned.",
+            "Evaluate it on held-out rocks: all that counts so far ran where it was tuned.",
             evaluate,
         ),
         Next.MORE_INSTANCES: (
-            f"Evaluate it on more {word}s: {counted(count, word)} cannot represent others.",
+            f"Evaluate it on more rocks: {counted(count, 'rock')} cannot represent others.",
             evaluate,
         ),
         Next.FLY_PLAIN: (f"Stop, and fly {plain}: on {where} it is better than what was tuned.", export),
@@ -203,7 +196,7 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
     planned = [path for path in changed if path.startswith(PLAN)]
     plan = plan_words(s.problem.config(values)) if planned else ""
     rest = [path for path in changed if not plan or path not in planned]
-    if plan and builtin(s.problem.config(values)).adaptive_budget == 0:
+    if plan and s.problem.config(values).adaptive_budget == 0:
         rest = []
     if len(rest) > FEW:
         named = f"{len(rest)} changes"
@@ -214,10 +207,8 @@ def configuration_words(values: Mapping[str, Any], best: Recommendation, s: Camp
     return f"the default with {named}" if rest else "the default"
 
 
-def plan_words(config: Configuration) -> str:
-    """How many photographs are taken where; empty for a mission file's configuration."""
-    if not isinstance(config, MissionConfig):
-        return ""
+def plan_words(config: MissionConfig) -> str:
+    """How many photographs are taken where."""
     seed, rings = config.seed, f"{config.seed.total} photographs on rings"
     if seed.count and seed.layout == "turn":
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
@@ -243,33 +234,33 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """The recommendation's outcome on the training rocks, then the predicted gain on a rock that was not run."""
-    word, label = s.problem.instance_word, metric_label(best.metric)
+    label = metric_label(best.metric)
     alone = best.keep_default and not best.exact
     subject = _subject(label) if best.exact else f"By the model, {_subject(label).replace('The ', 'the ')}"
     said = f"{subject} is {mean_text(label, best.mean, best.sd, best.interval_95 if alone else None)}"
     if not best.keep_default:
         said += f" in place of {mean_text(label, best.default_mean, best.sd)}"
     if not best.exact:
-        said += f" on the training {word}s"
+        said += " on the training rocks"
     if not best.exact and not best.keep_default:
         said += f", {_gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)}"
         said += ", positive if lower" if best.direction == "minimise" else ""
     lines = [f"{said} (brackets: 95 % interval)." if not best.exact else f"{said}."]
     if best.limit is not None:
-        lines += _limit_sentences(best, best.limit, word)
+        lines += _limit_sentences(best, best.limit)
     if (next_rock := best.next_rock) is not None:
         if not best.exact:
             low, high = next_rock.interval_95
             gain = _gain(next_rock.gain, (low, high), (high - low) / 4, label)
             lines.append(
-                f"On the next {word}: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
+                f"On the next rock: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
             )
         if next_rock.against:
             names = ", ".join(Path(rock).stem for rock in next_rock.against)
-            lines.append(f"Training {word}s disagree: it is probably worse than the default on {names}.")
+            lines.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
     elif len(s.rocks) == 1 and not s.problem.draws_rocks:
         lines.append(
-            f"Only one {word} was run, so how {word}s differ and what to expect on the next one is not known."
+            "Only one rock was run, so how rocks differ and what to expect on the next one is not known."
         )
     lines += outlier_sentences(best)
     if best.observations < MIN_MISSIONS_FOR_COVERAGE:
@@ -285,7 +276,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         lines.append(GEOMETRIC)
     if best.keep_default:
         evaluated = len({row.rock for row in best.per_rock if row.missions})
-        return [*lines, f"It was evaluated on {evaluated} of {counted(len(s.rocks), word)}."]
+        return [*lines, f"It was evaluated on {evaluated} of {counted(len(s.rocks), 'rock')}."]
     return [*lines, OPTIMISM_NOTE]
 
 
@@ -304,11 +295,8 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     return said
 
 
-def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> list[str]:
-    """Of the limited metric: its mean, the probability that the constraint is met, and on how many of the next instances.
-
-    ``instance_word`` is what an instance is called in the singular, such as "rock".
-    """
+def _limit_sentences(best: Recommendation, limit: Limit) -> list[str]:
+    """Of the limited metric: its mean, the probability that the constraint is met, and on how many of the next instances."""
     label, (_, bound_text) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
     mean = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
     said, default = f"{_subject(label)} is {mean}", mean_text(label, limit.default_mean, limit.sd)
@@ -322,9 +310,9 @@ def _limit_sentences(best: Recommendation, limit: Limit, instance_word: str) -> 
     lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
     if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
         low, high = limit.next_hundred
-        line = f"It is expected to be met on {bracketed(100 * limit.next_rock_keeps, low, high, 0)} of the next hundred {instance_word}s (95 % interval)"
+        line = f"It is expected to be met on {bracketed(100 * limit.next_rock_keeps, low, high, 0)} of the next hundred rocks (95 % interval)"
         if not reached(limit.metric) and limit.next_rock_no_worse is not None:
-            line += f"; on the next {instance_word} it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
+            line += f"; on the next rock it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
     return lines
 
@@ -391,8 +379,6 @@ def gate_sentences(best: Recommendation, campaign: Campaign) -> list[str]:
     """In how many trials the gate switched, which tuned parameters had no effect, what would make it switch, what it chose."""
     s, trials = campaign.settings, [t for t in campaign.trials() if t.state == "complete"]
     config = s.problem.config(best.values)
-    if not isinstance(config, MissionConfig):
-        return []
     if config.adaptive_budget == 0:
         return ["The recommended plan has no planned view, so no gate is used."]
     planned = [t for t in trials if t.record.switched is not None]
@@ -408,7 +394,7 @@ def gate_sentences(best: Recommendation, campaign: Campaign) -> list[str]:
         said.append(f"Without effect on any photograph, so left at the default: {named}.")
     never = traces_of([t for t in planned if t.values == best.default_values and not t.record.switched])
     spread = [r.d95_m for trace in never for r in trace if r.d95_m is not None]
-    gate = builtin(s.problem.config(best.default_values)).gate
+    gate = s.problem.config(best.default_values).gate
     if spread and not min(spread) < gate.d95_m < max(spread):
         said.append(
             f"At the default it does not switch where d95 is {min(spread):.2f} to {max(spread):.2f} m, since the threshold is "

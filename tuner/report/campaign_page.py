@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import IDEAL, MissionConfig
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.run_directory import RESULT
 from nbv.provenance import git_revision
@@ -19,7 +19,6 @@ from tuner.campaign.events import CampaignStatus
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
-from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import advice_of, next_step
 from tuner.comparison.result import all_results
@@ -80,7 +79,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
     advised = [f"Nothing yet: {campaign.nothing_yet()}."]
     if best is not None and advice is not None:
         advised = advice_lines(advice, best, s)
-    label, word = metric_label(modelled.metric), s.problem.instance_word
+    label = metric_label(modelled.metric)
     names = _instance_names(s)
     measured = sorted(
         page.parent.name
@@ -107,7 +106,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         advised=advised,
         changed=None if best is None or best.keep_default else changed_table(best),
         runner_up="" if best is None else runner_up_sentence(best, s),
-        plan=embed(plan_figure(planned)) if isinstance(planned, MissionConfig) else "",
+        plan="" if planned is None else embed(plan_figure(planned)),
         sure=["There is nothing to compare."] if best is None else worth_sentences(best, s),
         gate=[] if best is None else gate_sentences(best, campaign),
         earned=[] if best is None else earned_sentences(results, best),
@@ -123,7 +122,6 @@ def write_campaign_report(campaign: Campaign) -> Path:
         computing=duration(status.mission_wall_s),
         best=best,
         settings=s,
-        word=word,
         label=label,
         outcomes=_outcome_figures(campaign, best, trials, names),
         slices=[] if best is None else _slices(campaign, best),
@@ -132,9 +130,9 @@ def write_campaign_report(campaign: Campaign) -> Path:
         else with_unit(best.noise_sd, label.difference_unit, decimals_for(best.noise_sd)),
         learned=campaign.learned,
         earlier_rocks=[Path(rock).stem for rock in campaign.learned.rocks] if campaign.learned else [],
-        sources=["shipped with this program" if source == SHIPPED else source for source in s.sources],
+        sources=s.learn_from,
         per_rock=None if best is None else rock_table(best, campaign),
-        failures=_failure_table(trials, names, word),
+        failures=_failure_table(trials, names),
         run=shlex.quote(str(directory)),
         command=reproduce_command(campaign),
         provenance=_provenance(s, trials),
@@ -252,7 +250,7 @@ def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]
 # -- missions and model ----------------------------------------------------------------------------------------
 
 
-def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str], word: str) -> Table:
+def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str]) -> Table:
     """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
     groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
     for t in trials:
@@ -268,7 +266,7 @@ def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str], word:
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
-    columns = ("reason", "outcome", "missions", f"{word}s", "last message")
+    columns = ("reason", "outcome", "missions", "rocks", "last message")
     return Table.of("", columns, rows)
 
 
@@ -313,7 +311,7 @@ def _slices(campaign: Campaign, best: Recommendation) -> list[str]:
 
 def _provenance(s: CampaignSettings, trials: Sequence[Trial]) -> list[tuple[str, str]]:
     """When, by what and on which rocks; the settings stand below it."""
-    rocks, word = dict(zip(s.rocks, short_names(s.rocks))), s.problem.instance_word
+    rocks = dict(zip(s.rocks, short_names(s.rocks)))
     hashes = {rocks[t.rock]: t.record.rock_sha256[:12] for t in trials if t.record.rock_sha256}
     times = (
         [t.record.started for t in trials if t.record.started],
@@ -325,7 +323,7 @@ def _provenance(s: CampaignSettings, trials: Sequence[Trial]) -> list[tuple[str,
         ("run between", between),
         *recorded_rows(recorded([t.record.directory for t in trials])),
         ("base configuration", s.problem.base.digest()),
-        (f"{word}s (SHA-256)", named or "not recorded"),
+        ("rocks (SHA-256)", named or "not recorded"),
     ]
 
 

@@ -91,7 +91,7 @@ def strategies_text(names: Collection[str]) -> str:
 
 
 def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
-    label, gain, word = metric_label(verdict.metric), verdict.gain, facts.word
+    label, gain = metric_label(verdict.metric), verdict.gain
     who, whom = strategy_label(verdict.strategy), strategy_label(verdict.reference)
     if verdict.kind is Kind.SAME:
         return f"{who} took the same photographs as {whom} in every mission."
@@ -102,7 +102,7 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
         return f"{label.name}: {ours:.4g}, and {theirs:.4g} for {whom}."
     if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
         least = "at least" if facts.goal.second and facts.goal.second.sign > 0 else "at most"
-        on = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"
+        on = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, 'rock')}"
         share = "" if gain.low is None else f", {difference_text(gain, 0, signed=False)} %"
         bound = f"{label.full}: {least} {facts.goal.limit:g} {label.unit}".rstrip()
         return f"Constraint ({bound}): met on {on}{share}."
@@ -121,7 +121,7 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
     if gain.low is not None:
         brackets = difference_text(gain).partition(" ")[2]
         bounds = f"95 % interval {brackets}" if brackets else "the same in every mission"
-    where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, word)}"
+    where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, 'rock')}"
     if gain.method == "replicates":  # such an interval has no spread between rocks
         where += f", valid for {'this one' if gain.rocks == 1 else 'these'} only"
     return f"{begin} in {label.full}: {gain_words(gain.mean, label.difference_unit)} ({bounds}; {where})."
@@ -136,11 +136,11 @@ def measure_of(facts: ComparisonFacts) -> str:
     plan = facts.plan
     names = [c.name for c in plan.conditions]
     measure = measure_text(metric_label(facts.goal.shown.metric).full, plan.fidelity, plan.rocks, names)
-    return f"{measure}; {counted(len(plan.rocks), facts.word)}."
+    return f"{measure}; {counted(len(plan.rocks), 'rock')}."
 
 
 def warnings_of(facts: ComparisonFacts) -> list[str]:
-    out, run, plan, word = list[str](), facts.run, facts.plan, facts.word
+    out, run, plan = list[str](), facts.run, facts.plan
     if not run.complete:
         finished = f"{len(run.records)} of {plan.combinations} missions are finished"
         out.append(f"Not complete: {finished}; repeat the command to continue.")
@@ -153,7 +153,7 @@ def warnings_of(facts: ComparisonFacts) -> list[str]:
             "A strategy that fails where others succeed is worse than its means show."
         )
     if len(plan.rocks) < 3:
-        out.append(f"Only {counted(len(plan.rocks), word)}: no result here carries over to other {word}s.")
+        out.append(f"Only {counted(len(plan.rocks), 'rock')}: no result here carries over to other rocks.")
     return out
 
 
@@ -190,13 +190,13 @@ def earned_sentences(results: Sequence[Results], best: Recommendation) -> list[s
     if not results:
         return []
     first, said = results[0], list[str]()
-    word, reference = first.settings.problem.instance_word, first.reference
-    here = there(first, word)
+    reference = first.reference
+    here = there(first)
     if not best.keep_default:
         label = metric_label(first.settings.goal.shown.metric)
         what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
         gains = [each.gain(TUNED) for each in results]
-        on = [there(each, word, gain) for each, gain in zip(results, gains)]
+        on = [there(each, gain) for each, gain in zip(results, gains)]
         also = [f", and {difference_text(gain)} on {where}" for gain, where in zip(gains[1:], on[1:])]
         gain = gains[0]
         verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
@@ -243,8 +243,7 @@ def results_table(results: Results) -> Table:
     least, most = results.replicates[0], results.replicates[-1]
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
     what, again = ("Held-out", "") if results.held_out else ("Training", ", tuned on")
-    word = results.settings.problem.instance_word
-    title = f"{what} {word}s: {', '.join(short_names(results.rocks))} ({replicates}{again})"
+    title = f"{what} rocks: {', '.join(short_names(results.rocks))} ({replicates}{again})"
     title += "" if results.complete else ", not complete"
     return strategy_table(results.table, title, results.settings.goal.shown.metric)
 
@@ -369,7 +368,7 @@ def _table_by_instance(facts: ComparisonFacts) -> Table:
         means = (format_number(float(np.mean(values)) if values else None) for values in known)
         rows.append([strategy_label(name), *means])
     caption = f"{metric_label(o.metric).full}, mean over replicates."
-    title = f"{facts.word.capitalize()} by {facts.word}"
+    title = "Rock by rock"
     return Table.of(title, ("strategy", *names), rows, caption)
 
 
@@ -402,14 +401,14 @@ def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
         measure=measure_of(facts),
         notes=[*warnings_of(facts), *([paper_note(plan.fidelity)] if paper else [])],
         tables=tables,
-        legend=[*filter(None, [legend_of(facts.summary)]), interval_methods(methods, facts.word)],
+        legend=[*filter(None, [legend_of(facts.summary)]), interval_methods(methods)],
         folded=[
             table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()
         ],
         open=paper,
         folded_legend=FLOOR_NOTE if any(row.floor is not None for row in rows) else "",
-        provenance=_provenance(run, facts.word),
+        provenance=_provenance(run),
         command=command,
     )
 
@@ -419,12 +418,12 @@ def _truth(plan: EvaluationPlan) -> str:
     return " or ".join(sorted({kind_on(rock, plan.fidelity).truth for rock in plan.rocks} - {""}))
 
 
-def _provenance(run: EvaluationRun, word: str) -> list[tuple[str, str]]:
+def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
     """Rocks, conditions, versions and revisions."""
     plan = run.plan
     first, last = plan.first_replicate, plan.first_replicate + plan.replicates - 1
     return [
-        (f"{word}s", ", ".join(short_names(plan.rocks))),
+        ("rocks", ", ".join(short_names(plan.rocks))),
         ("conditions", ", ".join(condition.name for condition in plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(sorted({config.preset for config in plan.strategies.values()}))),

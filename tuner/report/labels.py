@@ -180,7 +180,7 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
     kinds = {kind_on(rock, fidelity) for rock in rocks}
     kind = kinds.pop() if len(kinds) == 1 else mission_kind(fidelity)
     said = f"{metric}; {kind.numbers_are or f'{fidelity} missions'}"
-    if kind.targets in ("instances", "photographs"):
+    if kind.targets == "photographs":
         return said
     return f"{said}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
@@ -195,18 +195,18 @@ def parameter_label(path: str) -> ParameterLabel:
     """Label of a parameter path of ``MissionConfig``; other names as they are."""
     try:
         about = parameter(path)
-    except KeyError:  # of a mission file
+    except KeyError:
         return ParameterLabel(path, "")
     section, name = about.section.replace("_", "-").capitalize(), about.label or about.words
     return ParameterLabel(f"{section}: {name}" if section else name, about.unit)
 
 
-def interval_methods(methods: Collection[str], word: str = "rock") -> str:
+def interval_methods(methods: Collection[str]) -> str:
     """Sentences on how intervals were made, from the ``method`` of each (``tuner.problem.intervals.Interval``)."""
     texts = {
-        "rocks": f"t-intervals over the means of {word}s, each weighted equally, hold for unseen {word}s of the same kind.",
-        "replicates": f"Intervals from the pooled variance between replicates hold for new replicates on these {word}s only.",
-        "wilson": f"The share of {word}s that met the constraint has Wilson's interval.",
+        "rocks": "t-intervals over the means of rocks, each weighted equally, hold for unseen rocks of the same kind.",
+        "replicates": "Intervals from the pooled variance between replicates hold for new replicates on these rocks only.",
+        "wilson": "The share of rocks that met the constraint has Wilson's interval.",
         "none": "Values from too few missions have no interval.",
     }
     said = [text for name, text in texts.items() if name in methods]

@@ -17,7 +17,6 @@ from tuner.commands.campaign_display import CampaignProgress, event_line, expect
 from tuner.comparison.plan import EvaluationPlan
 from tuner.missions.job import Record, Trial
 from tuner.missions.registry import mission_kind
-from tuner.problem.search_space import builtin
 from tuner.problem.space_files import load_search_space
 
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
@@ -40,7 +39,7 @@ def test_an_event_is_one_json_object() -> None:
 def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(tmp_path: Path) -> None:
     asked = fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
     ours = begin_campaign(tmp_path / "ours", asked)
-    config, rendered_s = builtin(ours.settings.problem.base), mission_kind("photogrammetric").seconds
+    config, rendered_s = ours.settings.problem.base, mission_kind("photogrammetric").seconds
     assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
     longer = config.with_values({"stop.adaptive_budget": 40})
     assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32

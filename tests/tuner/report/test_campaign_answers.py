@@ -5,9 +5,9 @@ from typing import Any
 
 import fake_campaigns
 import pytest
+from tuner.campaign.rock_problem import RockProblem
 
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_problem import RockProblem
 from tuner.comparison.advice import Next, advice_of, next_step
 from tuner.problem.intervals import Interval
 from tuner.problem.space_files import load_search_space

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import fake_campaigns
 import pytest
+from tuner.campaign.shipped import SHIPPED
 
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space

@@ -1,4 +1,4 @@
-"""Missions over rocks as a problem: a preset with overrides and the fixed values of a search space, under conditions."""
+"""What a trial of a campaign is: a preset with overrides and the fixed values of a search space, on a rock or a set of photographs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,10 +35,17 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.goal import require_share
-from tuner.problem.instances import Instance, are_drawn, held_out_rocks_of, instances_over, with_families
+from tuner.problem.instances import (
+    Instance,
+    are_drawn,
+    held_out_rocks_of,
+    instances_over,
+    training_rock,
+    with_families,
+)
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
-from tuner.problem.problem import Evaluated, MissionProblem, Strategies
+from tuner.problem.problem import Problem
 from tuner.problem.search_space import SearchSpace, Values, value_at
 from tuner.problem.share import rocks_that_show
 
@@ -46,13 +53,32 @@ HIGHEST_DEG = 60.0
 MOST_ENDS = 256
 
 
-@dataclass(frozen=True, kw_only=True)
-class RockProblem(MissionProblem):
-    base: MissionConfig
-    conditions: tuple[Condition, ...]
-    fidelity_name: str  # the campaign's
+class Strategies(NamedTuple):
+    """What is run against each other, by name, and what a reader of the outcome must know of it."""
 
-    reference = "hyb-h"
+    configs: Mapping[str, MissionConfig]
+    notes: tuple[str, ...] = ()
+
+
+class Evaluated(NamedTuple):
+    """A recommendation, and what it is evaluated on."""
+
+    values: Mapping[str, Any]
+    photographs: int | None  # that it took, mean over its missions rounded up; None where it has none
+    conditions: Sequence[Condition]
+    rocks: Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionProblem(Problem):
+    """How a trial runs, and what it is compared with."""
+
+    base: MissionConfig  # on which conditions and tuned values are laid
+    seed: int = 0  # of the rocks that are drawn
+    conditions: tuple[Condition, ...]
+    fidelity: str  # the campaign's
+
+    reference = "hyb-h"  # the baseline that differences are from
 
     @staticmethod
     def of(
@@ -65,7 +91,7 @@ class RockProblem(MissionProblem):
         replicates: int,
         budget: int,
         seed: int,
-    ) -> RockProblem:
+    ) -> MissionProblem:
         """Return the problem; ``config``: the preset with overrides and the fixed values of ``space``.
 
         Of a family every replicate is another rock: there are as many as the ``budget`` may need.
@@ -79,16 +105,16 @@ class RockProblem(MissionProblem):
         begin, space = space.begin, replace(space, begin=())
         default = space.default(config)
         base = space.config(config, default)
-        problem = RockProblem(
+        problem = MissionProblem(
             space=space,
             instances=instances,
             default=default,
             replicates=replicates,
-            arms={**plain_plans(space, base), RockProblem.reference: default},
+            arms={**plain_plans(space, base), MissionProblem.reference: default},
             base=base,
             seed=seed,
             conditions=tuple(conditions),
-            fidelity_name=fidelity,
+            fidelity=fidelity,
         )
         # Right when the file was read; what the campaign's settings exclude, such as a ring too low, is left out.
         begin = tuple(values for values in begin if problem.can_run({**default, **values}))
@@ -97,16 +123,20 @@ class RockProblem(MissionProblem):
     @property
     def repeatable(self) -> tuple[Instance, ...]:
         """The sets of photographs."""
-        return tuple(i for i in self.instances if kind_on(i.rock, self.fidelity_name).photographs == "taken")
+        return tuple(i for i in self.instances if kind_on(i.rock, self.fidelity).photographs == "taken")
+
+    def drawn_rock(self, rock: str, replicate: int) -> str:
+        """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""
+        return training_rock(rock, replicate, self.seed)
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
-        """Return the configuration at ``values`` under one of the campaign's conditions, or none."""
+        """Return the configuration at tuned ``values`` under one of the campaign's conditions, or none; `UserError` where there is none."""
         config = self.base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
 
     def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        """Return the number of photographs where nothing ends a mission early."""
+        """Return the objective as a function of the tuned values: a number of photographs that nothing changes; else None."""
         return photographs_metric(self.space, self.config, self.default, objective)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
@@ -140,9 +170,10 @@ class RockProblem(MissionProblem):
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
         used = [plugin.facts for plugin in self.config(self.default).plugins_used]
-        return digest(code_of(self.fidelity_name), used) if used else code_of(self.fidelity_name)
+        return digest(code_of(self.fidelity), used) if used else code_of(self.fidelity)
 
     def held_out(self) -> tuple[str, ...]:
+        """Return the rocks that a campaign may not tune on and an evaluation runs by default."""
         return tuple(procedural_rocks("held-out"))
 
     def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
@@ -179,6 +210,7 @@ class RockProblem(MissionProblem):
         return config if number is None or not config.stop.may_end_early else ending_at(config, number)
 
     def can_run(self, values: Mapping[str, Any]) -> bool:
+        """Return whether there is a mission at ``values``."""
         try:
             self.config(values)
         except UserError:

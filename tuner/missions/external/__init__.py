@@ -1,1 +1,0 @@
-"""Own missions: a file says what a mission takes, a request goes in, a result comes out."""
