@@ -17,8 +17,6 @@ OWN_WORDS = {
     "tuner/campaign/ledger.py",
     "tuner/campaign/storage.py",
     "tuner/missions/executors.py",
-    "tuner/missions/external/call.py",
-    "tuner/missions/external/skeleton_files.py",
     "tuner/missions/server.py",
 }
 

@@ -17,8 +17,6 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 # What makes a command quick enough for a test: it keeps its own options, and the last of an option given twice counts.
 ROCKS = ["--rock", "arch", "--rock", "horn"]  # of an evaluation that would run all held-out rocks
 SMALL = {"fidelity": "geometric", "budget": "6", "replicates": "1", "workers": "1"}
-# Of our own missions only: a mission file has neither fidelity nor photographs.
-OWN = {"budget": "4", "replicates": "1", "workers": "2"}
 
 
 @dataclass
@@ -59,7 +57,7 @@ class Street:
         """Options that make a command small: those that it knows and that the page does not need to be what they are."""
         known = options(words) - ({"fidelity"} if "resume" in words else set())
         quick = [w for name, value in self.small.items() if name in known for w in (f"--{name}", value)]
-        if words[0] == "evaluate" and "--rock" not in words and "fidelity" in self.small:
+        if words[0] == "evaluate" and "--rock" not in words:
             quick += ROCKS
         return quick
 

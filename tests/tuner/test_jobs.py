@@ -41,7 +41,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
         if event.kind == "finished":
             EVENTS.append(event.trial.raw)
 
-    asked = {"space": "gate_and_weights", "budget": 3, "overrides": SMALL, "learn_from": ["nothing"]}
+    asked = {"space": "gate_and_weights", "budget": 3, "overrides": SMALL}
     how = {"sampler": "sobol", "fidelity": "geometric", "workers": 1, "on_event": hear}
     return tuner.tune(tmp_path_factory.mktemp("jobs") / "first", rocks=["slab"], **asked, **how)
 

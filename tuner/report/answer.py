@@ -443,7 +443,7 @@ def rock_table(best: Recommendation, campaign: Campaign) -> Table:
         f"{label.axis} of the recommended configuration: its posterior mean there, and the mean of the missions that ran "
         "there, with their number."
     )
-    columns = (s.problem.instance_word, "predicted", "measured", "default measured")
+    columns = ("rock", "predicted", "measured", "default measured")
     return Table.of("", columns, rows, caption)
 
 

@@ -331,5 +331,4 @@ def reproduce_command(campaign: Campaign) -> str:
     """The command line that runs the same campaign again, in a directory beside it."""
     beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
     file = str(campaign.directory / SETTINGS_FILE)
-    options = campaign.settings.problem.options()
-    return shlex.join(["gatetune", "campaign", "run", file, "--out", str(beside), *options])
+    return shlex.join(["gatetune", "campaign", "run", file, "--out", str(beside)])

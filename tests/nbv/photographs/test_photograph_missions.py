@@ -152,7 +152,6 @@ def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:
     over_photographs = mission_kind("photographs")
     assert kind_on("ball", "photogrammetric") is kind_on("ball", "geometric") is over_photographs
     assert kind_on("slab", "photogrammetric").photographs == "rendered"
-    assert kind_on("ball", "external") is mission_kind("external")
     with pytest.raises(UserError, match="photographs missions cannot run on slab"):
         kind_on("slab", "photographs")
 

@@ -13,7 +13,7 @@ from in_process import InProcessExecutor
 from nbv import plugins
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from tuner.campaign import rock_problem
+from tuner.campaign import mission_problem
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -111,7 +111,7 @@ def test_changed_code_is_asked_about(copy, monkeypatch):
     lines = (copy / "study.journal").read_text().splitlines(keepends=True)
     last = max(k for k, line in enumerate(lines) if json.loads(line)["op_code"] == 4)
     (copy / "study.journal").write_text("".join(lines[: last + 1]))
-    monkeypatch.setattr(rock_problem, "code_of", lambda fidelity: "another")
+    monkeypatch.setattr(mission_problem, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
         run_campaign(Campaign.open(copy), InProcessExecutor())
     ended = run_campaign(Campaign.open(copy), InProcessExecutor(), accept_changes=True)

@@ -106,7 +106,7 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
         ("--strategy random-stopped --rock slab --fidelity photogrammetric", "only a planned strategy"),
         ("--strategy no-such", "unknown strategy 'no-such'.* or named with gatetune --plugin"),
         ("--family cube", "there is no family 'cube' of rocks; choose from boulder, .*, mesa"),
-        ("--fidelity external", "cannot run fidelity external"),
+        ("--fidelity photographs", "cannot run fidelity photographs"),
         ("--campaign no-such", "no-such holds no campaign"),
         ("--suite rocks-9", "there is no suite 'rocks-9'"),
         ("--suite rocks-1 --targets 12", r"not those of the suite rocks-1 \(targets\)"),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from photographed_ball import write_set
 from scene_helpers import around
-from tuner.campaign.rock_problem import where_photographed
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
+from tuner.campaign.mission_problem import where_photographed
 from tuner.problem.baselines import (
     BASELINES,
     ORBITS,

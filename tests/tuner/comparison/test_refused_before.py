@@ -39,9 +39,3 @@ def test_an_evaluation_with_a_strategy_that_cannot_run(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="strategy elsewhere cannot run under indoors"):
         run_evaluation(plan, tmp_path / "out", InProcessExecutor())
     assert not (tmp_path / "out").exists()
-    with pytest.raises(
-        UserError, match="strategy hyb-h cannot run under ideal: it is no mission of a mission file"
-    ):
-        run_evaluation(
-            EvaluationPlan({"hyb-h": base}, ("slab",), fidelity="external"), tmp_path, InProcessExecutor()
-        )

@@ -5,7 +5,6 @@ from typing import Any
 
 import fake_campaigns
 import pytest
-from tuner.campaign.rock_problem import RockProblem
 
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.advice import Next, advice_of, next_step
@@ -38,12 +37,9 @@ def test_what_is_sure_and_what_is_not(campaign: Campaign) -> None:
     assert any("disagree" in line and "cleft" in line for line in said)
 
 
-def test_what_next_follows_the_state(campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_next_follows_the_state(campaign: Campaign) -> None:
     best, s = better(campaign), campaign.settings
     assert step_of(campaign, best) is Next.EVALUATE
-    with monkeypatch.context() as patch:  # as where a mission file holds none out
-        patch.setattr(RockProblem, "held_out", lambda _: ())
-        assert step_of(campaign, best) is Next.CONFIRM
     assert step_of(campaign, better(campaign, values=s.problem.default, runner_up=None)) is Next.KEEP
     wide = s.space.parameters[1]
     at_bound = {**s.problem.default, wide.path: wide.high}

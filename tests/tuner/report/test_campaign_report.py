@@ -6,7 +6,6 @@ from pathlib import Path
 
 import fake_campaigns
 import pytest
-from tuner.campaign.shipped import SHIPPED
 
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
@@ -58,7 +57,6 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     "changes",
     [
         {"rocks": ("boulder",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"), "limit": 300.0},
         {"overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5}},
     ],
