@@ -23,7 +23,7 @@ from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
-from tuner.problem.objective import Direction, reached
+from tuner.problem.objective import Direction
 from tuner.problem.search_space import builtin
 
 SETTINGS_FILE = "campaign.yaml"
@@ -293,8 +293,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
     measured = PREDICTED if kind.predicts else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in settings.goal.objectives:
-        share = reached(objective.metric)
-        *surface, key = (share[0] if share else objective.metric).split(".")
+        *surface, key = objective.metric.split(".")
         if surface[:1] == ["registered"]:
             surface = surface[1:]
         unknown = surface in (["whole"], ["observable"]) and key not in keys

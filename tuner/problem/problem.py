@@ -87,7 +87,7 @@ class MissionProblem(Problem, abc.ABC):
         return training_rock(rock, replicate, self.seed)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
-        """Raise `UserError` where nothing can meet the constraint, or where it cannot be shown that it is kept."""
+        """Raise `UserError` where nothing can meet the constraint."""
 
     def fidelity(self, name: str) -> str:
         """Return the fidelity of an evaluation; ``UserError`` where the one asked for by ``name`` does not go with the problem."""
