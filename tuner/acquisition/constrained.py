@@ -25,12 +25,12 @@ from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
-from tuner.problem.share import SURE, ShareEstimate
 from tuner.surrogate.model import InstanceMeanGP, moments
 from tuner.surrogate.numerics import numerics, pruned
 from tuner.surrogate.posterior import FREEDOM, DeterministicOutcome, probability_positive
 
 _CHUNK = 64
+SURE = 0.8  # probability from which on a configuration is taken to meet a constraint
 HOPELESS = 0.05  # probability of meeting the constraint
 Allowed = Callable[[Floats], Bools]
 ObjectiveModel = InstanceMeanGP | DeterministicOutcome
@@ -72,7 +72,6 @@ class Constraint:
 
     model: ObjectiveModel  # of the second objective
     at_least: float  # oriented so that larger is better
-    is_share: bool = False  # of rocks, in percent
 
     def within_reach(self) -> Constraint:
         """Return this constraint, or where a deterministic metric cannot meet it anywhere, the least violation that there is."""
@@ -93,20 +92,8 @@ class Constraint:
         mean, sd = self.means_and_sds(configurations)
         if isinstance(self.model, DeterministicOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
-        if self.is_share:
-            shares = self.shares(configurations)
-            return np.array([share.probability(self.at_least / 100.0) for share in shares])
         sd = np.maximum(sd, 1e-9 * self.model.mean_scale)
         return np.array([probability_positive(m - self.at_least, s) for m, s in zip(mean, sd)])
-
-    def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareEstimate]:
-        """Return the estimate of each share, worth as many rocks as the mean's variance goes into one mission's."""
-        assert isinstance(self.model, InstanceMeanGP)
-        one, least = self.model.one_mission_sd**2, 1e-9 * self.model.mean_scale
-        return [
-            ShareEstimate(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, least) ** 2)
-            for m, s in zip(*self.means_and_sds(configurations))
-        ]
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
         """Return whether each can be taken to meet the constraint."""
@@ -115,17 +102,7 @@ class Constraint:
     @property
     def quantile(self) -> float:
         """Standard deviations above the limit at which it counts as kept."""
-        if not self.is_share:
-            return float(special.stdtrit(FREEDOM, SURE))
-        # Missions near the limit vary less, or more, than they do everywhere.
-        assert isinstance(self.model, InstanceMeanGP)
-        share = self.at_least / 100.0
-        spread = (
-            100.0
-            * math.sqrt(share * (1.0 - share))
-            / max(self.model.one_mission_sd, 1e-9 * self.model.mean_scale)
-        )
-        return float(special.ndtri(SURE)) * spread
+        return float(special.stdtrit(FREEDOM, SURE))
 
     def floor(self) -> float:
         """Return the limit on the model's common landscape, whose offsets belong to the limit."""

@@ -40,7 +40,7 @@ from tuner.missions.long_runs import exclusive
 from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation, Proposal, configuration_key
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
+from tuner.samplers.base import Sampler, SamplerSettings, ask_many
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
 
@@ -224,21 +224,14 @@ class Campaign:
         p = self.settings.problem
         return InstanceMeanGP(p.space, self.goal(history).as_modelled(history), p.instances)
 
-    def propose(
-        self, trials: Sequence[Trial], known: int, count: int = 1, reserved: Sequence[Proposal] = ()
-    ) -> list[Proposal]:
-        """Return the sampler's next missions after the first ``known`` trials; the others count as in flight.
-
-        So do the proposals ``reserved``, which are not in the ledger yet.
-        """
+    def propose(self, trials: Sequence[Trial], known: int, count: int = 1) -> list[Proposal]:
+        """Return the sampler's next ``count`` missions after the first ``known`` trials; the others count as in flight."""
         history = self.history(trials[:known])
         running: list[Observation] = [
             dataclasses.replace(t, outcome=None, second=None)
             for i, t in enumerate(trials)
             if not t.record.status or i >= known
         ]
-        for proposal in reserved:
-            running.append(in_flight(self._sampler_settings, history, running, proposal))
         return ask_many(self._sampler, self._sampler_settings, history, running, count)
 
     def job(self, trial: Trial, config: MissionConfig) -> MissionJob:

@@ -153,8 +153,6 @@ class Ledger:
         measurements = {**ended.measurements, "costs": {**entered.values, **ended.costs}}
         value, why_not = objective.value_or_reason(ended.record.status, measurements)
         also = None if value is None or second is None else second.measure(measurements)
-        if second is not None and second.is_share and ended.record.status == "failed":
-            also = 0.0  # a rock without a model reaches nothing
         end: dict[str, Any] = {name: getattr(ended.record, name) for name in _ENDING}
         end |= {"wall_s": round(ended.record.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")

@@ -34,7 +34,6 @@ from tuner.problem.baselines import (
     tuned_configs,
 )
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
-from tuner.problem.goal import require_share
 from tuner.problem.instances import (
     Instance,
     are_drawn,
@@ -47,7 +46,6 @@ from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import SearchSpace, Values, value_at
-from tuner.problem.share import rocks_that_show
 
 HIGHEST_DEG = 60.0
 MOST_ENDS = 256
@@ -140,16 +138,7 @@ class MissionProblem(Problem):
         return photographs_metric(self.space, self.config, self.default, objective)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
-        """Raise `UserError` for fewer photographs than all missions take, and for a share that few rocks cannot show."""
-        if limited.is_share:
-            require_share(share := limit / 100.0, "the limit")
-            # So many rocks must reach it, and none fail, before the share is shown (`tuner.problem.share`).
-            needed = rocks_that_show(share)
-            if not are_drawn(self.rocks) and len(self.rocks) < needed:
-                raise UserError(
-                    f"{len(self.rocks)} rocks cannot show what {100 * share:g} % of rocks reach, {needed} can; let them be "
-                    "drawn, with --rock any, or any-FAMILY"
-                )
+        """Raise `UserError` for fewer photographs than all missions take."""
         counted = limited.metric in COUNTS and limited.direction == "minimise"
         if counted and limit < (least := self._fewest_photographs()):
             raise UserError(

@@ -1,13 +1,8 @@
-"""One session of a campaign: ask, run, tell, until the budget is used or somebody interrupts.
-
-With many workers proposals are prefetched in a thread while missions run: one worker is always free. A prefetched proposal is not
-in the ledger yet: a campaign that ends forgets it, and its resume asks for another one.
-"""
+"""One session of a campaign: ask, run, tell, until the budget is used or somebody interrupts."""
 
 from __future__ import annotations
 
 import collections
-import concurrent.futures
 import dataclasses
 import functools
 import shlex
@@ -46,8 +41,9 @@ NOTHING_REGISTERS = (
 SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
-FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
-SHARE = 4  # of the workers' number: proposals of one batch, and as many are kept
+# With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
+# for all that are free, and for a `SHARE`th of the workers at least.
+FROM_WORKERS, SHARE = 8, 4
 MAX_BATCH = 256
 
 
@@ -63,8 +59,7 @@ def run_campaign(
 
     Missions that were in flight when an earlier session ended are run again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
-    A stop waits at most for a batch of proposals that is being computed ahead; a second Ctrl-C interrupts at once. The trial of an infrastructure
-    failure (`Trial.infrastructure_failure`) stays open too.
+    The trial of an infrastructure failure (`Trial.infrastructure_failure`) stays open too.
 
     ``on_event`` is called in this thread; after every ``recommend_every`` missions, 0 for none, also with a recommendation, which
     is saved. ``accept_changes``: go on where rocks or the missions' code changed since the last session.
@@ -73,11 +68,8 @@ def run_campaign(
     mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
-    try:
-        with long_run(campaign.directory) as stop, campaign.ledger.exclusive():
-            return session.run(stop)
-    finally:
-        session.prefetch.close()
+    with long_run(campaign.directory) as stop, campaign.ledger.exclusive():
+        return session.run(stop)
 
 
 class _Prepared(NamedTuple):
@@ -112,7 +104,7 @@ class _Session:
         self._simplified = collections.deque[Proposal]()
         finished = campaign.status().finished >= campaign.settings.budget
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
-        self.prefetch = ProposalPrefetch(campaign)
+        self._proposals = collections.deque[Proposal]()  # the rest of a batch
 
     def run(self, stop: Stop) -> CampaignSummary:
         self._stop = stop
@@ -177,17 +169,13 @@ class _Session:
         self._reproducibility.begin()
 
     @property
-    def has_pending(self) -> bool:
-        return self.prefetch.has_pending
-
-    @property
     def cancelled(self) -> bool:
         return len(self._failed_in_row) >= MAX_CONSECUTIVE_FAILURES
 
     def next_jobs(self, free: int) -> list[MissionJob]:
         """Return the next mission to launch, which is in the ledger."""
         while not self._stop.is_set():
-            upcoming = self._to_retry.popleft() if self._to_retry else self._next_trial()
+            upcoming = self._to_retry.popleft() if self._to_retry else self._next_trial(free)
             if upcoming is None:
                 break
             if isinstance(upcoming, _Prepared):
@@ -210,8 +198,11 @@ class _Session:
             else:
                 self._count(self._enter(trial, ended))
 
-    def _next_trial(self) -> _Prepared | Trial | None:
-        """Enter the next proposal and return its trial with its job; the trial alone where the configuration is refused."""
+    def _next_trial(self, free: int) -> _Prepared | Trial | None:
+        """Enter the next proposal and return its trial with its job; the trial alone where the configuration is refused.
+
+        ``free``: workers without a mission.
+        """
         trials, in_step = self._ledger.trials(), self._settings.in_step
         left = self._settings.budget + self._repeats - len(trials)
         started = time.monotonic()
@@ -220,13 +211,17 @@ class _Session:
         elif (ended := self._end_of_search(trials, left)) is not None:
             self._search_ended = ended
             return None
-        elif in_step is None and self.executor.capacity >= FROM_WORKERS:
-            proposal = self.prefetch.next(trials, self.executor.capacity, left)
         else:
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
             if in_step is not None and not all(t.record.status for t in trials[:known]):
                 return None  # its turn comes when they have ended
-            (proposal,) = self._stop.computed(lambda: self.campaign.propose(trials, known)) or (None,)
+            if not self._proposals:
+                count = 1
+                if in_step is None and self.executor.capacity >= FROM_WORKERS:
+                    count = min(max(free, self.executor.capacity // SHARE), MAX_BATCH, left)
+                batch = self._stop.computed(lambda: self.campaign.propose(trials, known, count))
+                self._proposals.extend(batch or ())
+            proposal = self._proposals.popleft() if self._proposals else None
             self._ask_s += time.monotonic() - started
         if proposal is None:
             return None
@@ -317,40 +312,6 @@ def _registers_nothing(trial: Trial) -> bool:
     directory = trial.record.directory
     trace = MissionResult.load(directory).trace if (directory / RESULT).is_file() else []
     return bool(trace) and not any(record.registered for record in trace)
-
-
-class ProposalPrefetch:
-    """A queue of proposals that refills itself."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        self._campaign = campaign
-        self._ready: collections.deque[Proposal] = collections.deque()
-        self._thread = concurrent.futures.ThreadPoolExecutor(1)
-        self._computing: concurrent.futures.Future[list[Proposal]] | None = None
-
-    def next(self, trials: Sequence[Trial], workers: int, left: int) -> Proposal | None:
-        """Return the next proposal after ``trials``; ``left``: how many more the budget allows.
-
-        None means that the budget is used or, while `has_pending`, that no proposal is ready yet.
-        """
-        if self._computing is not None and self._computing.done():
-            computed, self._computing = self._computing, None
-            self._ready.extend(computed.result())
-        batch = max(2, min(workers // SHARE, MAX_BATCH))
-        left -= len(self._ready)
-        if self._computing is None and left > 0 and len(self._ready) < batch:
-            self._computing = self._thread.submit(
-                self._campaign.propose, list(trials), len(trials), min(batch, left), list(self._ready)
-            )
-        return self._ready.popleft() if self._ready else None
-
-    @property
-    def has_pending(self) -> bool:
-        return self._computing is not None
-
-    def close(self) -> None:
-        """Drop the prefetched proposals; a batch that is being computed ends first, in seconds."""
-        self._thread.shutdown(wait=True, cancel_futures=True)
 
 
 class ReproducibilityCheck:

@@ -121,7 +121,7 @@ class CampaignSettings(Section):
     objective: Objective = setting(
         Objective,
         "what is tuned: a metric, seconds or energy; the best quality at a cost: f_score@photographs<=21; the least cost: "
-        "photographs@f_score>=97, or for a share of rocks: photographs@P(f_score>=98)>=0.95",
+        "photographs@f_score>=97",
         shown=DEFAULT_METRIC,
         option="--objective",
         panel=WHAT,

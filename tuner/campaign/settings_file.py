@@ -22,7 +22,6 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
-from tuner.problem.objective import reached
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 4
@@ -236,8 +235,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
     measured = PREDICTED if kind.predicts else all_metrics()
     keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in settings.goal.objectives:
-        share = reached(objective.metric)
-        *surface, key = (share[0] if share else objective.metric).split(".")
+        *surface, key = objective.metric.split(".")
         if surface[:1] == ["registered"]:
             surface = surface[1:]
         unknown = surface in (["whole"], ["observable"]) and key not in keys

@@ -21,7 +21,6 @@ from tuner.report.answer import (
     gate_sentences,
     mean_text,
     rock_table,
-    runner_up_sentence,
     worth_sentences,
 )
 from tuner.report.labels import (
@@ -156,8 +155,6 @@ def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list
     if best.changed:
         output.print(*changed_table(best).for_terminal())
     output.print(*rock_table(best, campaign).for_terminal())
-    if rival := runner_up_sentence(best, s):
-        output.print(rival, highlight=False)
     return advised
 
 

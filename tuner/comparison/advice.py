@@ -128,8 +128,6 @@ def next_step(campaign: Campaign, best: Recommendation | None, advice: Advice | 
         if advice.fly != TUNED:
             return Next.FLY_PLAIN
         return Next.TRY_PLANNERS if advice.is_plain and leaves_room(advice.ceiling) else Next.FLY
-    rival = best.runner_up
     if best.keep_default and len(s.problem.arms) == 1:
-        hopeless = rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd)
-        return Next.KEEP if hopeless else Next.MORE
+        return Next.KEEP
     return Next.EVALUATE

@@ -12,15 +12,10 @@ from tuner.missions.job import LOST, MissionJob, Trial, blamed, should_retry
 from tuner.missions.long_runs import Stop
 
 _POLL_S = 0.5
-_SHORT_POLL_S = 0.05  # while a proposal is being computed and a worker is free
 
 
 class JobQueue(Protocol):
     """Hands out jobs and is told how their missions ended."""
-
-    @property
-    def has_pending(self) -> bool:
-        """Whether there may be more jobs although there are none at this moment."""
 
     @property
     def cancelled(self) -> bool:
@@ -39,7 +34,7 @@ class JobQueue(Protocol):
 class JobList:
     """A fixed list of jobs, run in order; those that have finished already are not run again."""
 
-    has_pending = cancelled = False
+    cancelled = False
 
     def __init__(
         self,
@@ -89,12 +84,9 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
                     source.launched(job)
                 free = executor.capacity - len(running)
             if not running:
-                if not source.has_pending:
-                    return
-                stop.wait(_SHORT_POLL_S)
-                continue
+                return
             ended = []
-            trials = executor.wait_any(_SHORT_POLL_S if free > 0 and source.has_pending else _POLL_S)
+            trials = executor.wait_any(_POLL_S)
             lost = [trial for trial in trials if trial.reason in LOST]
             for trial in trials:
                 job, attempts = running.pop(trial.record.job_id)

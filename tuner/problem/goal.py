@@ -2,8 +2,7 @@
 
 - ``f_score``: one objective;
 - ``f_score@photographs<=21``: the best quality at no more than so much of a cost;
-- ``photographs@f_score>=97``: the least cost of a quality that is asked for;
-- ``photographs@P(f_score>=98)>=0.95``: the least cost with which so large a share of rocks reaches a quality.
+- ``photographs@f_score>=97``: the least cost of a quality that is asked for.
 
 A name is a metric's path, or one of `SHORT`.
 """
@@ -18,20 +17,11 @@ from dataclasses import dataclass, field, replace
 
 from nbv.errors import UserError
 from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
-from tuner.problem.objective import (
-    COSTS,
-    COUNTS,
-    SHARE_FORM,
-    SHORT,
-    Objective,
-    direction_of,
-    reached,
-)
+from tuner.problem.objective import COSTS, COUNTS, SHORT, Objective, direction_of
 from tuner.problem.observations import Observation
 
 # Of a text without blanks around its signs.
-_NAME, _NUMBER = r"P\([^()]*\)|[\w.]+", r"[-+.\deE]+"
-_FORM = re.compile(rf"(?P<first>{_NAME})(@(?P<second>{_NAME})(?P<sign><=|>=)(?P<limit>{_NUMBER}))?", re.ASCII)
+_FORM = re.compile(r"(?P<first>[\w.]+)(@(?P<second>[\w.]+)(?P<sign><=|>=)(?P<limit>[-+.\deE]+))?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -93,17 +83,15 @@ class Goal:
         text = _name(self.objective)
         if self.second is None or self.limit is None:
             return text
-        limit = self.limit / 100.0 if self.second.is_share else self.limit
-        return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{limit:g}"
+        return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{self.limit:g}"
 
 
 def parse_goal(text: str) -> Goal:
     """Return the meaning of a text; ``UserError`` in one line where it has none."""
-    match = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=|[()])\s*", r"\1", text.strip()))
+    match = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=)\s*", r"\1", text.strip()))
     if match is None:
         raise UserError(
-            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
-            "photographs@P(f_score>=98)>=0.95"
+            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21 or photographs@f_score>=97"
         )
     first = _objective(match["first"])
     if match["second"] is None:
@@ -114,39 +102,15 @@ def parse_goal(text: str) -> Goal:
     right = "<=" if second.direction == "minimise" else ">="
     if match["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
-    limit = _number(match["limit"], f"objective {text!r}")
-    if second.is_share:
-        require_share(limit, f"objective {text!r}")
-        limit *= 100.0
-    return Goal(first, second, limit)
-
-
-def require_share(share: float, what: str) -> None:
-    """Raise `UserError` where a share that is asked for is not above 0 and below 1."""
-    if not 0.0 < share < 1.0:
-        raise UserError(
-            f"{what}: a share is above 0 and below 1, not {share:g}; no number of rocks shows that all of them reach it: "
-            "ask for 0.95"
-        )
+    return Goal(first, second, _number(match["limit"], f"objective {text!r}"))
 
 
 def _name(objective: Objective) -> str:
     names = {path: name for name, path in SHORT.items()}
-    if share := reached(objective.metric):
-        return f"P({names.get(share[0], share[0])}>={share[1]:g})"
     return names.get(objective.metric, objective.metric)
 
 
 def _objective(name: str) -> Objective:
-    if "(" in name:
-        if (share := SHARE_FORM.fullmatch(name)) is None:
-            raise UserError(f"{name!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
-        reaches = _objective(share["metric"])
-        if reaches.direction != "maximise":
-            raise UserError(
-                f"{name!r}: less of {reaches.metric} is better; a share is of what should be at least so much"
-            )
-        return Objective(f"P({reaches.metric}>={_number(share['least'], name):g})")
     metric = SHORT.get(name, name)
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -22,16 +21,6 @@ SHORT = {
 }
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
-SHARE_FORM = re.compile(r"P\((?P<metric>[\w.]+)>=(?P<least>[-+.\deE]+)\)", re.ASCII)
-
-
-def reached(metric: str) -> tuple[str, float] | None:
-    """Return ``(metric, least)`` of a share's path, such as ``P(observable.f_score_48mm>=98)``; None of any other.
-
-    A mission has 100 or 0 of it, so that its mean over rocks is the share of rocks that reach it, in percent.
-    """
-    match = SHARE_FORM.fullmatch(metric)
-    return (match["metric"], float(match["least"])) if match else None
 
 
 def direction_of(metric: str) -> Direction:
@@ -40,8 +29,6 @@ def direction_of(metric: str) -> Direction:
     Raises `UserError`: neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has
     to say it.
     """
-    if reached(metric):
-        return "maximise"
     key = metric.rpartition(".")[2]
     if key.startswith(("completeness", "accuracy", "f_score")):
         return "maximise"
@@ -93,19 +80,11 @@ class Objective:
         return None if raw is None else self.sign * raw
 
     def measure(self, metrics: Mapping[str, Any]) -> float | None:
-        """Return the metric as measured, a share (`reached`) as 100 or 0; None where it is absent or not a finite number."""
-        if share := reached(self.metric):
-            value = Objective(share[0]).measure(metrics)
-            return None if value is None else 100.0 * (value >= share[1])
+        """Return the metric as measured; None where it is absent or not a finite number."""
         value = value_at_path(metrics, self.metric)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             return None
         return float(value)
-
-    @property
-    def is_share(self) -> bool:
-        """Whether it is the share of rocks that reach something."""
-        return reached(self.metric) is not None
 
     def value_or_reason(self, status: str, metrics: Mapping[str, Any]) -> tuple[float | None, str]:
         """Return ``(value, reason)``: the value as measured, or None with the reason why the mission is infeasible.

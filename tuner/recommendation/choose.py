@@ -24,7 +24,7 @@ import numpy as np
 
 from tuner.acquisition.constrained import Constraint, second_model
 from tuner.problem.goal import Goal
-from tuner.problem.instances import Instance, are_drawn, conditions_of, rocks_of
+from tuner.problem.instances import Instance, conditions_of, rocks_of
 from tuner.problem.intervals import MIN_ROCKS, mean_interval
 from tuner.problem.observations import (
     Block,
@@ -37,15 +37,12 @@ from tuner.problem.observations import (
 from tuner.problem.problem import Problem
 from tuner.problem.search_space import Values
 from tuner.problem.standardise import FEW
-from tuner.recommendation.limit import limit_of
-from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import (
     BestPlain,
-    NextRock,
+    Limit,
     Outlier,
     Recommendation,
     RockRow,
-    RunnerUp,
 )
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
@@ -87,7 +84,7 @@ def constraint_of(
     if goal.second is None or goal.at_least is None or not both:
         return None
     limited = model if goal.exact.first is not None else second_model(problem, goal, both)
-    return Constraint(limited, goal.at_least, goal.second.is_share)
+    return Constraint(limited, goal.at_least)
 
 
 @dataclass(frozen=True)
@@ -131,8 +128,7 @@ class Choice:
         observations = goal.as_modelled(history)
         every = InstanceMeanGP(problem.space, observations, problem.instances)
         self.problem, self.goal = problem, goal
-        share = goal.modelled.is_share  # the few 0 among many 100 are what is asked for
-        self.model, self.outliers = (every, []) if share else without_outliers(every, problem.repeatable)
+        self.model, self.outliers = without_outliers(every, problem.repeatable)
         self.constraint = constraint_of(problem, goal, history, self.model)
         self.failures = sum(not o.feasible for o in observations)
         self.candidates = self._all_candidates(observations, only_verified=only_verified)
@@ -176,10 +172,7 @@ class Choice:
         return [i for i, candidate in enumerate(self.candidates) if candidate.eligible]
 
     def _most_promising(self) -> list[Candidate]:
-        """Return the best by posterior mean, few enough for a joint posterior.
-
-        These are eligible ones, the default where it is eligible, and a few that meet the constraint and have run too seldom.
-        """
+        """Return the best eligible ones by posterior mean, few enough for a joint posterior, and the plain plans among them."""
         candidates, cost = self.candidates, self.goal.exact.first
         best_first = self.model.best_first([candidate.values for candidate in candidates])
         if cost is not None:
@@ -187,8 +180,7 @@ class Choice:
         few = max(TOP, JOINT // len(self.model.instances))
         best = [i for i in best_first if candidates[i].eligible][:few]
         plain = self.plain_plans(self.eligible)
-        seldom = [i for i in best_first if candidates[i].keeps and not candidates[i].eligible][:TOP]
-        return [candidates[i] for i in dict.fromkeys([*best, *plain, *seldom])]
+        return [candidates[i] for i in dict.fromkeys([*best, *plain])]
 
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
@@ -295,11 +287,10 @@ class Choice:
 
     def recommendation(self, index: int) -> Recommendation:
         problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
-        values, missions = self.candidates[index].values, self.candidates[index].missions
+        values = self.candidates[index].values
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
-        elsewhere = _on_next_rock(values, problem, model)
         plain, best_plain = self._best_plain(index)
         return Recommendation(
             values=values,
@@ -320,17 +311,7 @@ class Choice:
             leave_one_out=model.leave_one_out(),
             exact=goal.exact.first is not None,
             modelled_metric=goal.modelled.metric,
-            runner_up=self._runner_up(index),
-            next_rock=elsewhere,
-            limit=limit_of(
-                problem,
-                goal,
-                self.constraint,
-                values,
-                missions,
-                kept=self.candidates[index].keeps,
-                no_worse=None if elsewhere is None else elsewhere.no_worse,
-            ),
+            limit=self._limit(index),
             outliers=self._outliers(),
             plain=plain,
             best_plain=best_plain,
@@ -343,27 +324,27 @@ class Choice:
         predicted = sign * self.model.predict_mission(candidate.values, instance)[0]
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
-    def _runner_up(self, index: int) -> RunnerUp | None:
-        """Return the candidate with the best posterior mean that meets the constraint; None where it is the recommendation or the default."""
-        posterior, candidates = self.objective, self.candidates
-        leads = [i for i, c in enumerate(candidates) if c.keeps and posterior.mean[i] > posterior.mean[index]]
-        if not leads:
+    def _limit(self, index: int) -> Limit | None:
+        """Return how a candidate meets the constraint on the training instances; None where nothing has a limit."""
+        constraint, second, limit = self.constraint, self.goal.second, self.goal.limit
+        if constraint is None or second is None or limit is None:
             return None
-        rival = max(leads, key=lambda i: posterior.mean[i])
-        values = candidates[rival].values
-        if values == dict(self.problem.default):
-            return None
-        difference = posterior.difference(rival, index)
-        improvement = posterior.difference(rival, len(candidates))
-        return RunnerUp(
-            values=values,
-            missions=len(candidates[rival].missions),
-            mean=self.goal.objective.sign * self.plausible(posterior.mean[rival]),
-            difference=difference[0],
-            difference_interval_95=interval_95(*difference),
-            improvement=improvement[0],
-            improvement_interval_95=interval_95(*improvement),
-            probability=None if self.constraint is None else float(self.constraint.probability([values])[0]),
+        both = [self.candidates[index].values, self.problem.default]
+        posterior, (probability, of_default) = constraint.model.posterior(both), constraint.probability(both)
+        mean, default_mean = (second.sign * float(m) for m in posterior.mean)
+        sd = float(posterior.sd[0])
+        return Limit(
+            metric=second.metric,
+            direction=second.direction,
+            limit=limit,
+            kept=self.candidates[index].keeps,
+            exact=isinstance(constraint.model, DeterministicOutcome),
+            mean=mean,
+            sd=sd,
+            interval_95=interval_95(mean, sd),
+            probability=float(probability),
+            default_probability=float(of_default),
+            default_mean=default_mean,
         )
 
     def _outliers(self) -> tuple[Outlier, ...]:
@@ -372,15 +353,6 @@ class Choice:
         moved = [(o, y) for o, y in zip(self.model.observations, self.model.winsorised) if o.outcome != y]
         counts_as = [*((o, None) for o in self.outliers), *((o, sign * y) for o, y in moved)]
         return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
-
-
-def _on_next_rock(values: Values, problem: Problem, model: InstanceMeanGP) -> NextRock | None:
-    """Return the gain on a rock never run; None for the default, families, and one rock: how rocks differ is unknown."""
-    rocks = rocks_of(model.instances)
-    if values == dict(problem.default) or len(rocks) == 1 or are_drawn(rocks):
-        return None
-    departing = InstanceMeanGP(problem.space, model.observations, problem.instances, own_landscapes=True)
-    return next_rock(departing, values, problem.default)
 
 
 def without_outliers(

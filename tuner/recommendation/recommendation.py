@@ -48,37 +48,12 @@ class Limit:
     probability: float  # that the constraint is met
     default_probability: float  # that the default keeps it
     default_mean: float
-    # Probability on a rock that was not run; None: the configuration decides it, or it was not computed.
-    next_rock_keeps: float | None = None
-    next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
-    next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that meet it, 95 % interval
-    # Of a share: rocks that reached it with this configuration, and all that it ran.
-    evaluated: tuple[int, int] | None = None
 
     @property
     def missed_by(self) -> float:
         """How far the mean is on the wrong side of the limit, in the metric's unit; 0 where it is on the right one."""
         beyond = self.mean - self.limit
         return max(0.0, beyond if self.direction == "minimise" else -beyond)
-
-
-@dataclass(frozen=True)
-class RunnerUp:
-    """The configuration with the best posterior mean, where it is not the recommendation.
-
-    It ran too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
-    objective, in the metric's unit, the latter positive where this configuration is better, with 95 % intervals (of
-    no width where the objective is deterministic).
-    """
-
-    values: dict[str, Any]
-    missions: int  # that ran it
-    mean: float
-    difference: float  # to the recommendation
-    difference_interval_95: tuple[float, float]
-    improvement: float  # over the default
-    improvement_interval_95: tuple[float, float]
-    probability: float | None = None  # that the constraint is met, where there is one
 
 
 @dataclass(frozen=True)
@@ -93,17 +68,6 @@ class BestPlain:
     mean: float
     gain: float
     interval_95: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class NextRock:
-    """The gain over the default on a new rock, metric's unit, positive where the recommendation is better."""
-
-    gain: float
-    interval_95: tuple[float, float]
-    per_rock: dict[str, float]  # posterior means of the gain on the training rocks
-    against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
-    no_worse: float = 0.5  # probability that the gain is not below 0
 
 
 @dataclass(frozen=True)
@@ -129,8 +93,8 @@ class Recommendation:
     (``tuner.surrogate.posterior``).
 
     An objective that is a deterministic metric (``exact``) has no uncertainty: standard deviations are 0, intervals have no
-    width. The second objective is then the one that is modelled, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd`` and
-    ``leave_one_out`` are of that.
+    width. The second objective is then the one that is modelled, ``modelled_metric``: ``per_rock``, ``noise_sd`` and ``leave_one_out``
+    are of that.
     """
 
     values: dict[str, Any]
@@ -151,8 +115,6 @@ class Recommendation:
     leave_one_out: dict[str, float]
     exact: bool  # whether the objective is a deterministic metric
     modelled_metric: str  # the objective's, or the second one's where the objective is deterministic
-    runner_up: RunnerUp | None = None
-    next_rock: NextRock | None = None  # None: it is the default, or how rocks differ is unknown
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()
     plain: str = ""  # the plain plan that it is, as a strategy; empty where it is none

@@ -8,7 +8,6 @@ import itertools
 import re
 import shlex
 import statistics
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
@@ -19,7 +18,6 @@ from tuner.comparison.verdict import Kind
 from tuner.missions.registry import mission_kind
 from tuner.problem.baselines import ARMS, TUNED, is_orbit
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.objective import reached
 from tuner.problem.observations import short
 from tuner.report.labels import (
     MISSING,
@@ -49,7 +47,7 @@ if TYPE_CHECKING:
     from tuner.missions.job import Trial
     from tuner.problem.instances import Instance
     from tuner.problem.intervals import Interval
-    from tuner.recommendation.recommendation import Limit, Recommendation, RunnerUp
+    from tuner.recommendation.recommendation import Limit, Recommendation
 
 POOR_COVERAGE = 0.85  # of 95 % intervals, below which it is said that they are too narrow
 MIN_MISSIONS_FOR_COVERAGE = 12
@@ -73,17 +71,8 @@ def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
         return f"Fly {what}: {plan}; no planner was better on the training rocks."
     if best.keep_default:
         default = f"the default{f' ({plan})' if plan else ''}"
-        if _leads(best.runner_up):
-            return f"Keep {default} for now: what looks better has run too few trials to be recommended."
         return f"Keep {default}: no configuration that was evaluated is known to be better."
-    words = configuration_words(best.values, best, s)
-    if best.limit is not None and may_fail_on_most(best.limit) and best.limit.next_rock_keeps is not None:
-        low, high = best.limit.next_hundred or (0, 100)
-        return (
-            f"{words} met the constraint ({limit_words(best.limit)}) on the training rocks, and is expected to on "
-            f"{bracketed(100 * best.limit.next_rock_keeps, low, high, 0)} of the next hundred rocks (95 % interval)."
-        )
-    return f"Fly {words}."
+    return f"Fly {configuration_words(best.values, best, s)}."
 
 
 def advice_lines(advice: Advice, best: Recommendation, s: CampaignSettings) -> list[str]:
@@ -181,13 +170,8 @@ def next_text(step: Next, campaign: Campaign, advice: Advice | None) -> tuple[st
             f"Fly it, or try other planners with gatetune compare: {evidence} on {where}, and the oracle shows room.",
             export,
         ),
-        Next.KEEP: ("Stop: keep the default. Nothing else is predicted to be better.", ""),
+        Next.KEEP: ("Stop: keep the default. Nothing that has run often enough is known to be better.", ""),
     }[step]
-
-
-def may_fail_on_most(limit: Limit) -> bool:
-    """Whether fewer than half of the next rocks may meet the constraint, by the 95 % interval."""
-    return limit.next_hundred is not None and limit.next_hundred[0] < 50
 
 
 def configuration_words(values: Mapping[str, Any], best: Recommendation, s: CampaignSettings) -> str:
@@ -233,7 +217,7 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 
 
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
-    """The recommendation's outcome on the training rocks, then the predicted gain on a rock that was not run."""
+    """The recommendation's outcome on the training rocks, and how far the model can be trusted."""
     label = metric_label(best.metric)
     alone = best.keep_default and not best.exact
     subject = _subject(label) if best.exact else f"By the model, {_subject(label).replace('The ', 'the ')}"
@@ -247,21 +231,9 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
         said += ", positive if lower" if best.direction == "minimise" else ""
     lines = [f"{said} (brackets: 95 % interval)." if not best.exact else f"{said}."]
     if best.limit is not None:
-        lines += _limit_sentences(best, best.limit)
-    if (next_rock := best.next_rock) is not None:
-        if not best.exact:
-            low, high = next_rock.interval_95
-            gain = _gain(next_rock.gain, (low, high), (high - low) / 4, label)
-            lines.append(
-                f"On the next rock: {gain}; no worse than the default with probability {next_rock.no_worse:.2f}."
-            )
-        if next_rock.against:
-            names = ", ".join(Path(rock).stem for rock in next_rock.against)
-            lines.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
-    elif len(s.rocks) == 1 and not s.problem.draws_rocks:
-        lines.append(
-            "Only one rock was run, so how rocks differ and what to expect on the next one is not known."
-        )
+        lines.append(_limit_sentence(best, best.limit))
+    if len(s.rocks) == 1 and not s.problem.draws_rocks:
+        lines.append("Only one rock was run, so how rocks differ is not known.")
     lines += outlier_sentences(best)
     if best.observations < MIN_MISSIONS_FOR_COVERAGE:
         missions = counted(best.observations, "successful mission")
@@ -295,8 +267,8 @@ def outlier_sentences(best: Recommendation) -> list[str]:
     return said
 
 
-def _limit_sentences(best: Recommendation, limit: Limit) -> list[str]:
-    """Of the limited metric: its mean, the probability that the constraint is met, and on how many of the next instances."""
+def _limit_sentence(best: Recommendation, limit: Limit) -> str:
+    """Of the limited metric: its mean, and the probability that the constraint is met."""
     label, (_, bound_text) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
     mean = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
     said, default = f"{_subject(label)} is {mean}", mean_text(label, limit.default_mean, limit.sd)
@@ -305,45 +277,7 @@ def _limit_sentences(best: Recommendation, limit: Limit) -> list[str]:
     said += f"; the constraint is {bound_text}"
     if not limit.exact:
         said += f", met with probability {limit.probability:.2f}"
-    if limit.evaluated is not None:
-        said += "; it was met on {} of the {} that were run".format(*limit.evaluated)
-    lines = [f"{said}." if best.keep_default else f"{said}; the default has {default}."]
-    if limit.next_rock_keeps is not None and limit.next_hundred is not None and not may_fail_on_most(limit):
-        low, high = limit.next_hundred
-        line = f"It is expected to be met on {bracketed(100 * limit.next_rock_keeps, low, high, 0)} of the next hundred rocks (95 % interval)"
-        if not reached(limit.metric) and limit.next_rock_no_worse is not None:
-            line += f"; on the next rock it is no worse than the default with probability {limit.next_rock_no_worse:.2f}"
-        lines.append(f"{line}.")
-    return lines
-
-
-def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
-    """The configuration with the best posterior mean where it is not the recommendation; empty without one."""
-    rival = best.runner_up
-    if rival is None:
-        return ""
-    label = metric_label(best.metric)
-    worth = f"{_subject(label)} is {mean_text(label, rival.mean, 0.0)}"
-    if not best.exact:
-        low, high = rival.difference_interval_95
-        worth = f"Its gain over the recommendation is {_gain(rival.difference, (low, high), (high - low) / 4, label)}"
-    keeps = (
-        ""
-        if rival.probability is None
-        else f"; it meets the constraint with probability {rival.probability:.2f}"
-    )
-    why = ", which is within the noise"
-    if _leads(rival):
-        why = "; it has run in too few trials to be recommended"
-    return (
-        f"The runner-up, evaluated in {counted(rival.missions, 'trial')}, is {configuration_words(rival.values, best, s)}. "
-        f"{worth}{keeps}{why}, so it was not chosen."
-    )
-
-
-def _leads(rival: RunnerUp | None) -> bool:
-    """Whether the runner-up is better with a 95 % interval, so that only too few trials keep it from being recommended."""
-    return rival is not None and rival.difference_interval_95[0] > 0.0
+    return f"{said}." if best.keep_default else f"{said}; the default has {default}."
 
 
 # -- what the gate did ---------------------------------------------------------------------------------------
@@ -451,7 +385,7 @@ def rock_table(best: Recommendation, campaign: Campaign) -> Table:
 
 
 def limit_words(limit: Limit) -> str:
-    """``F-score at least 98 %``; of a share, ``F-score of at least 98 % on at least 95 % of rocks``."""
+    """``F-score at least 98 %``."""
     return " ".join(bound(limit.metric, limit.direction, limit.limit))
 
 
@@ -459,9 +393,6 @@ def bound(metric: str, direction: str, limit: float) -> tuple[str, str]:
     """What is bounded, and how: ``F-score`` and ``at least 98 %``."""
     label = metric_label(metric)
     how = f"{'at least' if direction == 'maximise' else 'at most'} {limit:g} {label.unit}".strip()
-    if share := reached(metric):
-        of = metric_label(share[0])
-        return f"{short_name(of)} of at least {share[1]:g} {of.unit} on", f"{how} of rocks"
     return short_name(label), how
 
 

@@ -33,10 +33,8 @@ from tuner.report.answer import (
     bound,
     changed_table,
     gate_sentences,
-    may_fail_on_most,
     next_text,
     rock_table,
-    runner_up_sentence,
     worth_sentences,
 )
 from tuner.report.comparison import REPORT_FILE, earned_sentences, legend_of, results_table
@@ -92,8 +90,6 @@ def write_campaign_report(campaign: Campaign) -> Path:
     if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
         low, high = best.improvement_interval_95
         kind = "better" if low > 0 else "worse" if high < 0 else "no"
-        if best.limit is not None and may_fail_on_most(best.limit):
-            kind = "no"
     planned = None if best is None else s.problem.config(best.values)
     return write_page(
         directory / REPORT_FILE,
@@ -105,8 +101,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
         verdict_kind=kind,
         advised=advised,
         changed=None if best is None or best.keep_default else changed_table(best),
-        runner_up="" if best is None else runner_up_sentence(best, s),
-        plan="" if planned is None else embed(plan_figure(planned)),
+        plan=embed(plan_figure(planned)) if planned is not None else "",
         sure=["There is nothing to compare."] if best is None else worth_sentences(best, s),
         gate=[] if best is None else gate_sentences(best, campaign),
         earned=[] if best is None else earned_sentences(results, best),
@@ -179,8 +174,8 @@ def _subtitle(s: CampaignSettings) -> str:
             f"The goal is the {'fewest' if s.objective.metric in COUNTS else 'lowest'} {label.full.lower()}"
         )
     if s.second is not None and s.limit is not None:
-        what, how = bound(s.second.metric, s.second.direction, s.limit)
-        said += f" with {what if s.second.is_share else metric_label(s.second.metric).full} {how}"
+        _, how = bound(s.second.metric, s.second.direction, s.limit)
+        said += f" with {metric_label(s.second.metric).full} {how}"
     conditions = [condition.name for condition in s.conditions]
     under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
     return (

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
 from tuner.missions.registry import kind_on, mission_kind
-from tuner.problem.objective import reached
 
 if TYPE_CHECKING:  # it takes a second to load
     from tuner.problem.intervals import Interval
@@ -153,10 +152,6 @@ def metric_label(path: str) -> MetricLabel:
 
     Unknown paths are shown as they are, with the unit that their ending tells.
     """
-    if share := reached(path):
-        of = metric_label(share[0])
-        least = of.value(share[1], 0 if share[1] == int(share[1]) else 1)
-        return MetricLabel(f"Rocks with {of.name} of at least {least}", "%", of.surface)
     *prefix, key = path.split(".")
     if prefix == ["costs"]:
         prefix = []  # no surface

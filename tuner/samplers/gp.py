@@ -84,7 +84,7 @@ class GPSampler:
                 seed = derived_seed(s.seed, number)
                 if not models and both and goal.at_least is not None and goal.second is not None:
                     models = two_models(problem, goal, history, self.sparse)
-                    constraint = Constraint(models[1], goal.at_least, goal.second.is_share).within_reach()
+                    constraint = Constraint(models[1], goal.at_least).within_reach()
                 elif not models:
                     models = (InstanceMeanGP(problem.space, history, problem.instances, sparse=self.sparse),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)

@@ -1,11 +1,10 @@
 """The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') + a^2 m(x, x') [same instance] + b^2 [same instance] + c^2 [same block] + t^2 l(x, x')
+    k = s^2 m(x, x') + b^2 [same instance] + c^2 [same block] + t^2 l(x, x')
 
 m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
 are the variances of what all missions in an instance, that is, on a rock under a condition, or on one (instance, replicate) block,
-share. a^2 is that of an instance's own departure from the common landscape: an intrinsic coregionalisation model whose instances are
-exchangeable. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
+share. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
 
 Inputs are (..., d + 2): the unit cube, then the instance's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
 the mean over instances, or blocks, that were not run: it shares nothing, not even with itself.
@@ -35,7 +34,6 @@ VARIANCE = (2.0, 1.0)  # of f
 INSTANCE_VARIANCE = (1.0, 1.0)
 # Wider still: measured blocks differ by anything from nothing to several times what parameters do.
 BLOCK_VARIANCE = (0.3, 1.5)
-OWN_VARIANCE = (0.6, 1.0)
 TREND_VARIANCE = (2.0, 1.0)
 NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
@@ -81,20 +79,17 @@ def mission_kernel(
     ordered: Sequence[int],
     categorical: Sequence[int],
     *,
-    own_landscapes: bool,
     blocks: bool,
     tau: float | None,
 ) -> Kernel:
     """Return the covariance k of two missions, as the equation at the top of this module has it, with its priors.
 
-    ``ordered`` and ``categorical`` are the columns of parameters. ``own_landscapes``: whether the sum has the term with a^2;
-    ``blocks``: with c^2; ``tau``: with t^2, and the length scales have a `SparseLengthPrior`.
+    ``ordered`` and ``categorical`` are the columns of parameters. ``blocks``: whether the sum has the term
+    with c^2; ``tau``: with t^2, and the length scales have a `SparseLengthPrior`.
     """
     f, instance_column = _landscape(ordered, categorical, tau), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])
     kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
-    if own_landscapes:
-        kernel = kernel + _scaled(f * instance, *OWN_VARIANCE)
     if blocks:
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
     if tau is not None:

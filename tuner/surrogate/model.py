@@ -51,8 +51,7 @@ class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
     ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
-    feasible. ``instances``: the training instances over which the mean is taken. ``own_landscapes``: each rock departs from the
-    common landscape, not only by an offset. ``sparse``: whether length scales have a SAAS prior and there is a linear trend;
+    feasible. ``instances``: the training instances over which the mean is taken. ``sparse``: whether length scales have a SAAS prior and there is a linear trend;
     None: from `MANY_PARAMETERS` on. In ``full`` (18 parameters, 64 geometric missions) the recommendation is worse by 0.25 points
     (0.06 to 0.49, five seeds) without both, and by 0.21 (0.04 to 0.41, seven seeds) without the trend.
     """
@@ -64,10 +63,8 @@ class InstanceMeanGP:
         instances: Sequence[Instance],
         *,
         sparse: bool | None = None,
-        own_landscapes: bool = False,
     ) -> None:
         self._sparse = space.dimension >= MANY_PARAMETERS if sparse is None else sparse
-        self._own_landscapes = own_landscapes
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -113,7 +110,6 @@ class InstanceMeanGP:
             mission_kernel(
                 self._ordered,
                 self.space.categorical_dimensions,
-                own_landscapes=self._own_landscapes,
                 blocks=self._models_blocks,
                 tau=tau,
             )

@@ -27,7 +27,7 @@ def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
 
 
 def test_a_metric_that_is_no_number_is_named() -> None:
-    """A metric that was not finite is null in mission.json; a share of no number is no share."""
+    """A metric that was not finite is null in mission.json."""
     result = fake_missions.well_flown(MissionConfig(), "r0", 0, {"observable": {"c2c_mean_mm": None}})
     for path, said in (
         ("observable.c2c_mean_mm", "unknown metric"),
@@ -35,7 +35,6 @@ def test_a_metric_that_is_no_number_is_named() -> None:
     ):
         with pytest.raises(UserError, match=said):
             result.metric(path)
-    assert not Objective("P(f_score>=abc)").is_share
 
 
 def test_standardisation_takes_away_rock_offsets_and_scales() -> None:
