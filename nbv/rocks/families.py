@@ -1,4 +1,4 @@
-"""Rocks by the hundred: families, from each of which a seed draws one rock; five more of shapes that are no boulders.
+"""Rocks by the hundred: families, from each of which a seed draws one rock; ten more of shapes that are no boulders.
 
 A rock is named ``FAMILY-SEED``, such as ``overhang-17``, and made from that name alone. Of every rock are drawn
 
@@ -184,6 +184,125 @@ def _machine(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
     return body
 
 
+def _part(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A cast part with large faces: a block with slanting sides, hollow from above or from one side, with webs, or a bracket."""
+    half = np.array([*rng.uniform(0.5, 0.85, 2), 0.8])
+    q = p @ sdf.rotation(rng.uniform(0, 180))
+    body = sdf.box(q, (0, 0, 0.75), half, 0.02)
+    for _ in range(int(rng.integers(0, 3))):  # a large slanting face: up to the sky, or down to the ground
+        normal = sdf.rotation(rng.uniform(0, 360), rng.uniform(-65, 25)) @ [1.0, 0.0, 0.0]
+        body = np.maximum(body, sdf.half_space(q - [0, 0, 0.75], normal, rng.uniform(0.25, 0.5)))
+    wall, floor, side = rng.uniform(0.06, 0.14), rng.uniform(0.15, 0.7), int(rng.integers(2))
+    inside, middle = half - wall, np.array([0.0, 0.0, 0.8 + floor])
+    inside[2] = 0.8
+    if rng.uniform() < 0.5:  # a wall is missing: a bracket, or a channel
+        middle[side] = rng.choice((-1.0, 1.0)) * half[side]
+        inside[side] = rng.uniform(1.2, 1.8) * half[side]
+    body = sdf.subtract(body, sdf.box(q, middle, inside, 0.03), 0.01)
+    for _ in range(int(rng.integers(0, 3))):  # webs in the hollow
+        web = [half[0], half[1], rng.uniform(0.25, 0.7)]
+        web[int(rng.integers(2))] = rng.uniform(0.03, 0.06)
+        shift = np.append(rng.uniform(-0.3, 0.3, 2), 0.0)
+        inside_block = sdf.box(q, (0, 0, 0.75), half, 0.02)
+        body = np.minimum(body, np.maximum(inside_block, sdf.box(q, shift, web, 0.01)))
+    bore = (*rng.uniform(-0.3, 0.3, 2), 0.0)
+    boss = sdf.capsule(q, bore, (*bore[:2], rng.uniform(0.5, 1.2)), rng.uniform(0.12, 0.22))
+    return np.minimum(body, boss) if rng.uniform() < 0.5 else body
+
+
+def _head(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A head with two large ears, eye sockets, a muzzle and a brow, on a neck or on the ground."""
+    q = p @ sdf.rotation(rng.uniform(0, 360))
+    wide, high, center = rng.uniform(0.36, 0.52), rng.uniform(0.42, 0.6), rng.uniform(0.75, 0.95)
+    head = sdf.ellipsoid(q, (0, 0, center), (rng.uniform(0.38, 0.5), wide, high))
+    neck = sdf.capsule(q, (-0.05, 0, 0.0), (0, 0, center), rng.uniform(0.18, 0.4))
+    muzzle = sdf.ellipsoid(q, (0.4, 0, center - 0.2), (rng.uniform(0.15, 0.35), 0.22, 0.18))
+    head = sdf.union(sdf.union(head, muzzle, 0.1), neck, 0.15)
+    size, thick, up = rng.uniform(0.24, 0.42), rng.uniform(0.05, 0.1), np.deg2rad(rng.uniform(-10, 60))
+    turn_deg, away = rng.uniform(-35, 35), 0.65 * size + 1 / np.hypot(np.cos(up) / wide, np.sin(up) / high)
+    for s in (-1.0, 1.0):
+        ear_m = np.array([-0.05, s * away * np.cos(up), center + away * np.sin(up)])
+        turn = sdf.rotation(s * turn_deg)
+        ear = sdf.ellipsoid(q, ear_m, (thick, size, size), turn)
+        ear = sdf.subtract(
+            ear, sdf.ellipsoid(q, ear_m + turn @ [thick, 0, 0], (thick, 0.8 * size, 0.8 * size), turn), 0.02
+        )
+        socket = sdf.ellipsoid(q, (0.42, s * 0.2, center + 0.12), (0.14, 0.12, 0.1))
+        head = sdf.union(sdf.subtract(head, socket, 0.04), ear, 0.04)
+    return head
+
+
+def _animal(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A long body on four thin legs, with a neck, a head and a tail."""
+    q = p @ sdf.rotation(rng.uniform(0, 360))
+    long, stout, leg = rng.uniform(0.32, 0.46), rng.uniform(0.14, 0.26), rng.uniform(0.05, 0.09)
+    belly = rng.uniform(0.8, 1.05)
+    body = sdf.ellipsoid(q, (0, 0, belly), (long + 0.15, stout, stout))
+    for x in (-0.8 * long, 0.8 * long):
+        for y in (-0.7 * stout, 0.7 * stout):
+            knee = (x + rng.uniform(-0.1, 0.1), 1.1 * y, 0.5 * belly)
+            foot = (x + rng.uniform(-0.2, 0.2), y + rng.uniform(-0.08, 0.08), 0.0)
+            bars = (sdf.capsule(q, (x, y, belly), knee, 1.3 * leg), sdf.capsule(q, knee, foot, leg))
+            body = sdf.union(body, np.minimum(*bars), 0.06)
+    head = (long + rng.uniform(0.1, 0.25), 0.0, rng.uniform(1.2, 1.45))
+    body = sdf.union(body, sdf.capsule(q, (0.8 * long, 0, belly), head, 0.6 * stout), 0.08)
+    snout = (head[0] + 0.22, 0.0, head[2] - rng.uniform(0.05, 0.2))
+    body = sdf.union(body, sdf.capsule(q, head, snout, 0.55 * stout), 0.05)
+    tail = (-long - rng.uniform(0.1, 0.3), 0.0, belly - rng.uniform(-0.3, 0.5))
+    return sdf.union(body, sdf.capsule(q, (-long, 0, belly), tail, 0.05), 0.05)
+
+
+def _lever(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A rocker arm, upright or lying: two bored eyes at the ends of a bar with an I section, and a bored hub."""
+    q = (p - [0, 0, 0.75]) @ sdf.rotation(rng.uniform(0, 360), rng.uniform(-90, 10), rng.uniform(-90, 90))
+    reach, wide, thin = rng.uniform(0.45, 0.65), rng.uniform(0.16, 0.3), rng.uniform(0.06, 0.14)
+    bend = rng.uniform(0.0, 0.35)
+    places = [np.array([reach, 0.0, -bend]), np.zeros(3), np.array([-reach, 0.0, -bend])]
+    body = np.full(len(q), np.inf)
+    for a, b in pairwise(places):
+        middle, along = (a + b) / 2, a - b
+        turn = sdf.rotation(0.0, np.rad2deg(np.arctan2(-along[2], along[0])))
+        half = np.array([np.linalg.norm(along) / 2 + 0.05, wide, 0.6 * wide])
+        bar = sdf.box(q, middle, half, 0.03, turn)
+        for s in (-1.0, 1.0):
+            groove = np.array([half[0] - 0.08, wide - thin / 2, 0.6 * wide - thin / 2])
+            bar = sdf.subtract(bar, sdf.box(q, middle + np.array([0, s * wide, 0]), groove, 0.02, turn), 0.02)
+        body = np.minimum(body, bar)
+    for k, at in enumerate(places):
+        radius, half = rng.uniform(0.2, 0.32), (1.6 if k == 1 else 1.2) * wide
+        local, axis = q - at, 1 if k == 1 else int(rng.integers(1, 3))
+        across = np.delete(local, axis, axis=1)
+        eye = sdf.intersection(np.linalg.norm(across, axis=1) - radius, np.abs(local[:, axis]) - half, 0.02)
+        body = sdf.subtract(sdf.union(body, eye, 0.06), np.linalg.norm(across, axis=1) - 0.6 * radius, 0.01)
+    foot = sdf.ellipsoid(p, (0, 0, 0.0), (0.35, 0.35, 0.3))
+    return sdf.union(sdf.union(body, foot, 0.05), sdf.capsule(p, (0, 0, 0), (0, 0, 0.6), 0.1), 0.05)
+
+
+def _figure(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
+    """A smooth body that sits: trunk, haunches, a head on it, and now and then long ears, arms or shoulders."""
+    q = p @ sdf.rotation(rng.uniform(0, 360))
+    long, wide, high = rng.uniform(0.4, 0.65), rng.uniform(0.3, 0.5), rng.uniform(0.4, 0.6)
+    body = sdf.ellipsoid(q, (-0.1, 0, 0.4), (long, wide, high))
+    nod, size = rng.uniform(0.0, 0.45), rng.uniform(0.22, 0.36)
+    head = np.array([nod, 0.0, rng.uniform(0.95, 1.2)])
+    body = sdf.union(body, sdf.capsule(q, (0, 0, 0.4), head, 0.6 * size), 0.2)
+    body = sdf.union(body, sdf.ellipsoid(q, head, (1.2 * size, 0.9 * size, size)), 0.12)
+    ears, limbs = rng.uniform() < 0.5, int(rng.integers(0, 3))
+    for s in (-1.0, 1.0):
+        if ears:
+            tip = head + np.array([-rng.uniform(0.1, 0.5), s * rng.uniform(0.1, 0.3), rng.uniform(0.3, 0.5)])
+            body = sdf.union(
+                body, sdf.capsule(q, head + np.array([0, 0.5 * s * size, 0.5 * size]), tip, 0.08), 0.06
+            )
+        for k in range(limbs):
+            start, end = (
+                (0.3 * k - 0.3, s * 0.8 * wide, 0.5),
+                (0.5 * k + rng.uniform(-0.2, 0.3), s * wide, 0.05),
+            )
+            body = sdf.union(body, sdf.capsule(q, start, end, rng.uniform(0.1, 0.2)), 0.12)
+    return body
+
+
 # A body at points (N, 3) as a generator draws it, and what makes the family hard.
 FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], str]] = {
     "boulder": (_boulder, "blocky, nearly convex"),
@@ -201,6 +320,11 @@ SHAPES = {
     "handle": (_handle, "handles, and a hollow from above"),
     "plates": (_plates, "thin plates with spaces between them"),
     "machine": (_machine, "deep pockets and holes in sides and top"),
+    "part": (_part, "large faces that a ring sees at a grazing angle or not at all"),
+    "head": (_head, "large thin ears, eye sockets"),
+    "animal": (_animal, "thin legs under a body"),
+    "lever": (_lever, "bored eyes and a grooved bar"),
+    "figure": (_figure, "smooth, with hollows between its limbs"),
 }
 EVERY = {**FAMILIES, **SHAPES}
 FAMILY_REGISTRY = Registry("families", EVERY)
