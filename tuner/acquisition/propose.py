@@ -17,6 +17,7 @@ from botorch.utils.sampling import draw_sobol_normal_samples, draw_sobol_samples
 from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from nbv.types import Bools, Floats
+from tuner.problem.regions import Region
 from tuner.problem.search_space import Values
 from tuner.surrogate.fit import EXACT_MISSIONS
 from tuner.surrogate.model import InstanceMeanGP, moments
@@ -39,15 +40,22 @@ _SMALLEST_VARIANCE = 1e-8
 _DISALLOWED = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 
 
-def propose(model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int) -> tuple[Values, float]:
+def propose(
+    model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, region: Region | None = None
+) -> tuple[Values, float]:
     """Return the configuration with the largest acquisition value, and its expected improvement, objective's unit.
 
-    Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ.
+    Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ. ``region``: the part
+    of the space that is searched, over whose best configuration the improvement is; None: all of it.
     """
     with numerics():
+        seen = model.promising(BASELINE)
+        if region is not None and region.inside(seen).any():
+            seen = seen[region.inside(seen)]
+            pending = [values for values in pending if region.contains(values)]
         running = model.inputs_at(pending) if pending else None
-        acquisition = noisy_improvement(model, model.promising(BASELINE), running, seed)
-        position, score = maximise(model, acquisition, seed)
+        acquisition = noisy_improvement(model, seen, running, seed)
+        position, score = maximise(model, acquisition, seed, seen if region else None, region=region)
     return model.space.from_unit(position), math.exp(score) * model.mean_scale
 
 
@@ -67,18 +75,21 @@ def maximise(
     seed: int,
     near: Floats | None = None,
     allowed: Callable[[Floats], Bools] | None = None,
+    region: Region | None = None,
 ) -> tuple[Floats, float]:
     """Return the best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Starts are the best of many global points and of local ones, tried without gradients.
 
     ``near``: (n, d) positions around which to start, too; None: those run with the best posterior means. ``allowed``:
-    says of (n, d) positions which may be proposed; None: all.
+    says of (n, d) positions which may be proposed; None: all. ``region``: which part of the space is searched; None: all of it.
     """
     d = model.space.dimension
     acquisition = _WhereAllowed(acquisition, model, allowed)
     discrete = model.space.discrete_dimensions
-    points = starting_points(model, seed, near_to=near)
+    points = starting_points(model, seed, near_to=None if near is None else best_of(model, near))
+    if region is not None:
+        points = region.project(points)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
     if allowed is not None:
@@ -95,6 +106,11 @@ def maximise(
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0
     bounds[:, d:] = starts[0, 0, d:]
+    held = dict[int, float]()
+    if region is not None:
+        ends = region.project(np.array([[0.0] * d, [1.0] * d]))
+        held = {i: float(low) for i, (low, high) in enumerate(ends.T) if low == high}
+        bounds[1, :d] = torch.from_numpy(np.where(ends[0] == ends[1], 1.0, ends[1]))
     for fixed, chosen in _gradient_starts(points, order.tolist(), discrete):
         position, score = optimize_acqf(
             acquisition,
@@ -103,7 +119,7 @@ def maximise(
             len(chosen),
             batch_initial_conditions=starts[chosen],
             options={"maxiter": MAX_ITERATIONS},
-            fixed_features={**fixed, **nowhere},
+            fixed_features={**held, **fixed, **nowhere},
         )
         if float(score) > best_score:
             best, best_score = position[0, :d].numpy(), float(score)
@@ -162,10 +178,7 @@ def starting_points(
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
     if near_to is None:
-        seen = model.promising(BASELINE)
-        with torch.no_grad():
-            mean, _ = moments(model.model.posterior(model.inputs(seen)))
-        near_to = seen[np.argsort(-mean)[:LOCAL_BEST]]
+        near_to = best_of(model, model.promising(BASELINE))
     best = near_to[np.arange(count) % len(near_to)]
     rng = np.random.default_rng(seed)
     smallest, largest = LOCAL_SD
@@ -176,6 +189,14 @@ def starting_points(
     near[stay] = best[stay]
     near = model.space.redraw_choices(near, best, rng)
     return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
+
+
+def best_of(model: InstanceMeanGP, unit: Floats) -> Floats:
+    """Return those `LOCAL_BEST` of (n, d) unit positions with the best posterior means, best first."""
+    with torch.no_grad():
+        mean, _ = moments(model.model.posterior(model.inputs(unit)))
+    best: Floats = unit[np.argsort(-mean)[:LOCAL_BEST]]
+    return best
 
 
 def _gradient_starts(

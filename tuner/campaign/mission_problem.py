@@ -20,9 +20,9 @@ from tuner.problem.baselines import (
     ARMS,
     EVALUATION_BASELINES,
     RETARGETED_ORBITS,
-    TUNED,
-    TUNED_POOL_RANDOM,
+    ablations,
     at_equal_number,
+    base_name,
     baseline,
     baseline_configs,
     ending_at,
@@ -31,7 +31,6 @@ from tuner.problem.baselines import (
     photographs,
     reference_of,
     target_must_be_located,
-    tuned_configs,
 )
 from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import (
@@ -59,10 +58,10 @@ class Strategies(NamedTuple):
 
 
 class Evaluated(NamedTuple):
-    """A recommendation, and what it is evaluated on."""
+    """The tuned configurations of a campaign, and what they are evaluated on."""
 
-    values: Mapping[str, Any]
-    photographs: int | None  # that it took, mean over its missions rounded up; None where it has none
+    tuned: Mapping[str, Mapping[str, Any]]  # values by name, such as ``tuned-planner``
+    photographs: int | None  # that the last of them took, mean over its missions rounded up; None where it has none
     conditions: Sequence[Condition]
     rocks: Sequence[str]
 
@@ -108,7 +107,7 @@ class MissionProblem(Problem):
             instances=instances,
             default=default,
             replicates=replicates,
-            arms={**plain_plans(space, base), MissionProblem.reference: default},
+            arms={**plain_plans(space, base), _name_of(base): default},
             base=base,
             seed=seed,
             conditions=tuple(conditions),
@@ -174,28 +173,30 @@ class MissionProblem(Problem):
         return tuple(rock_arguments(rocks or self.held_out())), replicates
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
-        """Return the recommendation with the arms that split its gain, and baselines at its number of photographs."""
+        """Return the tuned configurations and baselines at their number of photographs; unless the user ``names`` these, ablations, too."""
+        configs = {name: self.config(values) for name, values in tuned.tuned.items()}
         counted = self._counted(tuned)
+        split = {} if names is not None else {k: v for n, c in configs.items() for k, v in ablations(n, c, self.base).items()}
         if names is None:
             looking = target_must_be_located(self.base, _conditions_of_target(tuned))
             names = (*EVALUATION_BASELINES, *(RETARGETED_ORBITS if looking else ()))
         baselines = baseline_configs(list(names), self.base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
         controls, notes = where_photographed(equal, tuned.rocks)
-        arms = tuned_configs(self.config(tuned.values), self.base, counted)
-        if not {"random", "hyb-h"} <= set(names):  # who names some strategies wants no others
-            arms = {name: config for name, config in arms.items() if name in (TUNED, TUNED_POOL_RANDOM)}
-        return Strategies({TUNED: arms.pop(TUNED), **controls, **arms}, notes)
+        return Strategies({**configs, **controls, **split}, notes)
 
     def controls(self, tuned: Evaluated) -> Strategies:
-        """Return plain orbits at the recommendation's number of photographs."""
-        return where_photographed(
-            orbits_at_number(self._counted(tuned), _conditions_of_target(tuned)), tuned.rocks
-        )
+        """Return the tuned configurations, the default, and plain orbits at their number of photographs."""
+        configs = {name: self.config(values) for name, values in tuned.tuned.items()}
+        orbits = orbits_at_number(self._counted(tuned), _conditions_of_target(tuned))
+        if photographs(self._counted(tuned)) == photographs(self.base):
+            orbits = {base_name(name): config for name, config in orbits.items()}
+        controls, notes = where_photographed(orbits, tuned.rocks)
+        return Strategies({**configs, _name_of(self.base): self.config(self.default), **controls}, notes)
 
     def _counted(self, tuned: Evaluated) -> MissionConfig:
-        """Return the configuration with the number of photographs that it takes: as measured, where something may end it."""
-        config, number = self.config(tuned.values), tuned.photographs
+        """Return the last tuned configuration with the number of photographs that it takes: as measured, where something may end it."""
+        config, number = self.config(list(tuned.tuned.values())[-1]), tuned.photographs
         return config if number is None or not config.stop.may_end_early else ending_at(config, number)
 
     def can_run(self, values: Mapping[str, Any]) -> bool:
@@ -218,6 +219,12 @@ def plain_plans(space: SearchSpace, base: MissionConfig, names: Sequence[str] = 
         ):
             plans[name] = space.settled(values)
     return plans
+
+
+def _name_of(base: MissionConfig) -> str:
+    """Return the strategy that the default is: ``hyb-h`` where it flies the paper's seeds with the paper's gate."""
+    paper = baseline(MissionProblem.reference).config(base)
+    return MissionProblem.reference if mission_key(paper) == mission_key(base) else "default"
 
 
 def _conditions_of_target(tuned: Evaluated) -> Sequence[Condition]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from nbv.config import Condition, MissionConfig, SparseConfig, gate_kinds, parameters, under
+from nbv.config import Condition, MissionConfig, SeedConfig, SparseConfig, gate_kinds, parameters, under
 from nbv.errors import UserError
 from nbv.gates import gate_class
 from nbv.mission.target_prior import target_must_be_found
 from tuner.problem.observations import mission_key
+from tuner.problem.regions import TUNED, TUNED_GATE, TUNED_PLANNER
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class Baseline:
         """``base`` running this strategy; `UserError`, with the strategy's name, where it cannot."""
         if not self.plans:
             return self.orbit(base, photographs(base))
+        if self.name in PAPER_STRATEGIES:
+            base = base.changed(seed=paper_seeds(base.seed))
         return self._laid_over(base, {"gate.kind": self.name, **self.values})
 
     def _laid_over(self, base: MissionConfig, values: dict[str, Any]) -> MissionConfig:
@@ -54,17 +58,16 @@ class Baseline:
 
 
 # Parameters by what they change of a mission: the groups by which a gain is split.
-THRESHOLDS, COVIS, B_AWARE, POOL = "gate thresholds", "Covis' weights", "B-aware's weights", "candidate pool"
-SEEDS, STOP, OTHER = "seeds", "stop", "other"
+OTHER = "other"
 _GROUPS = {
-    THRESHOLDS: ("gate.",),
-    COVIS: ("covis.",),
-    B_AWARE: ("b_aware.", "predicted."),
-    POOL: ("pool.",),
-    SEEDS: ("seed.", "sparse."),
-    STOP: ("stop.",),
+    "scorer": ("gate.kind", "gate.geometry_scorer"),
+    "thresholds": ("gate.",),
+    "weights": ("covis.", "b_aware.", "predicted."),
+    "seeds": ("seed.", "sparse."),
+    "pool": ("pool.",),
+    "stop": ("stop.",),
 }
-CHOICE = (THRESHOLDS, COVIS, B_AWARE)  # how a view is chosen; the others: where views may be, and how many
+WITHOUT = "-without-"  # of a tuned configuration a group of parameters: the name of an ablation
 
 
 def group_of(path: str) -> str:
@@ -83,6 +86,14 @@ MIDDLE_RING: dict[str, Any] = {**ONE_RING, "seed.lowest_deg": 15.0}
 HIGH_RING: dict[str, Any] = {**ONE_RING, "seed.lowest_deg": 20.0}
 TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
 FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
+
+
+def paper_seeds(seed: SeedConfig) -> SeedConfig:
+    """As many seeds on the paper's rings: shares of 8 : 6 : 6 : 4 at 15, 22, 29 and 36 degrees, 4 m away."""
+    if not seed.count:
+        return seed
+    rings = {"ring_elevations_deg": seed.ring_elevations_deg, "ring_azimuth_counts": seed.ring_azimuth_counts}
+    return SeedConfig(count=seed.total, layout="rings", **rings)
 
 
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
@@ -148,34 +159,29 @@ PAPER_STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o")
 # the true surface, and plain orbits.
 ORBITS = ("orbit-middle", "orbit", "orbit-high", "orbit-two")
 RETARGETED_ORBITS = ("orbit-reaimed", "orbit-two-reaimed")
-# The plain plans that a campaign runs as trials where its space holds them. The first is the best over 34 training targets with
-# photographs (docs/results/what_to_fly.md): another has to be better on the campaign's own rocks.
-ARMS = ("orbit-middle", "orbit-high", "random")
+# The plain plans that a campaign runs as trials where its space holds them.
+ARMS = ("orbit-middle",)
 EVALUATION_BASELINES = (*PAPER_STRATEGIES, "predicted", "random", "greedy-oracle", *ORBITS)
 # What `gatetune reproduce` runs: Table I's columns, and the reference for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "greedy-oracle")
-TUNED = "tuned"
+ANSWERS = (TUNED_GATE, TUNED_PLANNER, TUNED)
+# Plans without tuning, from the simplest to fly: which one is flown where none is shown to be better. The orbit at 15 degrees is the
+# best single plan over 34 training targets (docs/results.md).
+SIMPLEST_FIRST = (
+    *("orbit-middle", "orbit", "orbit-high", "orbit-two", "orbit-reaimed", "orbit-two-reaimed"),
+    *("random", "default", "hyb-h", "covis", "b-aware", "movement-only", "predicted"),
+)
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
-# Arms that split the gain of a tuned configuration. Not baselines by name, since the campaign decides their pool.
-TUNED_POOL_RANDOM, TUNED_POOL_HYB_H = "random-tuned-pool", "hyb-h-tuned-pool"
-TUNED_WEIGHTS = "tuned-paper-thresholds"
 # Labels and descriptions of all strategies, in the order of tables.
 _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in BASELINES.values()} | {
+    TUNED_GATE: ("Tuned gate", "thresholds, weights and repairing scorer tuned; seeds and pool as in the paper"),
+    TUNED_PLANNER: ("Tuned planner", "seeds and pool tuned besides, at least three views planned"),
     TUNED: ("Tuned", "the recommended configuration"),
-    TUNED_WEIGHTS: ("Tuned, paper's gate", "the recommended configuration with the paper's thresholds"),
-    TUNED_POOL_HYB_H: (
-        "Hyb-H, tuned pool",
-        "the paper's thresholds and weights in the pool of the recommended configuration",
-    ),
-    TUNED_POOL_RANDOM: (
-        "Random, tuned pool",
-        "a candidate at random in the pool of the recommended configuration",
-    ),
-    "default": ("default", "nothing changed"),
+    "default": ("Default", "the campaign's configuration with nothing tuned"),
 }
-# What a campaign ends in, beside Tuned and its arms: the paper's four and the plainest plans at equal number.
-# In the order in which they are run: those that often choose the same views lie apart, so that the later finds all it needs.
-COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "b-aware", "orbit-high", "hyb-o")
+# What a campaign ends in, beside its tuned configurations. In the order in which they are run: those that often choose the same
+# views lie apart, so that the later finds all it needs.
+COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "b-aware", "hyb-o")
 
 PLANNER = ("gate", "covis", "b_aware", "predicted", "shared", "plugins")  # sections that choose views
 PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
@@ -273,25 +279,6 @@ def photographs(config: MissionConfig) -> int:
     return config.seed.total + config.adaptive_budget
 
 
-def controls_at_equal_number(strategies: Mapping[str, MissionConfig]) -> tuple[str, ...]:
-    """Return the strategies with as many photographs as the tuned one, less its equals and those that see the true surface.
-
-    Where the tuned mission may end early, its mean number counts, which is in the controls' names (``orbit-26``).
-    """
-    tuned = strategies.get(TUNED)
-    if tuned is None:
-        return ()
-    named = [int(said) for name in strategies if (said := _split(name)[1])]
-    number = named[0] if tuned.stop.may_end_early and named else photographs(tuned)
-    return tuple(
-        name
-        for name, config in strategies.items()
-        if photographs(config) == number
-        and mission_key(config) != mission_key(tuned)
-        and not sees_ground_truth(name)
-    )
-
-
 def _split(strategy: str) -> tuple[str, str]:
     """``hyb-h`` and ``26`` of ``hyb-h-26``; the number is empty where there is none."""
     name, _, number = strategy.rpartition("-")
@@ -303,36 +290,26 @@ def base_name(strategy: str) -> str:
     return _split(strategy)[0]
 
 
-def tuned_configs(
-    tuned: MissionConfig, base: MissionConfig, counted: MissionConfig | None = None
-) -> dict[str, MissionConfig]:
-    """The tuned configuration and the arms that split its gain, each where it is a mission of its own.
+def ablations(name: str, tuned: MissionConfig, base: MissionConfig) -> dict[str, MissionConfig]:
+    """Return the configurations that tell what earned a gain: ``tuned`` with one group of its parameters as in ``base``.
 
-    ``counted``: the tuned one with as many photographs as the random views are to have, where something may end it
-    early.
+    Empty where one group alone differs. Groups without a mission of their own, or with another number of photographs, are left out.
     """
-    arms = {
-        TUNED: tuned,
-        TUNED_WEIGHTS: _with_default(tuned, base, (THRESHOLDS,)),
-        TUNED_POOL_HYB_H: _with_default(tuned, base, CHOICE),
-    }
-    seen, configs = {mission_key(base)}, dict[str, MissionConfig]()
-    for name, config in arms.items():
-        if name == TUNED or mission_key(config) not in seen:
-            configs[name] = config
-            seen.add(mission_key(config))
-    if tuned.pool != base.pool and tuned.adaptive_budget:
-        chance = baseline("random").config(base.changed(pool=tuned.pool))
-        equal = at_equal_number({"random": chance}, counted or tuned, "random")
-        configs[TUNED_POOL_RANDOM] = list(equal.values())[-1]
+    changed = [path for path in parameters() if attrgetter(path)(tuned) != attrgetter(path)(base)]
+    groups = {g: paths for g, paths in grouped(changed).items() if g not in ("stop", OTHER)}
+    configs, seen = dict[str, MissionConfig](), {mission_key(tuned), mission_key(base)}
+    for group, paths in groups.items() if len(groups) > 1 else ():
+        values = {path: attrgetter(path)(base) for path in paths}
+        with contextlib.suppress(UserError):  # values that exclude one another
+            config = tuned.with_values(values)
+            if mission_key(config) not in seen and photographs(config) == photographs(tuned):
+                configs[f"{name}{WITHOUT}{group}"] = config
+                seen.add(mission_key(config))
     return configs
 
 
-def _with_default(tuned: MissionConfig, base: MissionConfig, groups: Collection[str]) -> MissionConfig:
-    """``tuned`` with all parameters of the groups as in ``base``."""
-    return tuned.with_values(
-        {path: attrgetter(path)(base) for path in parameters() if group_of(path) in groups}
-    )
+def is_ablation(strategy: str) -> bool:
+    return WITHOUT in strategy
 
 
 def kind_of(strategy: str) -> str:
@@ -340,7 +317,7 @@ def kind_of(strategy: str) -> str:
     name = _split(strategy)[0]
     if name in PAPER_STRATEGIES:
         return PAPER
-    if name in (TUNED, TUNED_WEIGHTS):
+    if name in ANSWERS or is_ablation(name):
         return TUNED_KIND
     return ORACLES if name in BASELINES and sees_ground_truth(name) else CONTROLS
 
@@ -358,7 +335,10 @@ def in_table_order(strategies: Iterable[str]) -> list[str]:
 
 def label(strategy: str) -> str:
     name, number = _split(strategy)
-    shown, _ = _SHOWN.get(name, (name, ""))
+    tuned, without, group = name.partition(WITHOUT)
+    shown, _ = _SHOWN.get(tuned, (tuned, ""))
+    if without:
+        return f"{shown}, {group} as in the paper"
     return f"{shown}, {number}" if number else shown
 
 

@@ -38,9 +38,8 @@ PLANNERS = (
     ),
     *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
 )
-# What nothing reads: beside random views, and where the seeds fly the paper's rings.
-_NOT_AT_RANDOM = ("gate.budget", "gate.d95", "gate.geometry", "covis.", "b_aware.", "predicted.")
-_NOT_ON_RINGS = ("seed.lowest_deg", "seed.span_deg", "seed.upper_share")
+# What nothing reads where the seeds fly the paper's rings; their distance is the paper's, too.
+_NOT_ON_RINGS = ("seed.lowest_deg", "seed.span_deg", "seed.upper_share", "seed.radius_m")
 
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
@@ -137,7 +136,7 @@ class SearchSpace:
         return tuple(parameter.path for parameter in self.parameters)
 
     def fitted(self, preset: MissionConfig) -> SearchSpace:
-        """Return the space for the photographs that ``preset`` takes: with `equal_photographs` all of them may be seeds.
+        """Return the space for the photographs that ``preset`` takes: with `equal_photographs` at most all of them are seeds.
 
         The default is then the preset's own seed phase: its rings, or its one turn.
         """
@@ -151,8 +150,8 @@ class SearchSpace:
         }
 
         def fit(p: Parameter) -> Parameter:
-            default = seeded.get(p.path, value_at(base, p.path) if p.default is None else p.default)
-            return dataclasses.replace(p, default=default, high=number if p.path == "seed.count" else p.high)
+            default = seeded.get(p.path, value_at(base, p.path)) if p.default is None else p.default
+            return dataclasses.replace(p, default=default, high=min(p.high, number) if p.path == "seed.count" else p.high)
 
         fixed = {"stop.adaptive_budget": number, "stop.max_photographs": number}
         return dataclasses.replace(
@@ -232,8 +231,6 @@ class SearchSpace:
         idle: tuple[str, ...] = _NOT_ON_RINGS if values["seed.layout"] == "rings" else ()
         if values["seed.count"] == self.base.get("stop.max_photographs"):
             idle += PLANNERS
-        elif values.get("gate.kind") == "random":
-            idle += _NOT_AT_RANDOM
         return {p.path: p.default if p.path.startswith(idle) else values[p.path] for p in self.parameters}
 
     def snap(self, position: Floats) -> Floats:

@@ -1,0 +1,188 @@
+"""All missions that count for a campaign's answer: its own trials, and every evaluation and confirmation in its directory.
+
+Each mission stands under the strategies that fly it: the tuned configurations, the baselines, and a tuned configuration with one
+group of its parameters as in the paper (`ablations`).
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.rocks.families import SHAPES, generated_name
+from tuner.campaign.campaign import Campaign
+from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
+from tuner.comparison.statistics import score_of
+from tuner.missions.job import Trial
+from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.baselines import ANSWERS, ablations, is_ablation
+from tuner.problem.intervals import Interval, mean_interval
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Block, configuration_key, mission_key
+from tuner.recommendation.recommendation import Recommendation
+
+EVALUATION, CONFIRMATION = "evaluation", "confirmation"  # directories, with -2 and so on behind them
+ROCKS, SHAPES_WORD = "rocks", "shapes"
+
+
+def kind_of_target(rock: str) -> str:
+    """Return ``shapes`` for a drawn shape that is no rock, else ``rocks``."""
+    drawn = generated_name(Path(rock).stem)
+    return SHAPES_WORD if drawn is not None and drawn[0] in SHAPES else ROCKS
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Finished missions, each once under every strategy that flies it."""
+
+    configs: Mapping[str, MissionConfig]  # by strategy
+    records: Sequence[Trial]
+    tuned_on: frozenset[str]  # rocks
+    objective: Objective  # by which strategies are compared
+
+    def on(self, *, held_out: bool) -> Evidence:
+        """Return the part on held-out targets, or on those that the campaign was tuned on."""
+        chosen = [r for r in self.records if (r.rock not in self.tuned_on) == held_out]
+        return dataclasses.replace(self, records=chosen)
+
+    def of_kind(self, kind: str) -> Evidence:
+        """Return the part on targets of one kind."""
+        return dataclasses.replace(
+            self, records=[r for r in self.records if kind_of_target(r.rock) == kind]
+        )
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(r.rock for r in self.records))
+
+    def missions(self, strategy: str) -> list[Trial]:
+        return [r for r in self.records if r.strategy == strategy]
+
+    def scores(self, strategy: str) -> dict[Block, float]:
+        """Return the score of every mission by block, a failed one's where it counts as one (`score_of`)."""
+        known = {(r.instance, r.replicate): score_of(r, self.objective) for r in self.missions(strategy)}
+        return {block: score for block, score in known.items() if score is not None}
+
+    def mean(self, strategy: str) -> Interval | None:
+        """Return the mean score over targets; None without a mission."""
+        return _over_targets(self.scores(strategy))
+
+    def gain(self, strategy: str, over: str) -> Interval | None:
+        """Return the mean paired difference on the missions that both flew, positive where ``strategy`` is better."""
+        ours, theirs, sign = self.scores(strategy), self.scores(over), self.objective.sign
+        return _over_targets({block: sign * (ours[block] - theirs[block]) for block in sorted(ours.keys() & theirs.keys())})
+
+    def more_failures(self, strategy: str, than: str) -> int:
+        """Return in how many more of the missions that both flew the one failed."""
+        failed = [
+            {(r.instance, r.replicate): r.record.status == "failed" for r in self.missions(name)}
+            for name in (strategy, than)
+        ]
+        return sum(failed[0][block] - failed[1][block] for block in failed[0].keys() & failed[1].keys())
+
+    def same_photographs(self) -> dict[str, str]:
+        """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
+        taken = {
+            name: {(r.instance, r.replicate): r.record.photographs for r in self.missions(name) if r.record.status != "failed"}
+            for name in self.configs
+        }
+        twins, names = dict[str, str](), list(self.configs)
+        for i, name in enumerate(names):
+            for earlier in names[:i]:
+                both = taken[name].keys() & taken[earlier].keys()
+                if both and all(taken[name][b] and taken[name][b] == taken[earlier][b] for b in both):
+                    twins[name] = twins.get(earlier, earlier)
+                    break
+        return twins
+
+
+def _over_targets(scores: Mapping[Block, float]) -> Interval | None:
+    by_target: dict[str, list[float]] = collections.defaultdict(list)
+    for (instance, _), score in scores.items():
+        by_target[instance.rock].append(score)
+    return mean_interval(by_target)
+
+
+def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evidence:
+    """Return everything that was flown of the present recommendations ``found`` and of what stands beside them.
+
+    Missions with photographs count where there are some, else the others; missions under other conditions than the campaign's, and
+    evaluations of earlier recommendations, count for the baselines alone.
+    """
+    s, problem = campaign.settings, campaign.settings.problem
+    configs = {name: problem.config(each.values) for name, each in found.items()}
+    for name, config in list(configs.items()):
+        configs |= ablations(name, config, problem.base)
+    configs |= {name: problem.config(values) for name, values in problem.arms.items()}
+    by_fidelity: dict[bool, list[Trial]] = collections.defaultdict(list)
+    by_fidelity[s.fidelity == DEFAULT_FIDELITY] += _own_trials(campaign, configs)
+    under = {condition.name for condition in s.conditions}
+    for directory, plan in _plans(campaign.directory):
+        names = _names_in(plan, configs)
+        for name in names.values():
+            configs.setdefault(name, plan.strategies[next(n for n, now in names.items() if now == name)])
+        by_fidelity[plan.fidelity == DEFAULT_FIDELITY] += [
+            dataclasses.replace(r, strategy=names[r.strategy])
+            for r in plan.records(directory)
+            if r.strategy in names and r.condition in under
+        ]
+    records = by_fidelity[True] or by_fidelity[False]
+    return Evidence(configs, _once(records, configs), frozenset(campaign.rocks_seen()), s.goal.shown)
+
+
+def _own_trials(campaign: Campaign, configs: Mapping[str, MissionConfig]) -> list[Trial]:
+    """Return the finished trials of the campaign that fly one of ``configs``."""
+    problem, names = campaign.settings.problem, {mission_key(c): name for name, c in reversed(configs.items())}
+    name_at = dict[tuple[float, ...], str]()
+    records = []
+    for t in campaign.trials():
+        key = configuration_key(problem.space, t.values)
+        if key not in name_at:
+            try:
+                name_at[key] = names.get(mission_key(problem.config(t.values)), "")
+            except UserError:  # values that exclude one another
+                name_at[key] = ""
+        if t.record.status and name_at[key]:
+            rock = problem.drawn_rock(t.rock, t.replicate)
+            records.append(dataclasses.replace(t, strategy=name_at[key], rock=rock))
+    return records
+
+
+def _plans(directory: Path) -> Iterable[tuple[Path, EvaluationPlan]]:
+    for what in (EVALUATION, CONFIRMATION):
+        for path in sorted(directory.glob(f"{what}*/{PLAN_FILE}")):
+            with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
+                yield path.parent, EvaluationPlan.load(path.parent)
+
+
+def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dict[str, str]:
+    """Return by strategy of a plan the present strategy that flies the same; those of an earlier recommendation have none."""
+    now = {mission_key(config): name for name, config in reversed(configs.items())}
+    names = dict[str, str]()
+    for name, config in plan.strategies.items():
+        key = mission_key(config)
+        if key in now:
+            names[name] = now[key]
+        elif name not in ANSWERS and not is_ablation(name) and name not in configs:
+            names[name] = name
+    return names
+
+
+def _once(records: Sequence[Trial], configs: Mapping[str, MissionConfig]) -> list[Trial]:
+    """Return each mission once under every strategy that flies it."""
+    flies: dict[str, list[str]] = collections.defaultdict(list)
+    keys = {name: mission_key(config) for name, config in configs.items()}
+    for name, key in keys.items():
+        flies[key].append(name)
+    every = {
+        (name, r.rock, r.condition, r.replicate): dataclasses.replace(r, strategy=name)
+        for r in records
+        for name in flies[keys[r.strategy]]
+    }
+    return list(every.values())

@@ -1,0 +1,280 @@
+"""The answer in sentences and tables: the same on terminal, page and in exported files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from nbv.config import MissionConfig
+from tuner.answer.answer import Answer, AnswerTable, Flight, Row
+from tuner.problem.baselines import KINDS, is_orbit, label
+from tuner.problem.intervals import Interval
+from tuner.problem.observations import short
+from tuner.problem.regions import TUNED_GATE, TUNED_PLANNER
+from tuner.report.labels import (
+    MetricLabel,
+    bracketed,
+    counted,
+    difference_text,
+    format_number,
+    metric_label,
+    parameter_label,
+)
+from tuner.report.table import Cell, Table
+from tuner.report.table import Row as Line
+
+if TYPE_CHECKING:
+    from tuner.answer.effects import Effect, ParameterRow
+    from tuner.answer.gate import GateFacts
+    from tuner.campaign.campaign import Campaign
+
+REFERENCE = "hyb-h"
+FLY_MARK = "→"
+LEGEND = (
+    "F: F-score (%) on the surface that cameras can see. Brackets: 95 % intervals of paired differences, {method}. "
+    "A failed mission counts as 0. {mark} is what to fly."
+)
+METHODS = {
+    "rocks": "by Student's t over targets",
+    "replicates": "over replicates, valid on these targets alone",
+    "none": "none here: too few missions",
+}
+
+
+# -- what to fly -----------------------------------------------------------------------------------------------
+
+
+def sentences(answer: Answer, campaign: Campaign) -> list[str]:
+    """What to fly; what that is worth; what the tuned plans earn beside it."""
+    if answer.fly is None:
+        return [f"Nothing to fly yet: {answer.nothing_yet}."]
+    return [_what(answer, answer.fly, campaign), *_worth(answer, answer.fly), *_tuned(answer, answer.fly)]
+
+
+def _what(answer: Answer, fly: Flight, campaign: Campaign) -> str:
+    missed = [each.limit for each in answer.recommended.values() if each.limit is not None and not each.limit.kept]
+    if missed:
+        limit = missed[0]
+        bound = limit_text(limit.metric, limit.direction, limit.limit)
+        return f"No configuration that was run is likely to meet the constraint ({bound}); the nearest misses it by {limit.missed_by:.3g}."
+    plan = plan_words(config_of(answer, fly.strategy, campaign))
+    return f"Fly {name_in_text(fly.strategy)}: {plan}."
+
+
+def _worth(answer: Answer, fly: Flight) -> list[str]:
+    """The flown plan against the best of the others and against Hyb-H, on all targets."""
+    gains = {name: gain for name, gain in fly.against.items() if gain is not None}
+    others = {name: gain for name, gain in gains.items() if name != REFERENCE}
+    chosen = min(others, key=lambda name: others[name].mean, default="") if fly.is_tuned else ""
+    named = [name for name in (chosen, REFERENCE) if name in gains]
+    if not named:
+        return []
+    unit = metric_label(answer.metric).difference_unit
+    parts = [
+        f"{difference_text(gains[name])} {unit} against {name_in_text(name)} on {counted(gains[name].rocks, 'target')}"
+        for name in named
+    ]
+    return [f"It has {', '.join(parts)} ({interval_words([gains[name] for name in named])})."]
+
+
+def _tuned(answer: Answer, fly: Flight) -> list[str]:
+    """Tuned plans that lead without being shown to be better, and what the others earn."""
+    unit, said = metric_label(answer.metric).difference_unit, []
+    for name, lead in fly.leads.items():
+        if name in answer.recommended or not said:
+            said.append(
+                f"{_capital(name_in_text(name))} leads it by {difference_text(lead)} {unit} on {counted(lead.rocks, 'target')}, "
+                "which is not shown to be a difference."
+            )
+    table = next((table for table in answer.tables if table.held_out), None) or next(iter(answer.tables), None)
+    gate = next((row for row in table.rows if row.strategy == TUNED_GATE), None) if table is not None else None
+    if table is not None and gate is not None and gate.strategy != fly.strategy and gate.from_reference is not None:
+        where = f"{counted(gate.from_reference.rocks, _targets_word(table))}"
+        said.append(
+            f"The tuned gate, with the paper's seeds and pool, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
+        )
+    return said[:2]
+
+
+def name_in_text(strategy: str) -> str:
+    """A strategy inside a sentence: ``the tuned planner``, ``Hyb-H``, ``the orbit at 15°``."""
+    name = label(strategy)
+    if strategy.startswith("tuned"):
+        return f"the {name[:1].lower()}{name[1:]}"
+    return f"the {name.replace('Plain orbit', 'orbit')}" if is_orbit(strategy) else name[:1].lower() + name[1:] if name.startswith("Random") else name
+
+
+def config_of(answer: Answer, strategy: str, campaign: Campaign) -> MissionConfig:
+    """The configuration of a strategy of the answer; `UserError` where it has none of that name."""
+    from tuner.answer.evidence import evidence_of
+
+    configs = evidence_of(campaign, answer.recommended).configs
+    return configs[strategy]
+
+
+def plan_words(config: MissionConfig) -> str:
+    """``16 photographs at 10°, then 4 by the gate (geometry scorer predicted, f_b < 1 or d95 > 0.14 m)``."""
+    seed = config.seed
+    if seed.count and seed.layout == "turn":
+        rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
+        rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
+    else:
+        rings = f"{seed.total} photographs on the paper's rings"
+    if not config.adaptive_budget:
+        return rings
+    by = {"random": "at random", "hyb-h": "by the gate"}.get(config.gate.kind, f"by {label(config.gate.kind)}")
+    if config.stop.may_end_early:
+        return f"{rings}, then planned ones {by} until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
+    return f"{rings}, then {config.adaptive_budget} {by}"
+
+
+# -- tables ------------------------------------------------------------------------------------------------------
+
+
+def table_lines(table: AnswerTable, answer: Answer) -> Table:
+    """The strategies, kind by kind, with the paired differences from Hyb-H and from the best plain plan."""
+    several = len(table.kinds) > 1
+    means = [*table.kinds, "all"] if several else ["all"]
+    unit = metric_label(answer.metric)
+    short_metric = "F" if "f_score" in answer.metric else unit.name
+    columns = ["strategy", "photos", "planned", "flight s", *(f"{short_metric} {m}" if several else short_metric for m in means)]
+    reference = label(REFERENCE) if any(row.strategy == REFERENCE for row in table.rows) else "default"
+    columns += [f"from {reference}", f"from {label(table.best_plain)}" if table.best_plain else "from best"]
+    digits = 1 if unit.unit in ("%", "mm") else 3
+    rows, kind = list[Line](), ""
+    for row in table.rows:
+        if row.kind != kind:
+            kind = row.kind
+            rows.append(Line(kind))
+        texts = [
+            format_number(row.photographs, 0),
+            format_number(row.planned, 0),
+            format_number(row.flight_s, 0),
+            *(format_number(row.means.get(m), digits) for m in means),
+            difference_text(row.from_reference, digits) if row.from_reference else "–",
+            difference_text(row.from_baseline, digits) if row.from_baseline else "–",
+        ]
+        flown = answer.fly is not None and row.strategy == answer.fly.strategy
+        rows.append(Line(f"{FLY_MARK} {row.label}" if flown else f"  {row.label}", tuple(map(Cell, texts)), best=flown))
+    return Table(title_of(table), tuple(columns), rows, " ".join(notes_of(table)))
+
+
+def title_of(table: AnswerTable) -> str:
+    from tuner.report.labels import short_names
+
+    least, most = table.replicates
+    replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
+    names = short_names(table.targets)
+    shown = ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:7])} and {len(names) - 7} more"
+    return f"{'Held-out' if table.held_out else 'Training'} targets: {shown} ({replicates})"
+
+
+def notes_of(table: AnswerTable) -> list[str]:
+    """Failures, equal photographs, and who flew on fewer targets."""
+    said = [
+        f"{row.label}: {counted(row.failures, 'failed mission')} of {row.missions}." for row in table.rows if row.failures
+    ]
+    same: dict[str, list[str]] = {}
+    for row in table.rows:
+        if row.same_as:
+            same.setdefault(row.same_as, []).append(row.label)
+    said += [f"{' and '.join(names)} took the same photographs as {label(other)}." for other, names in same.items()]
+    fewer = [row.label for row in table.rows if row.targets < len(table.targets)]
+    if fewer:
+        said.append(f"On fewer targets: {', '.join(fewer)}; compare differences, not means.")
+    return said
+
+
+def legend(answer: Answer) -> str:
+    rows = [row for table in answer.tables for row in table.rows]
+    gains = [gain for row in rows for gain in (row.from_reference, row.from_baseline) if gain is not None]
+    return LEGEND.format(method=interval_words(gains).removeprefix("95 % intervals "), mark=FLY_MARK)
+
+
+def interval_words(gains: Sequence[Interval]) -> str:
+    methods = [METHODS[m] for m in ("rocks", "replicates", "none") if any(g.method == m for g in gains)]
+    return f"95 % intervals {', '.join(methods)}"
+
+
+def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel, *, all_rows: bool = True) -> Table:
+    """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
+    shown = [row for row in rows if all_rows or row.earned is not None]
+    lines = [
+        Line(
+            parameter_label(row.path).name if all_rows else row.path,
+            tuple(
+                map(
+                    Cell,
+                    (
+                        value_text(row.path, row.default),
+                        value_text(row.path, row.tuned),
+                        range_text(row.path, row.as_good),
+                        effect_text(row.earned),
+                        f"{row.importance:.2f}",
+                    ),
+                )
+            ),
+        )
+        for row in shown
+    ]
+    columns = ("parameter", "paper", "tuned", "as good (95 %)", f"earned, {metric.difference_unit or 'its unit'}", "importance")
+    return Table(label(name), columns, lines)
+
+
+def effect_text(effect: Effect | None, digits: int = 1) -> str:
+    return "–" if effect is None else bracketed(effect.mean, effect.low, effect.high, digits, signed=True)
+
+
+def value_text(path: str, value: Any) -> str:
+    return f"{short(value)} {parameter_label(path).unit}".strip()
+
+
+def range_text(path: str, good: Sequence[Any]) -> str:
+    if good and isinstance(good[0], (int, float)) and not isinstance(good[0], bool) and len(good) == 2:
+        low, high = good
+        unit = parameter_label(path).unit
+        return f"{short(low)} to {short(high)} {unit}".strip()
+    return ", ".join(map(str, good))
+
+
+def gate_sentence(name: str, gate: GateFacts) -> str:
+    """What the gate of a tuned configuration did."""
+    who = _capital(name_in_text(name))
+    views = sum(gate.views.values())
+    if not views:
+        return f"{who} has not planned a view in a mission that was kept."
+    shares = ", ".join(f"{label(scorer)} {100 * count / views:.0f} %" for scorer, count in gate.views.items())
+    d95 = "" if gate.d95_m is None else f", while d95 lay between {gate.d95_m[0]:.2f} and {gate.d95_m[1]:.2f} m"
+    said = f"{who}: its gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
+    if gate.alone:
+        said += f"; its thresholds leave {label(gate.alone)} alone"
+    return f"{said}. In the campaign it switched in {gate.all_switched} of {gate.all_missions} missions that planned views."
+
+
+def chosen_text(chosen_by: Mapping[str, int]) -> str:
+    """``64 missions: 12 baselines, 12 design, 34 chosen by the model, 6 verification``."""
+    words = {"baselines": "of baselines", "design": "of the initial design", "model": "chosen by the model", "verification": "to verify its favourites"}
+    parts = [f"{count} {words[by]}" for by, count in chosen_by.items() if count]
+    return f"{counted(sum(chosen_by.values()), 'mission')}: {', '.join(parts)}."
+
+
+def limit_text(metric: str, direction: str, limit: float) -> str:
+    """``F-score @ 48 mm at least 98 %``."""
+    about = metric_label(metric)
+    return f"{about.name} {'at least' if direction == 'maximise' else 'at most'} {limit:g} {about.unit}".strip()
+
+
+def _targets_word(table: AnswerTable) -> str:
+    return "held-out target" if table.held_out else "training target"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def row_of(answer: Answer, strategy: str) -> Row | None:
+    """The first row of a strategy, on held-out targets where there is one."""
+    return next((row for table in answer.tables for row in table.rows if row.strategy == strategy), None)
+
+
+__all__ = ["KINDS", "TUNED_PLANNER"]
