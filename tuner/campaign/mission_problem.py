@@ -32,7 +32,6 @@ from tuner.problem.baselines import (
     reference_of,
     target_must_be_located,
 )
-from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import (
     Instance,
     are_drawn,
@@ -131,10 +130,6 @@ class MissionProblem(Problem):
         config = self.base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
-
-    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        """Return the objective as a function of the tuned values: a number of photographs that nothing changes; else None."""
-        return photographs_metric(self.space, self.config, self.default, objective)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` for fewer photographs than all missions take."""
