@@ -5,12 +5,14 @@ They run in processes of their own, so a script needs no ``if __name__ == "__mai
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
+from tuner.answer.answer import answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary
@@ -23,7 +25,7 @@ from tuner.comparison.of_campaign import (
     reproduction,
     require_comparable,
 )
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.run import EvaluationEvent, EvaluationRun
 from tuner.export.records import records_of
 from tuner.missions.executors import Executor, local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
@@ -72,7 +74,18 @@ def tune(
         campaign = begin_campaign(where, resolved)
     with local_executor(campaign.settings.fidelity, workers, timeout_s) as executor:
         run_to_end(campaign, executor, on_event)
+    _write_answer(campaign)
     return campaign
+
+
+def _write_answer(campaign: Campaign) -> None:
+    """Write ``answer.json`` and ``report.html``, as the commands do; a campaign that may only be read stays as it was."""
+    from tuner.report.campaign_page import write_campaign_report  # noqa: PLC0415  loads torch
+
+    with contextlib.suppress(OSError, UserError):
+        answer = answer_of(campaign)
+        answer.save(campaign)
+        write_campaign_report(campaign, answer)
 
 
 def run_to_end(
@@ -110,8 +123,9 @@ def evaluate(
     directory: str | Path | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
+    on_event: Callable[[EvaluationEvent], None] | None = None,
 ) -> EvaluationRun:
-    """Job 2: the recommendation and the baselines on rocks that the campaign has not seen.
+    """Job 2: the tuned configurations and the baselines on rocks that the campaign has not seen; its answer is written anew.
 
     Parameters
     ----------
@@ -141,7 +155,9 @@ def evaluate(
         fidelity=fidelity,
     )
     with comparison.executor(workers, timeout_s) as executor:
-        return comparison.run(executor, out=None if directory is None else Path(directory))
+        evaluated = comparison.run(executor, on_event, out=None if directory is None else Path(directory))
+    _write_answer(campaign)
+    return evaluated
 
 
 def reproduce(

@@ -87,11 +87,12 @@ class MissionResult:
         return json.dumps(with_checksum(json_ready(self)), indent=1)
 
     @staticmethod
-    def load(run: Path) -> MissionResult:
+    def load(run: str | Path) -> MissionResult:
         """What the mission in the directory ``run`` left.
 
         `UserError` for what is no mission result, one of another schema version, or changed since it was written.
         """
+        run = Path(run)
         if not (run / RESULT).is_file():
             raise UserError(f"{run} holds no {RESULT}; name the directory of a finished mission")
         tree = read_result(run)

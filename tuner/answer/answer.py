@@ -10,9 +10,10 @@ import collections
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
+from nbv.config import MissionConfig
 from nbv.convert import json_ready
 from nbv.safe_files import write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, evidence_of
@@ -86,7 +87,9 @@ class Flight:
     strategy: str
     label: str
     is_tuned: bool
-    against: Mapping[str, Interval | None]  # paired gains over the other plans that may be flown, on all targets
+    against: Mapping[
+        str, Interval | None
+    ]  # paired gains over the other plans that may be flown, on all targets
     leads: Mapping[str, Interval]  # plans with a better mean that are not shown to be better, and by how much
     targets: int  # on which it has flown
     shown: bool  # whether it is better than the simplest plan beyond chance
@@ -113,11 +116,11 @@ class Answer:
     fly: Flight | None
     next: Next
     nothing_yet: str = ""
+    configs: Mapping[str, MissionConfig] = field(default_factory=dict, repr=False)  # by strategy
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        tree: dict[str, Any] = json_ready(self)
-        return tree
+        """Return the JSON form: everything but the configurations."""
+        return {f.name: json_ready(getattr(self, f.name)) for f in fields(self) if f.name != "configs"}
 
     def save(self, campaign: Campaign) -> None:
         """Write it into the campaign's directory; ``OSError`` where that cannot be written."""
@@ -133,7 +136,10 @@ def answer_of(campaign: Campaign) -> Answer:
     if found:
         tuned = list(found)[-1]
         number = campaign.mean_photographs(found[tuned].values) or photographs(evidence.configs[tuned])
-    tables = [table_of(evidence.on(held_out=held_out), held_out, s.problem.reference, number) for held_out in (True, False)]
+    tables = [
+        table_of(evidence.on(held_out=held_out), held_out, s.problem.reference, number)
+        for held_out in (True, False)
+    ]
     tables = [table for table in tables if table.rows and found]
     fly = flight_of(evidence, found, number) if found else None
     counts: dict[str, int] = collections.Counter()
@@ -154,6 +160,7 @@ def answer_of(campaign: Campaign) -> Answer:
         fly=fly,
         next=next_step(campaign, found, tables, fly),
         nothing_yet=campaign.nothing_yet(),
+        configs=evidence.configs,
     )
 
 
@@ -165,11 +172,15 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
     kinds = [kind for kind in (ROCKS, SHAPES_WORD) if evidence.of_kind(kind).records]
     of_kind = {kind: evidence.of_kind(kind) for kind in kinds} if len(kinds) > 1 else {}
     plain = best_plain(evidence, plain_plans(evidence, number))
-    counts = collections.Counter(r.rock for r in evidence.records if r.strategy == (names[0] if names else ""))
+    counts = collections.Counter(
+        r.rock for r in evidence.records if r.strategy == (names[0] if names else "")
+    )
 
     def row(name: str) -> Row:
         missions = evidence.missions(name)
-        costs = {key: _mean([r.value(key) for r in missions]) for key in ("costs.images", "costs.flight_time_s")}
+        costs = {
+            key: _mean([r.value(key) for r in missions]) for key in ("costs.images", "costs.flight_time_s")
+        }
         mean = evidence.mean(name)
         parts = {kind: part.mean(name) for kind, part in of_kind.items()}
         config = evidence.configs[name]
@@ -205,7 +216,9 @@ def plain_plans(evidence: Evidence, number: int) -> list[str]:
         name
         for base in SIMPLEST_FIRST
         for name in evidence.configs
-        if base_name(name) == base and photographs(evidence.configs[name]) == number and evidence.missions(name)
+        if base_name(name) == base
+        and photographs(evidence.configs[name]) == number
+        and evidence.missions(name)
     ]
 
 
@@ -228,7 +241,9 @@ def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: i
         if is_better(evidence, name, fly):
             fly = name
     against = {name: evidence.gain(fly, name) for name in plans if name != fly}
-    leads = {name: gain.reversed for name, gain in against.items() if gain is not None and round(gain.mean, 1) < 0}
+    leads = {
+        name: gain.reversed for name, gain in against.items() if gain is not None and round(gain.mean, 1) < 0
+    }
     return Flight(
         strategy=fly,
         label=label(fly),
@@ -259,20 +274,27 @@ def next_step(
         if status.failures and not status.complete:
             reason = max(status.failures, key=lambda r: status.failures[r])
             return Next(
-                f"Every mission failed, most often with {reason!r}: correct that, then resume.", f"gatetune campaign resume {run}"
+                f"Every mission failed, most often with {reason!r}: correct that, then resume.",
+                f"gatetune campaign resume {run}",
             )
         return Next(
-            f"Finish it: {status.remaining} of {status.budget} missions are left.", f"gatetune campaign resume {run}"
+            f"Finish it: {status.remaining} of {status.budget} missions are left.",
+            f"gatetune campaign resume {run}",
         )
     if any(each.limit is not None and not each.limit.kept for each in found.values()):
         return Next(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",
         )
-    rocks = "".join(f" --rock {rock}" for rock in campaign.settings.rocks) if campaign.settings.problem.draws_rocks else ""
+    rocks = (
+        "".join(f" --rock {rock}" for rock in campaign.settings.rocks)
+        if campaign.settings.problem.draws_rocks
+        else ""
+    )
     if held_out is None:
         return Next(
-            "Evaluate it on held-out targets: all that counts so far ran where it was tuned.", f"gatetune evaluate {run}{rocks}"
+            "Evaluate it on held-out targets: all that counts so far ran where it was tuned.",
+            f"gatetune evaluate {run}{rocks}",
         )
     if len(held_out.targets) < MIN_ROCKS:
         count = len(held_out.targets)
@@ -290,5 +312,8 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 def oracle_gain(evidence: Evidence, plain: str) -> Interval | None:
     """Return what a planner that sees the true surface gains over the best plain plan; None where it was not run."""
-    oracle = next((name for name in evidence.configs if sees_ground_truth(name) and base_name(name) == "greedy-oracle"), "")
+    oracle = next(
+        (name for name in evidence.configs if sees_ground_truth(name) and base_name(name) == "greedy-oracle"),
+        "",
+    )
     return evidence.gain(oracle, plain) if oracle and plain else None

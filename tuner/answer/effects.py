@@ -21,6 +21,7 @@ from tuner.surrogate.posterior import interval_95
 GRID = 41  # values along a parameter
 SOBOL_POINTS = 512
 TEN = 10
+DRIFT_MISSIONS, DRIFT_CHANCE = 12, 0.001  # fewest missions, and the probability below which it is said
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,9 @@ class ParameterRow:
     path: str
     default: Any
     tuned: Any
-    as_good: tuple[Any, ...]  # ends of the range around the tuned value, or the choices, not known to be worse
+    as_good: tuple[
+        Any, ...
+    ]  # ends of the range around the tuned value, or the choices, not known to be worse
     earned: Effect | None  # the tuned value over the default's, all else as tuned; None where they are equal
     importance: float  # total Sobol index in the region, 0 to 1
 
@@ -52,7 +55,9 @@ class ConfigurationRow:
     planned: int | None
 
 
-def parameter_rows(model: InstanceMeanGP, region: Region, values: Values, default: Values) -> list[ParameterRow]:
+def parameter_rows(
+    model: InstanceMeanGP, region: Region, values: Values, default: Values
+) -> list[ParameterRow]:
     """Return the parameters that are free in the region, the most important first."""
     space, importance = region.space, importances(model, region)
     rows = []
@@ -68,7 +73,12 @@ def parameter_rows(model: InstanceMeanGP, region: Region, values: Values, defaul
         good = [interval_95(*gain)[1] >= 0.0 for gain in gains[1:]]
         rows.append(
             ParameterRow(
-                p.path, default[p.path], values[p.path], _as_good(p, at, good, values[p.path]), earned, float(importance[i])
+                p.path,
+                default[p.path],
+                values[p.path],
+                _as_good(p, at, good, values[p.path]),
+                earned,
+                float(importance[i]),
             )
         )
     return sorted(rows, key=lambda row: -row.importance)
@@ -93,11 +103,15 @@ def _as_good(p: Parameter, at: Sequence[Any], good: Sequence[bool], tuned: Any) 
     return at[low], at[high]
 
 
-def earned_by_group(model: InstanceMeanGP, space: SearchSpace, values: Values, default: Values) -> dict[str, Effect]:
+def earned_by_group(
+    model: InstanceMeanGP, space: SearchSpace, values: Values, default: Values
+) -> dict[str, Effect]:
     """Return by group of parameters what is lost where the group alone goes back to the default."""
     changed = [path for path, value in values.items() if value != default[path]]
     groups = grouped(changed)
-    variants = [space.settled({**values, **{path: default[path] for path in paths}}) for paths in groups.values()]
+    variants = [
+        space.settled({**values, **{path: default[path] for path in paths}}) for paths in groups.values()
+    ]
     posterior = model.posterior([values, *variants])
     effects = dict[str, Effect]()
     for k, group in enumerate(groups, 1):
@@ -122,7 +136,11 @@ def importances(model: InstanceMeanGP, region: Region) -> Floats:
 
 
 def best_configurations(
-    model: InstanceMeanGP, region: Region, history: Sequence[Observation], photographs: int | None, sign: float
+    model: InstanceMeanGP,
+    region: Region,
+    history: Sequence[Observation],
+    photographs: int | None,
+    sign: float,
 ) -> list[ConfigurationRow]:
     """Return the `TEN` best of what ran in the region by posterior mean, best first; ``sign`` of the objective."""
     ran = [v for v in distinct_configurations(region.space, model.observations) if region.contains(v)]
@@ -141,7 +159,9 @@ def best_configurations(
     return rows
 
 
-def best_so_far(model: InstanceMeanGP, region: Region, history: Sequence[Observation]) -> list[tuple[int, float]]:
+def best_so_far(
+    model: InstanceMeanGP, region: Region, history: Sequence[Observation]
+) -> list[tuple[int, float]]:
     """Return after each mission in the region the best posterior mean, by the final surrogate, of what had run by then."""
     inside = [o for o in history if o.feasible and region.contains(o.values)]
     if not inside:
@@ -166,3 +186,12 @@ def gate_contour(
 
 
 GATE_THRESHOLDS = ("gate.budget_fraction", "gate.d95_m")
+
+
+def drift_of(model: InstanceMeanGP) -> float | None:
+    """Return the rank correlation of the model's leave-one-out errors with the trial's number; None where it may be chance."""
+    numbers = [model.observations[i].number for i in model.fitted_to]
+    if len(numbers) < DRIFT_MISSIONS:
+        return None
+    test = stats.spearmanr(numbers, model.leave_one_out_z())
+    return float(test.statistic) if test.pvalue < DRIFT_CHANCE else None

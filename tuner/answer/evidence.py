@@ -17,6 +17,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.rocks.families import SHAPES, generated_name
 from tuner.campaign.campaign import Campaign
+from tuner.comparison.of_campaign import CONFIRMATION, EVALUATION
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.statistics import score_of
 from tuner.missions.job import Trial
@@ -27,7 +28,6 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Block, configuration_key, mission_key
 from tuner.recommendation.recommendation import Recommendation
 
-EVALUATION, CONFIRMATION = "evaluation", "confirmation"  # directories, with -2 and so on behind them
 ROCKS, SHAPES_WORD = "rocks", "shapes"
 
 
@@ -53,9 +53,7 @@ class Evidence:
 
     def of_kind(self, kind: str) -> Evidence:
         """Return the part on targets of one kind."""
-        return dataclasses.replace(
-            self, records=[r for r in self.records if kind_of_target(r.rock) == kind]
-        )
+        return dataclasses.replace(self, records=[r for r in self.records if kind_of_target(r.rock) == kind])
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -76,7 +74,9 @@ class Evidence:
     def gain(self, strategy: str, over: str) -> Interval | None:
         """Return the mean paired difference on the missions that both flew, positive where ``strategy`` is better."""
         ours, theirs, sign = self.scores(strategy), self.scores(over), self.objective.sign
-        return _over_targets({block: sign * (ours[block] - theirs[block]) for block in sorted(ours.keys() & theirs.keys())})
+        return _over_targets(
+            {block: sign * (ours[block] - theirs[block]) for block in sorted(ours.keys() & theirs.keys())}
+        )
 
     def more_failures(self, strategy: str, than: str) -> int:
         """Return in how many more of the missions that both flew the one failed."""
@@ -89,7 +89,11 @@ class Evidence:
     def same_photographs(self) -> dict[str, str]:
         """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
         taken = {
-            name: {(r.instance, r.replicate): r.record.photographs for r in self.missions(name) if r.record.status != "failed"}
+            name: {
+                (r.instance, r.replicate): r.record.photographs
+                for r in self.missions(name)
+                if r.record.status != "failed"
+            }
             for name in self.configs
         }
         twins, names = dict[str, str](), list(self.configs)
@@ -138,7 +142,10 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
 
 def _own_trials(campaign: Campaign, configs: Mapping[str, MissionConfig]) -> list[Trial]:
     """Return the finished trials of the campaign that fly one of ``configs``."""
-    problem, names = campaign.settings.problem, {mission_key(c): name for name, c in reversed(configs.items())}
+    problem, names = (
+        campaign.settings.problem,
+        {mission_key(c): name for name, c in reversed(configs.items())},
+    )
     name_at = dict[tuple[float, ...], str]()
     records = []
     for t in campaign.trials():

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import collections
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nbv.config import MissionConfig
 from tuner.answer.answer import Answer, AnswerTable, Flight, Row
-from tuner.problem.baselines import KINDS, is_orbit, label
+from tuner.problem.baselines import is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
-from tuner.problem.regions import TUNED_GATE, TUNED_PLANNER
+from tuner.problem.regions import TUNED_GATE
 from tuner.report.labels import (
     MetricLabel,
     bracketed,
@@ -19,14 +21,15 @@ from tuner.report.labels import (
     format_number,
     metric_label,
     parameter_label,
+    short_names,
 )
 from tuner.report.table import Cell, Table
 from tuner.report.table import Row as Line
 
 if TYPE_CHECKING:
     from tuner.answer.effects import Effect, ParameterRow
+    from nbv.mission.result import IterationRecord
     from tuner.answer.gate import GateFacts
-    from tuner.campaign.campaign import Campaign
 
 REFERENCE = "hyb-h"
 FLY_MARK = "→"
@@ -44,20 +47,22 @@ METHODS = {
 # -- what to fly -----------------------------------------------------------------------------------------------
 
 
-def sentences(answer: Answer, campaign: Campaign) -> list[str]:
+def sentences(answer: Answer) -> list[str]:
     """What to fly; what that is worth; what the tuned plans earn beside it."""
     if answer.fly is None:
         return [f"Nothing to fly yet: {answer.nothing_yet}."]
-    return [_what(answer, answer.fly, campaign), *_worth(answer, answer.fly), *_tuned(answer, answer.fly)]
+    return [_what(answer, answer.fly), *_worth(answer, answer.fly), *_tuned(answer, answer.fly)]
 
 
-def _what(answer: Answer, fly: Flight, campaign: Campaign) -> str:
-    missed = [each.limit for each in answer.recommended.values() if each.limit is not None and not each.limit.kept]
+def _what(answer: Answer, fly: Flight) -> str:
+    missed = [
+        each.limit for each in answer.recommended.values() if each.limit is not None and not each.limit.kept
+    ]
     if missed:
         limit = missed[0]
         bound = limit_text(limit.metric, limit.direction, limit.limit)
         return f"No configuration that was run is likely to meet the constraint ({bound}); the nearest misses it by {limit.missed_by:.3g}."
-    plan = plan_words(config_of(answer, fly.strategy, campaign))
+    plan = plan_words(answer.configs[fly.strategy])
     return f"Fly {name_in_text(fly.strategy)}: {plan}."
 
 
@@ -86,9 +91,18 @@ def _tuned(answer: Answer, fly: Flight) -> list[str]:
                 f"{_capital(name_in_text(name))} leads it by {difference_text(lead)} {unit} on {counted(lead.rocks, 'target')}, "
                 "which is not shown to be a difference."
             )
-    table = next((table for table in answer.tables if table.held_out), None) or next(iter(answer.tables), None)
-    gate = next((row for row in table.rows if row.strategy == TUNED_GATE), None) if table is not None else None
-    if table is not None and gate is not None and gate.strategy != fly.strategy and gate.from_reference is not None:
+    table = next((table for table in answer.tables if table.held_out), None) or next(
+        iter(answer.tables), None
+    )
+    gate = (
+        next((row for row in table.rows if row.strategy == TUNED_GATE), None) if table is not None else None
+    )
+    if (
+        table is not None
+        and gate is not None
+        and gate.strategy != fly.strategy
+        and gate.from_reference is not None
+    ):
         where = f"{counted(gate.from_reference.rocks, _targets_word(table))}"
         said.append(
             f"The tuned gate, with the paper's seeds and pool, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
@@ -101,15 +115,13 @@ def name_in_text(strategy: str) -> str:
     name = label(strategy)
     if strategy.startswith("tuned"):
         return f"the {name[:1].lower()}{name[1:]}"
-    return f"the {name.replace('Plain orbit', 'orbit')}" if is_orbit(strategy) else name[:1].lower() + name[1:] if name.startswith("Random") else name
-
-
-def config_of(answer: Answer, strategy: str, campaign: Campaign) -> MissionConfig:
-    """The configuration of a strategy of the answer; `UserError` where it has none of that name."""
-    from tuner.answer.evidence import evidence_of
-
-    configs = evidence_of(campaign, answer.recommended).configs
-    return configs[strategy]
+    return (
+        f"the {name.replace('Plain orbit', 'orbit')}"
+        if is_orbit(strategy)
+        else name[:1].lower() + name[1:]
+        if name.startswith("Random")
+        else name
+    )
 
 
 def plan_words(config: MissionConfig) -> str:
@@ -122,7 +134,9 @@ def plan_words(config: MissionConfig) -> str:
         rings = f"{seed.total} photographs on the paper's rings"
     if not config.adaptive_budget:
         return rings
-    by = {"random": "at random", "hyb-h": "by the gate"}.get(config.gate.kind, f"by {label(config.gate.kind)}")
+    by = {"random": "at random", "hyb-h": "by the gate"}.get(
+        config.gate.kind, f"by {label(config.gate.kind)}"
+    )
     if config.stop.may_end_early:
         return f"{rings}, then planned ones {by} until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
     return f"{rings}, then {config.adaptive_budget} {by}"
@@ -137,7 +151,13 @@ def table_lines(table: AnswerTable, answer: Answer) -> Table:
     means = [*table.kinds, "all"] if several else ["all"]
     unit = metric_label(answer.metric)
     short_metric = "F" if "f_score" in answer.metric else unit.name
-    columns = ["strategy", "photos", "planned", "flight s", *(f"{short_metric} {m}" if several else short_metric for m in means)]
+    columns = [
+        "strategy",
+        "photos",
+        "planned",
+        "flight s",
+        *(f"{short_metric} {m}" if several else short_metric for m in means),
+    ]
     reference = label(REFERENCE) if any(row.strategy == REFERENCE for row in table.rows) else "default"
     columns += [f"from {reference}", f"from {label(table.best_plain)}" if table.best_plain else "from best"]
     digits = 1 if unit.unit in ("%", "mm") else 3
@@ -155,13 +175,15 @@ def table_lines(table: AnswerTable, answer: Answer) -> Table:
             difference_text(row.from_baseline, digits) if row.from_baseline else "–",
         ]
         flown = answer.fly is not None and row.strategy == answer.fly.strategy
-        rows.append(Line(f"{FLY_MARK} {row.label}" if flown else f"  {row.label}", tuple(map(Cell, texts)), best=flown))
+        rows.append(
+            Line(
+                f"{FLY_MARK} {row.label}" if flown else f"  {row.label}", tuple(map(Cell, texts)), best=flown
+            )
+        )
     return Table(title_of(table), tuple(columns), rows, " ".join(notes_of(table)))
 
 
 def title_of(table: AnswerTable) -> str:
-    from tuner.report.labels import short_names
-
     least, most = table.replicates
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
     names = short_names(table.targets)
@@ -172,13 +194,17 @@ def title_of(table: AnswerTable) -> str:
 def notes_of(table: AnswerTable) -> list[str]:
     """Failures, equal photographs, and who flew on fewer targets."""
     said = [
-        f"{row.label}: {counted(row.failures, 'failed mission')} of {row.missions}." for row in table.rows if row.failures
+        f"{row.label}: {counted(row.failures, 'failed mission')} of {row.missions}."
+        for row in table.rows
+        if row.failures
     ]
     same: dict[str, list[str]] = {}
     for row in table.rows:
         if row.same_as:
             same.setdefault(row.same_as, []).append(row.label)
-    said += [f"{' and '.join(names)} took the same photographs as {label(other)}." for other, names in same.items()]
+    said += [
+        f"{' and '.join(names)} took the same photographs as {label(other)}." for other, names in same.items()
+    ]
     fewer = [row.label for row in table.rows if row.targets < len(table.targets)]
     if fewer:
         said.append(f"On fewer targets: {', '.join(fewer)}; compare differences, not means.")
@@ -196,7 +222,9 @@ def interval_words(gains: Sequence[Interval]) -> str:
     return f"95 % intervals {', '.join(methods)}"
 
 
-def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel, *, all_rows: bool = True) -> Table:
+def parameters_table(
+    name: str, rows: Sequence[ParameterRow], metric: MetricLabel, *, all_rows: bool = True
+) -> Table:
     """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
     shown = [row for row in rows if all_rows or row.earned is not None]
     lines = [
@@ -217,8 +245,35 @@ def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabe
         )
         for row in shown
     ]
-    columns = ("parameter", "paper", "tuned", "as good (95 %)", f"earned, {metric.difference_unit or 'its unit'}", "importance")
+    columns = (
+        "parameter",
+        "paper",
+        "tuned",
+        "as good (95 %)",
+        f"earned, {metric.difference_unit or 'its unit'}",
+        "importance",
+    )
     return Table(label(name), columns, lines)
+
+
+def values_table(answer: Answer) -> Table:
+    """The tuned values beside the paper's, one column for each tuned configuration; what none of them changed is left out."""
+    found = answer.recommended
+    paths = [
+        path
+        for path in next(iter(found.values())).values
+        if any(path in each.changed for each in found.values())
+    ]
+    lines = []
+    for path in paths:
+        default = next(iter(found.values())).default_values[path]
+        texts = [
+            value_text(path, each.values[path]) if path in each.changed else "=" for each in found.values()
+        ]
+        lines.append([path, value_text(path, default), *texts])
+    if not lines:
+        lines.append(["nothing", "", *("=" for _ in found)])
+    return Table.of("", ("tuned", "paper", *map(label, found)), lines)
 
 
 def effect_text(effect: Effect | None, digits: int = 1) -> str:
@@ -244,16 +299,44 @@ def gate_sentence(name: str, gate: GateFacts) -> str:
     if not views:
         return f"{who} has not planned a view in a mission that was kept."
     shares = ", ".join(f"{label(scorer)} {100 * count / views:.0f} %" for scorer, count in gate.views.items())
-    d95 = "" if gate.d95_m is None else f", while d95 lay between {gate.d95_m[0]:.2f} and {gate.d95_m[1]:.2f} m"
+    d95 = (
+        "" if gate.d95_m is None else f", while d95 lay between {gate.d95_m[0]:.2f} and {gate.d95_m[1]:.2f} m"
+    )
     said = f"{who}: its gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
     if gate.alone:
         said += f"; its thresholds leave {label(gate.alone)} alone"
-    return f"{said}. In the campaign it switched in {gate.all_switched} of {gate.all_missions} missions that planned views."
+    return f"{said}. Of the campaign's {gate.all_missions} missions that planned views the gate switched in {gate.all_switched}."
+
+
+def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
+    """How often each scorer chose, how often both had the same best view, and how often the gate switched."""
+    n = len(records)
+    counts = collections.Counter(record.scorer for record in records)
+    views = [[best.get("candidate") for best in record.top.values()] for record in records]
+    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
+    where = f"{n} views of {counted(missions, 'mission')}"
+    same = f" In {_percent(equal, n)} both scorers had the same best view." if equal else ""
+    if len(counts) == 1:
+        (scorer,) = counts
+        return f"The gate ({gate}) never switched: {label(scorer)} chose all {where}.{same}"
+    shares = ", ".join(f"{label(s)} {_percent(c, n)}" for s, c in counts.most_common())
+    following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
+    switches = sum(a.scorer != b.scorer for a, b in following)
+    return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.0f} %" if whole else "0 %"
 
 
 def chosen_text(chosen_by: Mapping[str, int]) -> str:
     """``64 missions: 12 baselines, 12 design, 34 chosen by the model, 6 verification``."""
-    words = {"baselines": "of baselines", "design": "of the initial design", "model": "chosen by the model", "verification": "to verify its favourites"}
+    words = {
+        "baselines": "of baselines",
+        "design": "of the initial design",
+        "model": "chosen by the model",
+        "verification": "to verify its favourites",
+    }
     parts = [f"{count} {words[by]}" for by, count in chosen_by.items() if count]
     return f"{counted(sum(chosen_by.values()), 'mission')}: {', '.join(parts)}."
 
@@ -261,7 +344,9 @@ def chosen_text(chosen_by: Mapping[str, int]) -> str:
 def limit_text(metric: str, direction: str, limit: float) -> str:
     """``F-score @ 48 mm at least 98 %``."""
     about = metric_label(metric)
-    return f"{about.name} {'at least' if direction == 'maximise' else 'at most'} {limit:g} {about.unit}".strip()
+    return (
+        f"{about.name} {'at least' if direction == 'maximise' else 'at most'} {limit:g} {about.unit}".strip()
+    )
 
 
 def _targets_word(table: AnswerTable) -> str:
@@ -275,6 +360,3 @@ def _capital(text: str) -> str:
 def row_of(answer: Answer, strategy: str) -> Row | None:
     """The first row of a strategy, on held-out targets where there is one."""
     return next((row for table in answer.tables for row in table.rows if row.strategy == strategy), None)
-
-
-__all__ = ["KINDS", "TUNED_PLANNER"]

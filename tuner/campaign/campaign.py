@@ -77,7 +77,7 @@ class Campaign:
 
     @staticmethod
     def open(
-        directory: Path, expected: CampaignSettings | None = None, *, read_only: bool = False
+        directory: str | Path, expected: CampaignSettings | None = None, *, read_only: bool = False
     ) -> Campaign:
         """Return the campaign in ``directory``.
 
@@ -86,6 +86,7 @@ class Campaign:
         Raises `UserError`: no campaign there, other settings, a ledger that is missing or belongs elsewhere, an unknown
         fidelity.
         """
+        directory = Path(directory)
         if directory.name in ("", ".."):  # ``.``: names beside it are made from its own
             directory = directory.resolve()
         from tuner.campaign.ledger import Ledger  # noqa: PLC0415  loads Optuna
@@ -178,29 +179,31 @@ class Campaign:
             f"{budget + len(again) - len(trials)} missions of the budget would repeat them; for repeats give --replicates"
         )
 
-    def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
-        """Return the best of what may be recommended, by posterior mean over the training instances; None while `nothing_yet`.
+    def recommendations(self, *, save: bool = True, latest: bool = False) -> dict[str, Recommendation]:
+        """Return the best of every region by its name (`tuner.problem.regions`), by one surrogate; nothing while `nothing_yet`.
 
-        One that was saved after these very missions is read. ``latest``: also one that was saved before further missions ended,
-        since a model of thousands takes long.
+        Those that were saved after these very missions are read. ``latest``: also those that were saved before further missions
+        ended, since a model of thousands takes long.
         """
         history = self.history()
         if self.nothing_yet(history):
-            return None
-        if (saved := self.saved_recommendation(history, latest=latest)) is not None:
+            return {}
+        if saved := self.saved_recommendations(history, latest=latest):
             return saved
         from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
         # Samplers that run nothing again leave no configuration that has run often enough: theirs is any that has run.
-        result = recommend(
-            self.settings.problem,
-            self.settings.goal,
-            history,
-            only_verified=self.settings.sampler == "gp",
-        )
-        if result is not None and save:
-            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
-        return result
+        s = self.settings
+        found = recommend(s.problem, s.goal, history, only_verified=s.sampler == "gp")
+        if found and save:
+            tree = {name: each.to_dict() for name, each in found.items()}
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(tree, indent=1))
+        return found
+
+    def recommendation(self, name: str = "", *, save: bool = True) -> Recommendation | None:
+        """Return one of the `recommendations`, by default the one of the largest region; None while there is none."""
+        found = self.recommendations(save=save)
+        return found.get(name or self.settings.problem.answers[-1].name)
 
     def nothing_yet(self, history: Sequence[Observation] | None = None) -> str:
         """Return why nothing is recommended after ``history`` (None: all missions); empty where something is."""
@@ -212,12 +215,14 @@ class Campaign:
             return f"{len(history)} of the first {first} missions have ended, which show how the plain plans vary over rocks and replicates"
         return ""
 
-    def surrogate_from(self, history: Sequence[Observation]) -> InstanceMeanGP:
-        """Return the surrogate of `Goal.shown` behind such a recommendation; ``ValueError`` without a success."""
+    def surrogate(self) -> InstanceMeanGP:
+        """Return the surrogate of the objective after all missions; `UserError` without a success."""
         from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
-        p = self.settings.problem
-        return InstanceMeanGP(p.space, self.settings.goal.as_shown(history), p.instances)
+        history, p = self.history(), self.settings.problem
+        if not any(o.feasible for o in history):
+            raise UserError(f"{self.directory} has no model: {self.nothing_yet(history)}")
+        return InstanceMeanGP(p.space, history, p.instances)
 
     def propose(self, trials: Sequence[Trial], known: int, count: int = 1) -> list[Proposal]:
         """Return the sampler's next ``count`` missions after the first ``known`` trials; the others count as in flight."""
@@ -275,33 +280,58 @@ class Campaign:
         ]
         return math.ceil(sum(numbers) / len(numbers)) if numbers else None
 
-    def recommended_config(self) -> MissionConfig:
-        """Return the recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
-        return self.settings.problem.config(self.recommended().values)
-
-    def recommended(self) -> Recommendation:
-        """Return the `recommendation` without saving it.
+    def recommended(self) -> dict[str, Recommendation]:
+        """Return the `recommendations` without saving them.
 
         Raises `UserError`: there is none yet.
         """
-        result = self.recommendation(save=False)
-        if result is None:
+        found = self.recommendations(save=False)
+        if not found:
             raise UserError(
                 f"{self.directory} recommends nothing yet: {self.nothing_yet()}; run or resume the campaign first"
             )
-        return result
+        return found
 
-    def saved_recommendation(
+    def recommended_config(self, name: str = "") -> MissionConfig:
+        """Return one of the recommendations as a complete configuration, by default that of the largest region; raises as `recommended`."""
+        found = self.recommended()
+        return self.settings.problem.config(found[name or list(found)[-1]].values)
+
+    def predict(self, values: Mapping[str, Any]) -> tuple[float, float, float]:
+        """Return ``(mean, low, high)``: what the surrogate predicts at tuned values, the others at the default, with its 95 % interval.
+
+        Of the objective's mean over the training instances, in the metric's unit. Raises `UserError`: a name that is not tuned, a
+        value outside its range, no mission that succeeded.
+        """
+        from tuner.surrogate.posterior import interval_95  # noqa: PLC0415  loads torch
+
+        space, sign = self.settings.space, self.settings.objective.sign
+        by_path = {p.path: p for p in space.parameters}
+        for path, value in values.items():
+            if path not in by_path:
+                raise UserError(f"{path!r} is not tuned; there are {', '.join(by_path)}")
+            if not by_path[path].contains(value):
+                raise UserError(f"{path} is {value!r}; the search space has {by_path[path].to_dict()}")
+        full = space.settled({**self.settings.problem.default, **values})
+        posterior = self.surrogate().posterior([full])
+        mean, sd = float(posterior.mean[0]), float(posterior.sd[0])
+        low, high = sorted(sign * bound for bound in interval_95(mean, sd))
+        return sign * mean, low, high
+
+    def saved_recommendations(
         self, history: Sequence[Observation] | None = None, *, latest: bool = False
-    ) -> Recommendation | None:
-        """Return the recommendation saved after exactly ``history`` (None: all missions); None without such a file.
+    ) -> dict[str, Recommendation]:
+        """Return those saved after exactly ``history`` (None: all missions); nothing without such a file.
 
         ``latest``: however many missions have ended since.
         """
         history = self.history() if history is None else history
         try:
-            saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
+            tree = read_json(self.directory / RECOMMENDATION_FILE)
+            saved = {name: Recommendation.from_dict(each) for name, each in tree.items()}
         except (UserError, AttributeError, ValueError, KeyError, TypeError):
-            return None
-        evaluated = any(saved.values == dict(o.values) for o in history)
-        return saved if evaluated and (latest or saved.missions_behind == len(history)) else None
+            return {}
+        ran = [dict(o.values) for o in history]
+        evaluated = all(each.values in ran for each in saved.values())
+        current = all(each.missions_behind == len(history) for each in saved.values())
+        return saved if evaluated and (latest or current) else {}

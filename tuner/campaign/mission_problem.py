@@ -43,6 +43,7 @@ from tuner.problem.instances import (
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
 from tuner.problem.problem import Problem
+from tuner.problem.regions import regions_of
 from tuner.problem.search_space import SearchSpace, Values, value_at
 
 HIGHEST_DEG = 60.0
@@ -60,7 +61,9 @@ class Evaluated(NamedTuple):
     """The tuned configurations of a campaign, and what they are evaluated on."""
 
     tuned: Mapping[str, Mapping[str, Any]]  # values by name, such as ``tuned-planner``
-    photographs: int | None  # that the last of them took, mean over its missions rounded up; None where it has none
+    photographs: (
+        int | None
+    )  # that the last of them took, mean over its missions rounded up; None where it has none
     conditions: Sequence[Condition]
     rocks: Sequence[str]
 
@@ -87,10 +90,12 @@ class MissionProblem(Problem):
         replicates: int,
         budget: int,
         seed: int,
+        limited: bool,
     ) -> MissionProblem:
         """Return the problem; ``config``: the preset with overrides and the fixed values of ``space``.
 
-        Of a family every replicate is another rock: there are as many as the ``budget`` may need.
+        Of a family every replicate is another rock: there are as many as the ``budget`` may need. ``limited``: whether the goal has
+        a limit.
 
         Raises `UserError`: the space does not fit the preset; there is no such family; rocks beside families.
         """
@@ -107,6 +112,7 @@ class MissionProblem(Problem):
             default=default,
             replicates=replicates,
             arms={**plain_plans(space, base), _name_of(base): default},
+            regions=regions_of(space, default, limited=limited),
             base=base,
             seed=seed,
             conditions=tuple(conditions),
@@ -171,7 +177,11 @@ class MissionProblem(Problem):
         """Return the tuned configurations and baselines at their number of photographs; unless the user ``names`` these, ablations, too."""
         configs = {name: self.config(values) for name, values in tuned.tuned.items()}
         counted = self._counted(tuned)
-        split = {} if names is not None else {k: v for n, c in configs.items() for k, v in ablations(n, c, self.base).items()}
+        split = (
+            {}
+            if names is not None
+            else {k: v for n, c in configs.items() for k, v in ablations(n, c, self.base).items()}
+        )
         if names is None:
             looking = target_must_be_located(self.base, _conditions_of_target(tuned))
             names = (*EVALUATION_BASELINES, *(RETARGETED_ORBITS if looking else ()))

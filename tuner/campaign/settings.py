@@ -284,6 +284,7 @@ class CampaignSettings(Section):
             replicates=self.replicates,
             budget=self.budget,
             seed=self.seed,
+            limited=self.limit is not None,
         )
 
     @functools.cached_property
@@ -314,14 +315,15 @@ class CampaignSettings(Section):
 
     @functools.cached_property
     def _arms(self) -> tuple[Proposal, ...]:
-        """The missions that come first: every plain plan on the same blocks, block by block, the default before the others.
+        """The missions that come first: the default and the baselines on the same blocks, block by block.
 
-        Blocks are all replicates in every instance, as far as two thirds of the budget go; one where rocks are drawn and the
-        default is the only plan: there it runs beside all that is proposed.
+        Blocks are all instances with one replicate, then with the next, as far as a quarter of the budget goes; one where rocks are
+        drawn and the default is the only baseline: there it runs beside all that is proposed.
         """
-        problem, reference = self.problem, self.problem.reference
-        names = tuple(dict.fromkeys([reference, *problem.arms]))
-        share = self.budget // 2 if len(names) == 1 else 2 * self.budget // 3
+        problem = self.problem
+        (default,) = (name for name, values in problem.arms.items() if values == problem.default)
+        names = tuple(dict.fromkeys([default, *problem.arms]))
+        share = self.budget // 4
         if self.initial is not None:  # of an extended campaign; its design lies beyond that of the arms
             share = min(self.initial, share)
         count = max(1, min(len(problem.instances) * self.replicates, share // len(names)))
@@ -330,7 +332,7 @@ class CampaignSettings(Section):
         blocks = [(instance, k) for k in range(count) for instance in problem.instances][:count]
 
         def proposal(name: str, block: Block) -> Proposal:
-            metadata = {"phase": "default" if name == reference else "arm", "arm": name}
+            metadata = {"phase": "default" if name == default else "arm", "arm": name}
             on = block if len(names) > 1 else (None, None)  # one alone takes blocks in turn
             return Proposal(dict(problem.arms[name]), metadata, *on)
 

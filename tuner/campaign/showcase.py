@@ -1,4 +1,4 @@
-"""The showcase runs the default and the recommended mission once more and keeps all their files, for pages and pictures."""
+"""The showcase runs the default and the tuned mission once more and keeps all their files, for pages and pictures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     problem = s.problem
     instance = problem.instances[0]
     jobs: dict[str, MissionJob] = {}
-    for name, values in (("default", best.default_values), ("recommended", best.values)):
+    for name, values in (("default", best.default_values), (best.name, best.values)):
         config = problem.config(values, instance.condition)
         folder = campaign.directory / SHOWN / name
         job = MissionJob(

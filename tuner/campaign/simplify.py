@@ -1,4 +1,4 @@
-"""The recommendation without what has no effect: parameters whose default would have led to the same photographs.
+"""The recommendations without what has no effect: parameters whose default would have led to the same photographs.
 
 A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing. Which
 values these are is found by missions whose every photograph and model is in the store, and which therefore take no time. The
@@ -17,15 +17,24 @@ from tuner.missions.job import MissionJob, Trial
 from tuner.missions.registry import kind_on, uses_store
 from tuner.problem.observations import Proposal, configuration_key, photographs_key
 from tuner.problem.search_space import Values
+from tuner.recommendation.recommendation import Recommendation
 
 
 def simplified(campaign: Campaign) -> list[Proposal]:
-    """Return trials of the recommendation with all values at their default that change no photograph of its own trials.
+    """Return trials of the recommendations with all values at their default that change no photograph of their own trials.
 
-    The list is empty where there is no such value, or where the simplified configuration has been tried already.
+    The list is empty where there is no such value, or where the simplified configurations have been tried already.
     """
-    s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None or best.keep_default or best.plain:
+    return [
+        proposal
+        for best in campaign.recommendations(save=False).values()
+        for proposal in _simplified(campaign, best)
+    ]
+
+
+def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
+    s = campaign.settings
+    if best.keep_default:
         return []
     trials, space = campaign.trials(), s.space
     best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
@@ -40,7 +49,7 @@ def simplified(campaign: Campaign) -> list[Proposal]:
     if values == best.values or configuration_key(space, values) in tried:
         return []
     reset = [path for path in best.changed if values[path] == best.default_values[path]]
-    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset}
+    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset, "region": best.name}
     return [Proposal(values, metadata, t.instance, t.replicate) for t in best_trials]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,9 @@ from rich.padding import Padding
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from nbv.safe_files import read_json
+from tuner.answer import words
+from tuner.answer.answer import ANSWER_FILE, Answer
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignSummary
@@ -26,7 +30,6 @@ from tuner.commands.campaign_display import (
     expected_text,
     show_answer,
     show_counts,
-    show_recommendation,
 )
 from tuner.commands.console import (
     LOADING_ROCKS,
@@ -42,7 +45,7 @@ from tuner.commands.console import (
     workers_text,
     working,
 )
-from tuner.commands.evaluate import run_comparison
+from tuner.commands.evaluate import run_with_progress
 from tuner.commands.options import (
     EXECUTION,
     Executor,
@@ -52,13 +55,10 @@ from tuner.commands.options import (
     Workers,
     with_settings,
 )
-from tuner.comparison.advice import advice_of
 from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
 from tuner.missions.registry import mission_kind
-from tuner.problem.baselines import TUNED
-from tuner.report.answer import advice_lines
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
@@ -172,18 +172,17 @@ def status(
     """
     output.print(f"campaign in {directory}")
     campaign = Campaign.open(directory, read_only=True)
-    counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
+    counts = campaign.status()
     show_counts(counts)
-    if best is not None and (known := best.missions_behind) < counts.complete + counts.failed:
-        output.print(f"the recommendation is based on {known} of them; resuming the campaign updates it")
-    advised = show_recommendation(best, campaign)
+    answer = show_answer(campaign, save=False)
     missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}
     answer_json(
         {
             "directory": directory,
             "status": {name: value for name, value in missions.items() if name != "complete"},
-            "recommendation": best,
-            "advice": advised,
+            "fly": None if answer.fly is None else answer.fly.strategy,
+            "sentences": words.sentences(answer),
+            "answer": answer.to_dict(),
         }
     )
 
@@ -229,16 +228,19 @@ def _row(directory: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
     try:
         campaign = Campaign.open(directory, read_only=True)
-        s, counts, best = campaign.settings, campaign.status(), campaign.saved_recommendation()
-        advice = None if best is None else advice_of(campaign, best)
+        s, counts = campaign.settings, campaign.status()
+        saved = read_json(directory / ANSWER_FILE) if (directory / ANSWER_FILE).is_file() else {}
     except UserError as error:
         return {**row, "values": None, "answer": f"cannot be read: {error}"}
     answer = f"none yet: {campaign.nothing_yet()}"
-    if best is not None and advice is not None:
-        mean = f"{best.mean:.4g}: " if advice.fly == TUNED else ""  # the recommendation's
-        answer = mean + advice_lines(advice, best, s)[0]
-    elif not campaign.nothing_yet():
-        answer = f"not computed yet: gatetune campaign status {shlex.quote(str(directory))}"
+    if not campaign.nothing_yet():
+        fly = (saved.get("fly") or {}).get("label")
+        known = fly and saved.get("finished") == counts.finished
+        answer = (
+            f"fly {fly}"
+            if known
+            else f"not computed yet: gatetune campaign status {shlex.quote(str(directory))}"
+        )
     return {
         **row,
         "objective": str(s.goal),
@@ -249,7 +251,7 @@ def _row(directory: Path) -> dict[str, Any]:
         "overrides": s.overrides,
         "finished": counts.finished,
         "budget": counts.budget,
-        "values": None if best is None else best.values,
+        "values": {name: each.get("values") for name, each in (saved.get("recommended") or {}).items()},
         "answer": answer,
     }
 
@@ -306,45 +308,43 @@ def run_and_report(
             executor,
             (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
             searched=searched,
-            compare=lambda planned: show_comparison(campaign, planned, executor),
+            compare=lambda planned: run_planned(campaign, planned, executor),
             recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
             accept_changes=accept_changes,
         )
-        show_recommendation(summary.recommendation, campaign)
+        answer = show_answer(campaign)
+        if output.quiet:
+            typer.echo(json.dumps({"event": "answer", **answer.to_dict()}))
         if summary.status.finished:
-            write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
+            write_pages(campaign, answer, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
 
 
-def show_comparison(campaign: Campaign, planned: PlannedComparison, executor: executors.Executor) -> None:
-    """Run the recommendation, the paper's strategies and the controls on held-out and training rocks; print the table.
-
-    What has been run before is not run again.
-    """
+def run_planned(campaign: Campaign, planned: PlannedComparison, executor: executors.Executor) -> None:
+    """Run the tuned configurations, the paper's strategies and the controls on held-out targets; what has run is not run again."""
     plan = planned.plan
     output.print(
         f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
     )
-    facts, _ = run_comparison(planned, executor)
+    evaluated = run_with_progress(planned, executor)
     require_complete(
-        facts.run, f"resume with: gatetune campaign resume {shlex.quote(str(campaign.directory))}"
+        evaluated, f"resume with: gatetune campaign resume {shlex.quote(str(campaign.directory))}"
     )
-    show_answer(campaign, campaign.recommendation(save=False))
 
 
-def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
-    """Write the report; with the executor ``pair`` first run the default and the recommendation with all files kept."""
+def write_pages(campaign: Campaign, answer: Answer, pair: executors.Executor | None) -> None:
+    """Write the report; with the executor ``pair`` first run the default and the tuned mission with all files kept."""
     from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)
     try:
         if pair is not None and shown:
-            with working("running the default and the recommendation once more, to show them"):
+            with working("running the default and the tuned mission once more, to show them"):
                 run_showcase(campaign, pair)
                 page = write_showcase_page(campaign)
         with working("writing the report"):
-            report = write_campaign_report(campaign)
+            report = write_campaign_report(campaign, answer)
     except KeyboardInterrupt:
         output.print(
             f"no report: gatetune mission view {shlex.quote(str(campaign.directory))} writes it",
@@ -353,7 +353,7 @@ def write_pages(campaign: Campaign, pair: executors.Executor | None) -> None:
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
-        output.print(f"interactive page, the default beside the recommendation: {page}", soft_wrap=True)
+        output.print(f"interactive page, the default beside the tuned mission: {page}", soft_wrap=True)
     elif shown:
         output.print(
             f"write an interactive page of it: gatetune mission view {shlex.quote(str(campaign.directory))}",

@@ -7,29 +7,15 @@ from typing import Any
 
 from nbv.config import IDEAL
 from nbv.convert import json_ready
-from nbv.safe_files import write_atomic
+from tuner.answer import words
+from tuner.answer.answer import ANSWER_FILE, Answer, answer_of
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output
-from tuner.comparison.advice import advice_of
 from tuner.missions.registry import mission_kind
 from tuner.problem.objective import COUNTS
-from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import (
-    advice_lines,
-    changed_table,
-    gate_sentences,
-    mean_text,
-    rock_table,
-    worth_sentences,
-)
-from tuner.report.labels import (
-    counted,
-    duration,
-    metric_label,
-    number_text,
-)
+from tuner.report.labels import bracketed, counted, duration, metric_label, number_text
 
 LINE = 80  # columns of a mission's line
 
@@ -57,7 +43,7 @@ class CampaignProgress(MissionProgress):
         if event.recommendation is not None:
             best = event.recommendation
             label = metric_label(best.metric)
-            self._best = f", best {mean_text(label, best.mean, best.sd, best.interval_95)}"
+            self._best = f", best {bracketed(best.mean, *best.interval_95)} {label.unit}".rstrip()
         failed = f", {self._failed} failed" if self._failed else ""
         counts = f"{event.finished}/{event.budget}{failed}{self._best}"
         self.reached(event.finished, event.budget, counts)
@@ -144,42 +130,29 @@ def show_counts(facts: CampaignStatus) -> None:
         output.print(f"  failed {count} times: {reason}")
 
 
-def show_recommendation(best: Recommendation | None, campaign: Campaign) -> list[str]:
-    """What to fly, what that is worth, the values that differ from the defaults, rock by rock; return the first in sentences."""
-    if best is None:
-        output.print(f"no recommendation yet: {campaign.nothing_yet()}", soft_wrap=True)
-        return []
-    s = campaign.settings
-    advised = advice_lines(advice_of(campaign, best), best, s)
-    for line in (*advised, *worth_sentences(best, s), *gate_sentences(best, campaign)):
-        output.print(line, highlight=False)
-    if best.changed:
-        output.print(*changed_table(best).for_terminal())
-    output.print(*rock_table(best, campaign).for_terminal())
-    return advised
+def show_answer(campaign: Campaign, *, save: bool = True) -> Answer:
+    """Print the answer from everything in the run directory, in a screen: what to fly, the table, what was tuned, what next.
 
-
-def show_answer(campaign: Campaign, best: Recommendation | None) -> bool:
-    """Print the tables of all strategies beside ``best`` from everything in the run directory, and write them as ``comparison.json``.
-
-    Returns whether there are any.
+    ``save``: as ``answer.json``, too.
     """
-    from tuner.comparison.result import all_results
-    from tuner.report.comparison import campaign_document, legend_of, results_table
-
-    results = all_results(campaign, best)
-    if best is None or not results:
-        return False
-    document = campaign_document(results, best)
-    path = campaign.directory / "comparison.json"
-    try:
-        write_atomic(path, json.dumps(json_ready(document), indent=1))
-    except OSError as error:  # of a campaign that may only be read
-        output.print(f"{path} stays as it was: {error.strerror}", highlight=False, soft_wrap=True)
-    for each in results:
-        output.print(*results_table(each).for_terminal())
-    if legend := legend_of(results[0].table):
-        output.print(legend, style="dim")
-    for sentence in document["sentences"]:
+    answer = answer_of(campaign)
+    for sentence in words.sentences(answer):
         output.print(sentence, style="bold", highlight=False)
-    return True
+    if answer.tables:
+        output.print(*words.table_lines(answer.tables[0], answer).for_terminal())
+    if answer.recommended:
+        output.print(*words.values_table(answer).for_terminal())
+        for name, gate in answer.gates.items():
+            if gate.views:
+                output.print(words.gate_sentence(name, gate), highlight=False)
+        output.print(words.legend(answer), style="dim")
+    output.print(words.chosen_text(answer.chosen_by), highlight=False)
+    output.print(f"What next: {answer.next.why}", highlight=False)
+    if answer.next.command:
+        output.print(answer.next.command, highlight=False, soft_wrap=True)
+    if save:
+        try:
+            answer.save(campaign)
+        except OSError as error:  # of a campaign that may only be read
+            output.print(f"{ANSWER_FILE} stays as it was: {error.strerror}", highlight=False, soft_wrap=True)
+    return answer

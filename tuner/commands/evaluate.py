@@ -6,7 +6,7 @@ import dataclasses
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -36,12 +36,11 @@ from tuner.commands.options import (
     TunedRocks,
     Workers,
 )
-from tuner.comparison.advice import advice_of, next_step
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.comparison.result import ComparisonFacts
+from tuner.comparison.run import EvaluationRun
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
-from tuner.report.answer import advice_lines, next_text
 from tuner.report.labels import counted, duration
 
 
@@ -151,88 +150,80 @@ def reproduce(
 def run_and_report(
     planned: PlannedComparison, out: Path | None, workers: int | None, timeout_s: float
 ) -> None:
-    """Run what is missing, say what was found, write the report, and the page of the campaign, which shows what it found, anew.
+    """Run what is missing and say what was found.
 
-    Table I is shown with the paper's numbers beside it.
+    What counts toward a campaign's answer is shown in that answer, on the terminal and on its page; Table I, beside the paper's
+    numbers, and what does not count, on a page of its own.
     """
-    from tuner.report import comparison
+    from tuner.report.campaign_page import write_campaign_report
 
-    plan, paper = planned.plan, planned.source is None
+    plan, source = planned.plan, planned.source
     executor = planned.executor(workers, timeout_s)
     taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
     not_counted = planned.not_counted(out)
-    said = filter(None, [mission_kind(plan.fidelity).note, not_counted])
-    notes = (*planned.notes, *said, *map(_ceiling, taken))
+    notes = (
+        *planned.notes,
+        *filter(None, [mission_kind(plan.fidelity).note, not_counted]),
+        *map(_ceiling, taken),
+    )
     planned = dataclasses.replace(planned, notes=notes)
     for note in notes:
         output.print(note, style="yellow")
-    named = comparison.strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     output.print(
-        f"{named} on {counted(len(plan.rocks), 'rock')}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{counted(len(plan.strategies), 'strategy').replace('ys', 'ies')} on {counted(len(plan.rocks), 'target')}, "
+        f"{counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     note_dense_stage(mission_kind(plan.fidelity), next(iter(plan.strategies.values())))
     with executor:
-        facts, report = run_comparison(planned, executor, out, f"gatetune {shlex.join(sys.argv[1:])}")
+        evaluated = run_with_progress(planned, executor, out)
+    if source is None or not_counted:
+        _report(planned, evaluated)
+    else:
+        answer = show_answer(source)
+        answer_json(answer.to_dict())
+        try:
+            with working("writing the campaign's page"):
+                output.print(f"page: {write_campaign_report(source, answer)}", soft_wrap=True)
+        except UserError as error:  # of a campaign that may only be read
+            output.print(f"its page stays as it was: {error}", highlight=False, soft_wrap=True)
+    for reason, times in evaluated.failures.items():
+        output.print(f"failed {times} times: {reason}", style="red")
+    require_complete(evaluated)
+
+
+def run_with_progress(
+    planned: PlannedComparison, executor: Executor, out: Path | None = None
+) -> EvaluationRun:
+    """Run what is missing of a comparison, with a line for every mission."""
+    with ComparisonProgress(planned.goal.shown.metric) as show:
+        return planned.run(executor, show, out)
+
+
+def _report(planned: PlannedComparison, evaluated: EvaluationRun) -> None:
+    """Print the tables of one comparison, and write its page."""
+    from tuner.report import comparison
+
+    plan, paper, facts = planned.plan, planned.source is None, ComparisonFacts(planned, evaluated)
+    with working("writing the report"):
+        report = comparison.write_comparison_report(facts, f"gatetune {shlex.join(sys.argv[1:])}")
     for line in comparison.verdict_lines(facts):
         output.print(line, style="bold")
-    answer = {} if planned.source is None else show_all_results(planned.source, not_counted)
-    tables = {f"Under {name}": table for name, table in facts.conditions.items()}
-    if not answer.pop("tables", False):
-        tables = {"Results by strategy": facts.summary, **tables}
+    tables = {
+        "Results by strategy": facts.summary,
+        **{f"Under {name}": t for name, t in facts.conditions.items()},
+    }
     shown = [comparison.strategy_table(t, name, planned.goal.shown.metric) for name, t in tables.items()]
     if paper and "whole" in facts.tables:  # no mission that has ended well, no table
-        table_i = facts.tables["whole"]
-        shown.append(comparison.table_i(table_i, "Table I, whole surface", paper=True, differences=False))
+        title = "Table I: completeness and distances on the whole surface"
+        shown.append(comparison.table_i(facts.tables["whole"], title, paper=True, differences=False))
     for table in shown:
         output.print(*table.for_terminal())
     if paper:
         output.print(comparison.paper_note(plan.fidelity))
-    output.print(f"{duration(facts.run.elapsed_s)}; report: {report}")
+    output.print(f"{duration(evaluated.elapsed_s)}; report: {report}")
     document = comparison.evaluation_document(facts)
-    answer_json({"title": planned.title, "directory": report.parent, "report": report, **document, **answer})
-    for reason, times in facts.run.failures.items():
-        output.print(f"failed {times} times: {reason}", style="red")
-    require_complete(facts.run)
-
-
-def run_comparison(
-    planned: PlannedComparison, executor: Executor, out: Path | None = None, command: str = ""
-) -> tuple[ComparisonFacts, Path]:
-    """Run what is missing and write the report; return what was found, and the report."""
-    from tuner.report.comparison import write_comparison_report
-
-    with ComparisonProgress(planned.goal.shown.metric) as show:
-        facts = ComparisonFacts(planned, planned.run(executor, show, out))
-    with working("writing the report"):
-        return facts, write_comparison_report(facts, command)
-
-
-def show_all_results(campaign: Campaign, not_counted: str) -> dict[str, Any]:
-    """Print the campaign's tables, what to fly and what next, anew from all results, which its page has, too; return what was said.
-
-    ``not_counted``: why what has just run is not among them; empty where it is.
-    """
-    from tuner.report.campaign_page import write_campaign_report
-
-    best = campaign.recommended()
-    advice = advice_of(campaign, best)
-    try:
-        with working("writing the campaign's report"):
-            write_campaign_report(campaign)
-    except UserError as error:  # of a campaign that may only be read; what was run is said all the same
-        output.print(f"its page stays as it was: {error}", highlight=False, soft_wrap=True)
-    tables = show_answer(campaign, best)
-    said = advice_lines(advice, best, campaign.settings)
-    why, command = next_text(next_step(campaign, best, advice), campaign, advice)
-    for line in said:
-        output.print(line, style="bold", highlight=False)
-    if not_counted:
-        output.print(not_counted, style="yellow")
-    output.print(f"What next: {why}", highlight=False)
-    if command:
-        output.print(command, highlight=False, soft_wrap=True)
-    return {"tables": tables, "advice": said, "next": {"why": why, "command": command}}
+    answer_json({"title": planned.title, "directory": report.parent, "report": report, **document})
 
 
 def _ceiling(name: str) -> str:

@@ -24,17 +24,16 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
-from tuner.comparison.advice import Advice, advice_of
+from tuner.answer.answer import Answer, answer_of
+from tuner.answer.words import sentences
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.export.mission_files import mission_config, read_flight, rock_of_mission
 from tuner.export.records import write_csv
 from tuner.export.route import Home, qgc_plan
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
-from tuner.problem.baselines import TUNED, base_name, baseline
+from tuner.problem.baselines import ANSWERS, base_name, baseline, is_ablation
 from tuner.problem.baselines import label as strategy_label
-from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import advice_lines
 
 
 class Format(StrEnum):
@@ -70,8 +69,7 @@ def export(
     strategy: Annotated[
         str | None,
         typer.Option(
-            help="What is written: tuned (the recommendation), or another strategy, such as orbit (default: what the "
-            "campaign advises to fly)."
+            help="What is written: tuned-gate, tuned-planner, or another strategy, such as orbit (default: what to fly)."
         ),
     ] = None,
     anyway: Annotated[
@@ -91,23 +89,25 @@ def export(
     if to is Format.plan and not (run / SETTINGS_FILE).is_file():
         return _write_plan(run, run, rock, _place(home), out)
     campaign = Campaign.open(run, read_only=True)
-    best = campaign.recommended()
+    campaign.recommended()  # says where there is none
+    answer = answer_of(campaign)
     if to is not None:
-        _require_limit_kept(best, anyway)
-    advice = advice_of(campaign, best)
-    for line in advice_lines(advice, best, campaign.settings):
+        _require_limit_kept(answer, anyway)
+    for line in sentences(answer):
         _say(line)
-    exported = _exported(campaign, best, advice, strategy)
+    exported = _exported(campaign, answer, strategy)
     if to is Format.plan:
         return _export_plan(exported, rock, _place(home), out)
     files = vehicle_files(exported, {to.value: onto} if to and onto else None)
     options = ["--to", files[0].name, *(() if strategy is None else ("--strategy", strategy))]
-    options += ["--anyway"] if best.limit is not None and not best.limit.kept else []
+    limits = [each.limit for each in answer.recommended.values() if each.limit is not None]
+    options += ["--anyway"] if any(not limit.kept for limit in limits) else []
     first = shlex.join(["gatetune", "export", str(run), *options])
     if to is None:
         changes = ", ".join(map(exported.change, exported.values))
-        what = "recommended" if exported.is_recommended else strategy_label(exported.strategy)
-        _say(f"{what}: {changes or 'keep the default'}")
+        _say(f"{strategy_label(exported.strategy)}: {changes or 'the default'}")
+        others = [name for name in answer.configs if not is_ablation(name) and name != exported.strategy]
+        _say(f"--strategy writes another one: {', '.join(others)}")
         for f in files:
             _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
         _say(f"write the first: {first}")
@@ -123,7 +123,8 @@ def export(
     _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
 
 
-def _require_limit_kept(best: Recommendation, anyway: bool) -> None:
+def _require_limit_kept(answer: Answer, anyway: bool) -> None:
+    best = list(answer.recommended.values())[-1]
     if best.limit is not None and not best.limit.kept and not anyway:
         sign = "<=" if best.limit.direction == "minimise" else ">="
         raise UserError(
@@ -165,21 +166,15 @@ def _place(home: str | None) -> Home:
         ) from error
 
 
-def _exported(campaign: Campaign, best: Recommendation, advice: Advice, strategy: str | None) -> Exported:
-    """The recommendation, the plan that is advised, or the plain plan that is named."""
-    advised, problem = base_name(advice.fly), campaign.settings.problem
-    name = strategy or advised
-    if name == TUNED:
-        config = problem.config(best.values)
-    elif name == advised:
-        config = advice.config
-    elif ran := [n for n in advice.results.strategies if name in (n, base_name(n))]:
-        config = advice.results.strategies[ran[0]]  # of several numbers of photographs the first
-    elif name in problem.arms:
-        config = problem.config(problem.arms[name])
-    else:
-        config = baseline(name, (TUNED,)).config(problem.base)
-    return Exported(campaign, best, name, config)
+def _exported(campaign: Campaign, answer: Answer, strategy: str | None) -> Exported:
+    """What is to be flown, or the strategy of the answer that is named."""
+    assert answer.fly is not None
+    name = strategy or answer.fly.strategy
+    ran = [n for n in answer.configs if name in (n, base_name(n))]
+    if ran:
+        # Of several numbers of photographs the first.
+        return Exported(campaign, ran[0], answer.configs[ran[0]], answer.recommended.get(ran[0]))
+    return Exported(campaign, name, baseline(name, ANSWERS).config(campaign.settings.problem.base))
 
 
 def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | None) -> None:
@@ -194,7 +189,7 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
         views = [view.id for view in seed_viewpoints(config)]
         return _write_route(config, views, home, out or run / "route.plan", [said])
     remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
-    if not exported.is_recommended:
+    if exported.best is None or exported.strategy != exported.campaign.settings.problem.answers[-1].name:
         raise UserError(f"{exported.strategy} plans views, which hold for one target: {remedy}")
     source, shown = _recommended_mission(run), Path(s.problem.drawn_rock(s.rocks[0], 0)).stem
     if rock is None or Path(rock).stem != shown:

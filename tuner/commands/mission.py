@@ -34,7 +34,7 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
-from tuner.report.answer import gate_words
+from tuner.answer.words import gate_words
 from tuner.report.labels import duration, format_number
 
 app = typer.Typer(no_args_is_help=True)
@@ -117,11 +117,11 @@ def explain(
 ) -> None:
     """Print what the gate decided at each step and why, with the values that it compared with its thresholds.
 
-    Example: gatetune mission explain runs/mine/shown/recommended
+    Example: gatetune mission explain runs/mine/shown/tuned-planner
     """
     if (mission / SETTINGS_FILE).is_file():
         raise UserError(
-            f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
+            f"{mission} is a campaign; name one of its missions, such as {mission}/shown/tuned-planner"
         )
     gate, trace = planned_config(mission).gate, MissionResult.load(mission).trace
     if gate.kind == "hyb-h":

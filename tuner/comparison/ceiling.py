@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nbv.geometric.curve_fidelity import run_curve_mission
-from tuner.comparison.advice import CEILING, LITTLE
-from tuner.comparison.curves import Suite, comparison_plans, require_room
+from tuner.comparison.curves import CEILING, LITTLE, Suite, comparison_plans, require_room
 from tuner.problem.baselines import ORBITS
 from tuner.problem.instances import Instance
 

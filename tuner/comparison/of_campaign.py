@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,24 +16,26 @@ from tuner.campaign.earlier_campaigns import learn_from
 from tuner.campaign.mission_problem import Evaluated
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
+from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
 from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
 from tuner.missions.registry import DEFAULT_FIDELITY, mission_kind
 from tuner.problem.baselines import (
+    ANSWERS,
     COMPARISON,
     REPRODUCTION_STRATEGIES,
-    TUNED,
     baseline_configs,
+    label,
     reference_of,
 )
 from tuner.problem.goal import Goal
 from tuner.problem.objective import Objective
+from tuner.problem.regions import TUNED
 from tuner.recommendation.recommendation import Recommendation
 
-AT_THE_END = 2  # replicates of the comparison that a campaign ends in
+AT_THE_END = 1  # replicates of the comparison that a campaign ends in
 MARGIN = 1.0  # loss of quality that counts as none where there is a constraint: percent points of F-score
-HELD_OUT, TRAINING = "evaluation", "confirmation"  # where a campaign's comparisons lie
+EVALUATION, CONFIRMATION = "evaluation", "confirmation"  # where a campaign's comparisons lie
 TABLE_I = Goal(Objective("whole.completeness_48mm"))
 
 
@@ -91,17 +92,17 @@ def held_out(
     Raises `UserError`: no mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the
     campaign.
     """
-    s, best = source.settings, source.recommended()
+    s, found = source.settings, source.recommended()
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
-    s.problem.strategies(_evaluated(source, best, under, ()), strategies)  # names, before rocks take minutes
+    s.problem.strategies(_evaluated(source, found, under, ()), strategies)  # names, before rocks take minutes
     chosen, replicates = source.evaluation_rocks(rocks, replicates)
-    tuned = _evaluated(source, best, under, chosen)
+    tuned = _evaluated(source, found, under, chosen)
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
-    against = reference_of([name for name in plan.strategies if name != TUNED], s.problem.reference)
-    notes = (*_notes(best), *notes, *_conditions(source, under))
-    title = f"{s.name}: tuned against baselines on held-out rocks"
-    return PlannedComparison(plan, against, title, source.directory / HELD_OUT, notes, s.goal, source)
+    against = reference_of([name for name in plan.strategies if name not in ANSWERS], s.problem.reference)
+    notes = (*_notes(found), *notes, *_conditions(source, under))
+    title = f"{s.name}: tuned against baselines on held-out targets"
+    return PlannedComparison(plan, against, title, source.directory / EVALUATION, notes, s.goal, source)
 
 
 def _against_baselines(
@@ -120,8 +121,7 @@ def confirmation(
     replicates: int = 4,
     fidelity: str = DEFAULT_FIDELITY,
 ) -> PlannedComparison | None:
-    """The recommendation, the default and plain orbits on training rocks with fresh replicates; None where the first two
-    are one.
+    """The tuned configurations, the default and plain orbits on training rocks with fresh replicates; None where nothing is tuned.
 
     Raises `UserError`: no mission has succeeded; a rock was not tuned on.
     """
@@ -133,28 +133,22 @@ def confirmation(
             raise UserError(
                 f"{source.directory} was not tuned on {rock!r}; name one of {', '.join(known)}, or use evaluate"
             )
-    best = source.recommended()
-    if best.keep_default:
+    found = source.recommended()
+    if all(best.keep_default for best in found.values()):
         return None
-    controls, notes = s.problem.controls(_evaluated(source, best, s.conditions, chosen))
-    first = max(
-        [s.problem.replicates, *(trial.replicate + 1 for trial in source.trials())]
-    )  # that nothing has run
+    configs, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
+    # Replicates that nothing has run.
+    first = max([s.problem.replicates, *(trial.replicate + 1 for trial in source.trials())])
     if s.problem.draws_rocks:
         chosen = tuple(s.problem.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
         first, replicates = 0, 1
     plan = EvaluationPlan(
-        {TUNED: s.problem.config(best.values), "default": s.problem.config(s.problem.default), **controls},
-        chosen,
-        replicates,
-        first_replicate=first,
-        fidelity=fidelity,
-        conditions=s.conditions,
+        configs, chosen, replicates, first_replicate=first, fidelity=fidelity, conditions=s.conditions
     )
-    title = f"{s.name}: the recommendation against the default on training rocks, fresh replicates"
-    notes = (*_notes(best), *notes)
-    usual = source.directory / TRAINING
-    return PlannedComparison(plan, "default", title, usual, notes, s.goal, source)
+    reference = reference_of([name for name in configs if name not in ANSWERS], s.problem.reference)
+    title = f"{s.name}: tuned against baselines on training targets, fresh replicates"
+    usual = source.directory / CONFIRMATION
+    return PlannedComparison(plan, reference, title, usual, (*_notes(found), *notes), s.goal, source)
 
 
 def reproduction(
@@ -216,38 +210,34 @@ def require_comparable(s: CampaignSettings) -> None:
                 "or leave --learn-from out"
             )
     for values in s.problem.arms.values():
-        tuned = Evaluated(values, None, s.conditions, rocks)
+        tuned = Evaluated({TUNED: values}, None, s.conditions, rocks)
         plan, _ = _against_baselines(s, tuned, COMPARISON, replicates, s.fidelity)
         plan.require_runnable()
 
 
-def evaluations(source: Campaign, name: str, tuned: MissionConfig) -> list[tuple[Path, EvaluationPlan]]:
-    """Return the directories ``name``, ``name-2`` and so on in which ``tuned`` was evaluated, with their plans."""
-    matching = []
-    for path in sorted(source.directory.glob(f"{name}*/{PLAN_FILE}")):
-        with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
-            plan = EvaluationPlan.load(path.parent)
-            if plan.strategies.get(TUNED) == tuned:
-                matching.append((path.parent, plan))
-    return matching
-
-
 def _evaluated(
-    source: Campaign, best: Recommendation, conditions: Sequence[Condition], rocks: Sequence[str]
+    source: Campaign,
+    found: Mapping[str, Recommendation],
+    conditions: Sequence[Condition],
+    rocks: Sequence[str],
 ) -> Evaluated:
-    return Evaluated(best.values, source.mean_photographs(best.values), conditions, rocks)
+    values = {name: best.values for name, best in found.items()}
+    return Evaluated(values, source.mean_photographs(list(values.values())[-1]), conditions, rocks)
 
 
-def _notes(best: Recommendation) -> tuple[str, ...]:
-    """What a reader of the outcome must know of the recommendation."""
-    notes = []
-    if best.keep_default:
-        notes.append("The campaign recommends to keep the default: Tuned is the default.")
-    if best.limit is not None and not best.limit.kept:
-        notes.append(
-            "Nothing that the campaign ran is known to meet its constraint: Tuned comes nearest to it, with probability "
-            f"{best.limit.probability:.0%}."
-        )
+def _notes(found: Mapping[str, Recommendation]) -> tuple[str, ...]:
+    """What a reader of the outcome must know of the recommendations."""
+    notes = [
+        f"{label(name)} is the default: nothing was found to be better."
+        for name, best in found.items()
+        if best.keep_default
+    ]
+    notes += [
+        f"Nothing that the campaign ran is known to meet its constraint: {label(name)} comes nearest to it, with probability "
+        f"{best.limit.probability:.0%}."
+        for name, best in found.items()
+        if best.limit is not None and not best.limit.kept
+    ]
     return tuple(notes)
 
 

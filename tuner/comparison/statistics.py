@@ -10,8 +10,7 @@ import collections
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from scipy import stats
-
+from nbv.evaluation.registry import find_metric
 from tuner.missions.job import Trial
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.objective import Objective
@@ -56,9 +55,19 @@ PAPER_TABLE_I: dict[str, dict[str, float]] = {
 }
 
 
+def score_of(record: Trial, objective: Objective) -> float | None:
+    """Return a mission's metric; of a failed mission 0 where that is the worst (a percentage that should be high), else None."""
+    value = record.measured(objective)
+    if value is None and record.record.status == "failed" and objective.direction == "maximise":
+        metric = find_metric(objective.metric.rpartition(".")[2])
+        return 0.0 if metric is not None and metric[0].unit == "%" else None
+    return value
+
+
 def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[Block, float]:
-    """A metric by block, failed missions left out."""
-    values = {(r.instance, r.replicate): r.value(key) for r in records if r.strategy == strategy}
+    """A metric by block, failed missions as `score_of` counts them."""
+    objective = Objective(key, "maximise")
+    values = {(r.instance, r.replicate): score_of(r, objective) for r in records if r.strategy == strategy}
     return {block: value for block, value in values.items() if value is not None}
 
 
@@ -81,24 +90,6 @@ def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
     for (instance, _), value in values.items():
         by_rock.setdefault(instance.rock, []).append(value)
     return mean_interval(by_rock)
-
-
-def share_kept(records: Sequence[Trial], strategy: str, limited: Objective, limit: float) -> Interval | None:
-    """Share of the rocks, in percent, whose mean meets the constraint, with Wilson's interval.
-
-    A rock on which a mission failed has not kept it. None where the strategy has no mission.
-    """
-    ran = collections.Counter(r.rock for r in records if r.strategy == strategy)
-    if not ran:
-        return None
-    by_rock: dict[str, list[float]] = {rock: [] for rock in ran}
-    for (instance, _), value in values_of(records, strategy, limited.metric).items():
-        by_rock[instance.rock].append(limited.sign * value)
-    least = limited.sign * limit - 1e-9 * abs(limit)
-    met = sum(len(ys) == ran[rock] and sum(ys) / len(ys) >= least for rock, ys in by_rock.items())
-    share, rocks, missions = 100 * met / len(ran), len(ran), ran.total()
-    bounds = stats.binomtest(met, rocks).proportion_ci(method="wilson")
-    return Interval(share, 100 * bounds.low, 100 * bounds.high, rocks, missions, "wilson")
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:

@@ -29,18 +29,14 @@ class Exported:
     """A configuration that a vehicle is to fly, and the campaign that it is from."""
 
     campaign: Campaign
-    best: Recommendation
-    strategy: str  # which plan it is: the recommendation (``tuned``), or a plain plan's name
+    strategy: str  # which plan it is: a tuned configuration's name, or a baseline's
     config: MissionConfig  # under no condition
-
-    @cached_property
-    def is_recommended(self) -> bool:
-        """Whether it runs the missions of the recommendation."""
-        return mission_key(self.config) == mission_key(self._at(self.best.values))
+    best: Recommendation | None = None  # that it is; None for a baseline
 
     @cached_property
     def default(self) -> MissionConfig:
-        return self._at(self.best.default_values)
+        problem = self.campaign.settings.problem
+        return problem.config(problem.default)
 
     @cached_property
     def values(self) -> dict[str, Any]:
@@ -51,9 +47,6 @@ class Exported:
     def change(self, path: str) -> str:
         """``seed.count 14 (default 24)``."""
         return f"{path} {short(self.values[path])} (default {short(value_at(self.default, path))})"
-
-    def _at(self, values: Mapping[str, Any]) -> MissionConfig:
-        return self.campaign.settings.problem.config(values)
 
 
 def _flat(config: MissionConfig) -> dict[str, Any]:
@@ -144,10 +137,11 @@ def _header(exported: Exported, carried: Sequence[str]) -> list[str]:
     missing = [path for path in changed if path not in carried]
     lines += [f"carries: {exported.change(path)}" for path in carried]
     lines += [f"does not carry: {exported.change(path)}" for path in missing]
-    if not exported.is_recommended:
-        lines.append(f"{strategy_label(exported.strategy)}, not the campaign's recommendation")
+    lines.append(strategy_label(exported.strategy))
+    if best is None:
+        pass
     elif not changed:
-        lines.append("recommended: keep the default, which this file has")
+        lines.append("nothing was found to be better than the default, which this file has")
     elif missing:
         lines.append(f"the gain of {len(carried)} of the {len(changed)} changes alone was not measured")
     else:

@@ -174,7 +174,10 @@ SIMPLEST_FIRST = (
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
 # Labels and descriptions of all strategies, in the order of tables.
 _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in BASELINES.values()} | {
-    TUNED_GATE: ("Tuned gate", "thresholds, weights and repairing scorer tuned; seeds and pool as in the paper"),
+    TUNED_GATE: (
+        "Tuned gate",
+        "thresholds, weights and repairing scorer tuned; seeds and pool as in the paper",
+    ),
     TUNED_PLANNER: ("Tuned planner", "seeds and pool tuned besides, at least three views planned"),
     TUNED: ("Tuned", "the recommended configuration"),
     "default": ("Default", "the campaign's configuration with nothing tuned"),

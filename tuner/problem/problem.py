@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tuner.problem.instances import Instance, are_drawn, rocks_of
+from tuner.problem.regions import TUNED, Region
 from tuner.problem.search_space import SearchSpace, Values
 
 
@@ -22,6 +23,12 @@ class Problem:
     replicates: int = 1  # per instance
     # The plain plans that run beside what is searched, by strategy, the simplest first; the default is one of them.
     arms: Mapping[str, Values] = field(default_factory=dict)
+    regions: tuple[Region, ...] = ()  # whose best configurations are asked for
+
+    @property
+    def answers(self) -> tuple[Region, ...]:
+        """The regions; without one all of the space."""
+        return self.regions or (Region(TUNED, self.space),)
 
     @property
     def rocks(self) -> tuple[str, ...]:

@@ -151,7 +151,9 @@ class SearchSpace:
 
         def fit(p: Parameter) -> Parameter:
             default = seeded.get(p.path, value_at(base, p.path)) if p.default is None else p.default
-            return dataclasses.replace(p, default=default, high=min(p.high, number) if p.path == "seed.count" else p.high)
+            return dataclasses.replace(
+                p, default=default, high=min(p.high, number) if p.path == "seed.count" else p.high
+            )
 
         fixed = {"stop.adaptive_budget": number, "stop.max_photographs": number}
         return dataclasses.replace(

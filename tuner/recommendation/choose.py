@@ -1,15 +1,13 @@
-"""Chooses the configuration to recommend among those that have been run, with its uncertainty.
+"""Chooses the configurations to recommend among those that have been run, one in every region, with their uncertainty.
 
-Of the plain plans (orbits, random views, the default) the first stands unless it fails more often than another, or another is
-better with a 95 % interval over the training rocks: a few rocks say little of which orbit is the best on others. Most parameters
-that a search varies have no effect on the outcome. So among the configurations that are better than the best plain plan, with a
-95 % interval, the one with the fewest changes is taken that is not worse than the best of them, or that had exactly its outcomes.
-Where none is better, a plain plan is recommended: the gain lies within the noise.
+Most parameters that a search varies have no effect on the outcome. So of the configurations that are not worse than the best
+posterior mean the one with the fewest changes is taken, or one that had exactly its outcomes with fewer. Whether it is better than a
+plain plan is not decided here but on missions that both flew (`tuner.answer`).
 
 The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
 infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
-rocks and with two replicates, and where there are several conditions under two (`enough`). The plain plans need not: they were
-not selected by their outcomes.
+rocks and with two replicates, and where there are several conditions under two (`enough`). The default need not: it was not
+selected by its outcomes.
 """
 
 from __future__ import annotations
@@ -25,7 +23,6 @@ import numpy as np
 from tuner.acquisition.constrained import Constraint, second_model
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance, conditions_of, rocks_of
-from tuner.problem.intervals import MIN_ROCKS, mean_interval
 from tuner.problem.observations import (
     Block,
     Key,
@@ -35,15 +32,10 @@ from tuner.problem.observations import (
     configuration_key,
 )
 from tuner.problem.problem import Problem
+from tuner.problem.regions import Region
 from tuner.problem.search_space import Values
 from tuner.problem.standardise import FEW
-from tuner.recommendation.recommendation import (
-    BestPlain,
-    Limit,
-    Outlier,
-    Recommendation,
-    RockRow,
-)
+from tuner.recommendation.recommendation import Limit, Outlier, Recommendation
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.posterior import interval_95, probability_positive
@@ -65,15 +57,16 @@ def recommend(
     history: Sequence[Observation],
     *,
     only_verified: bool = True,
-) -> Recommendation | None:
-    """Return the recommendation after the finished missions of ``history``; None before the first feasible one.
+) -> dict[str, Recommendation]:
+    """Return the recommendation of every region by its name, after the finished missions; nothing before the first feasible one.
 
-    With ``only_verified`` a configuration has to have run often enough.
+    With ``only_verified`` a configuration has to have run often enough, where one of its region has.
     """
     if not any(o.feasible for o in history):
-        return None
+        return {}
     choice = Choice(problem, goal, history, only_verified=only_verified)
-    return choice.recommendation(choice.chosen_index())
+    found = (choice.recommendation(region) for region in problem.answers)
+    return {each.name: each for each in found if each is not None}
 
 
 def constraint_of(problem: Problem, goal: Goal, history: Sequence[Observation]) -> Constraint | None:
@@ -119,9 +112,6 @@ class Choice:
         self.problem, self.goal = problem, goal
         self.model, self.outliers = without_outliers(every, problem.repeatable)
         self.constraint = constraint_of(problem, goal, history)
-        # The model of `Goal.shown`.
-        limited = None if self.constraint is None or goal.shown is goal.objective else self.constraint.model
-        self.shown = limited or self.model
         self.failures = sum(not o.feasible for o in history)
         self.candidates = self._all_candidates(history, only_verified=only_verified)
         if len(self.candidates) > JOINT:
@@ -156,19 +146,15 @@ class Choice:
             for i, (value, ran, keep) in enumerate(zip(values, missions, keeps))
         ]
 
-    @property
-    def eligible(self) -> list[int]:
-        """Indices of the candidates that may be recommended; not empty."""
-        return [i for i, candidate in enumerate(self.candidates) if candidate.eligible]
-
     def _most_promising(self) -> list[Candidate]:
-        """Return the best eligible ones by posterior mean, few enough for a joint posterior, and the plain plans among them."""
-        candidates = self.candidates
+        """Return the best eligible ones by posterior mean, few enough for a joint posterior, and the default."""
+        candidates, space = self.candidates, self.problem.space
         best_first = self.model.best_first([candidate.values for candidate in candidates])
         few = max(TOP, JOINT // len(self.model.instances))
+        default = configuration_key(space, self.problem.default)
         best = [i for i in best_first if candidates[i].eligible][:few]
-        plain = self.plain_plans(self.eligible)
-        return [candidates[i] for i in dict.fromkeys([*best, *plain])]
+        best += [i for i, c in enumerate(candidates) if configuration_key(space, c.values) == default]
+        return [candidates[i] for i in dict.fromkeys(best)]
 
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
@@ -178,39 +164,21 @@ class Choice:
     def changes(self, index: int) -> int:
         return len(changes(self.candidates[index].values, self.problem.default))
 
-    def chosen_index(self) -> int:
-        """Return the index of the candidate to recommend, by the rule in this file's docstring."""
-        among = self.eligible
-        index = self._fewest_changes(among)
-        if self.problem.arms and index in self.plain_plans(among):
-            return index
+    def chosen_index(self, region: Region) -> int | None:
+        """Return the index of the candidate to recommend in a region, by the rule in this file's docstring; None where none ran."""
+        inside = [i for i, candidate in enumerate(self.candidates) if region.contains(candidate.values)]
+        among = [i for i in inside if self.candidates[i].eligible] or inside
+        if not among:
+            return None
+        sound = [i for i in among if not self._fails_more(i)] or among
+        best = max(sound, key=lambda i: self.posterior.mean[i])
+        not_worse = [i for i in sound if self._not_worse(i, best)]
+        index = min(not_worse, key=lambda i: (self.changes(i), -self.posterior.mean[i]))
         outcomes = self.candidates[index].outcomes
         theirs = {i: self.candidates[i].outcomes for i in among}
         same = [i for i in among if outcomes.items() <= theirs[i].items()]
         same = [i for i in same if outcomes == theirs[i] or self._not_worse(i, index)]
         return min(same, key=self.changes)
-
-    def _fewest_changes(self, among: Sequence[int]) -> int:
-        """Return the one of ``among``, not empty, with the fewest changes that is not worse than the best of them.
-
-        A plain plan is taken where none of ``among`` is better than it with a 95 % interval.
-        """
-        better = list(among)
-        plain = self.plain_plans(among)
-        if plain:
-            best = max(plain, key=lambda i: self.posterior.mean[i])
-            better = [
-                i
-                for i in among
-                if i not in plain
-                and interval_95(*self.posterior.difference(i, best))[0] > 0.0
-                and not self._fails_more(i, best)
-            ]
-            if not better:
-                return self._first_plain(plain)
-        best = max(better, key=lambda i: self.posterior.mean[i])
-        not_worse = [i for i in better if self._not_worse(i, best)]
-        return min(not_worse, key=lambda i: (self.changes(i), -self.posterior.mean[i]))
 
     def _not_worse(self, i: int, best: int) -> bool:
         """Return whether the posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and a loss
@@ -220,90 +188,42 @@ class Choice:
         unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
         return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
-    def plain_plans(self, among: Sequence[int]) -> dict[int, str]:
-        """Return the indices of those of ``among`` that are plain plans, with the plan's strategy."""
-        arms: Mapping[str, Mapping[str, Any]] = self.problem.arms or {"": self.problem.default}
-        return {
-            i: name for name, arm in arms.items() for i in among if self.candidates[i].values == dict(arm)
-        }
+    def _fails_more(self, i: int) -> bool:
+        """Return whether a candidate failed in `MORE_FAILURES` of the blocks that the default ran, too, more than that did."""
+        default = next((c for c in self.candidates if c.values == dict(self.problem.default)), None)
+        one, other = self.candidates[i].outcomes, {} if default is None else default.outcomes
+        return sum((one[b] is None) - (other[b] is None) for b in one.keys() & other.keys()) >= MORE_FAILURES
 
-    def _first_plain(self, plain: Mapping[int, str]) -> int:
-        """Return the first plain plan or, of those that are better than it on the training rocks, the best."""
-        first, *others = plain
-        better = [i for i in others if self._better_on_rocks(i, first)]
-        return max(better, key=lambda i: self.posterior.mean[i]) if better else first
-
-    def _better_on_rocks(self, i: int, j: int) -> bool:
-        """Return whether ``j`` fails more often than ``i``, or else ``i`` is better by more than noise with a 95 % interval over rocks.
-
-        Paired by block. Fewer than three rocks say nothing of others: on them the model's interval counts.
-        """
-        if self._fails_more(j, i) or self._fails_more(i, j) or self._not_worse(j, i):
-            return self._fails_more(j, i)
-        one, other = self.candidates[i].outcomes, self.candidates[j].outcomes
-        of_rock: dict[str, list[float]] = {}
-        for block in (block for block in one if block in other):
-            if (y := one[block]) is not None and (there := other[block]) is not None:
-                of_rock.setdefault(block[0].rock, []).append(y - there)
-        if len(of_rock) < MIN_ROCKS:
-            return interval_95(*self.posterior.difference(i, j))[0] > 0.0
-        gain = mean_interval(of_rock)
-        return gain is not None and gain.low is not None and gain.low > 0.0
-
-    def _fails_more(self, i: int, j: int) -> bool:
-        """Return whether candidate ``i`` failed in `MORE_FAILURES` of the blocks that both ran more than ``j`` did, or in still more."""
-        one, other = self.candidates[i].outcomes, self.candidates[j].outcomes
-        more = sum((one[b] is None) - (other[b] is None) for b in one.keys() & other.keys())
-        return more >= MORE_FAILURES
-
-    def _best_plain(self, index: int) -> tuple[str, BestPlain | None]:
-        """Return which plain plan a candidate is, and the best of them with the candidate's gain over it."""
-        plain = self.plain_plans(range(len(self.candidates)))
-        if len(self.problem.arms) < 2 or not plain:
-            return "", None
-        best = max(plain, key=lambda i: (self.posterior.mean[i], i == index))
-        gain, sd = self.posterior.difference(index, best)
-        mean = self.goal.objective.sign * self.posterior.mean[best]
-        values = dict(self.candidates[best].values)
-        return plain.get(index, ""), BestPlain(plain[best], values, float(mean), gain, interval_95(gain, sd))
-
-    def recommendation(self, index: int) -> Recommendation:
+    def recommendation(self, region: Region) -> Recommendation | None:
+        """Return the best of a region; None where nothing has run in it."""
+        index = self.chosen_index(region)
+        if index is None:
+            return None
         problem, goal, model, posterior = self.problem, self.goal, self.model, self.posterior
-        values = self.candidates[index].values
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
-        plain, best_plain = self._best_plain(index)
         return Recommendation(
-            values=values,
+            name=region.name,
+            values=self.candidates[index].values,
+            missions=len(self.candidates[index].missions),
             mean=mean,
             sd=sd,
             interval_95=interval_95(mean, sd),
-            per_rock=[self._rock_row(instance, index) for instance in problem.instances],
             default_values=dict(problem.default),
             default_mean=sign * self.plausible(posterior.mean[-1]),
             improvement=gain,
             improvement_sd=gain_sd,
             improvement_interval_95=interval_95(gain, gain_sd),
-            noise_sd=self.shown.noise_sd,
+            noise_sd=model.noise_sd,
             observations=len(model.observations),
             failures=self.failures,
             metric=goal.objective.metric,
             direction=goal.objective.direction,
-            leave_one_out=self.shown.leave_one_out(),
+            leave_one_out=model.leave_one_out(),
             limit=self._limit(index),
             outliers=self._outliers(),
-            plain=plain,
-            best_plain=best_plain,
         )
-
-    def _rock_row(self, instance: Instance, index: int) -> RockRow:
-        sign, candidate = self.goal.shown.sign, self.candidates[index]
-        here = [o for o in self.goal.as_shown(candidate.missions) if o.instance == instance]
-        outcomes = [o.outcome for o in here if o.outcome is not None]
-        observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-        predicted = sign * self.shown.predict_mission(candidate.values, instance)[0]
-        return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _limit(self, index: int) -> Limit | None:
         """Return how a candidate meets the constraint on the training instances; None where nothing has a limit."""
@@ -378,7 +298,7 @@ def enough(evaluated: Collection[Block], training: Collection[Instance], replica
 def may_be_recommended(
     problem: Problem, observations: Sequence[Observation], configurations: Sequence[Mapping[str, Any]]
 ) -> list[bool]:
-    """Return for each configuration whether it has run often enough, failures not counted; the plain plans always have."""
+    """Return for each configuration whether it has run often enough, failures not counted; the default and the baselines always have."""
     p, evaluated = problem, blocks_evaluated(problem.space, [o for o in observations if o.feasible])
     trusted = {configuration_key(p.space, values) for values in (p.default, *p.arms.values())}
     keys = [configuration_key(p.space, values) for values in configurations]

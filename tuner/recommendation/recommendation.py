@@ -9,25 +9,8 @@ from typing import Any
 
 import msgspec
 
-from nbv.config import IDEAL
-from tuner.problem.instances import Instance
 from tuner.problem.objective import Direction
 from tuner.problem.observations import changes, short
-
-
-@dataclass(frozen=True)
-class RockRow:
-    """The recommended configuration on one training rock, under one of the conditions."""
-
-    rock: str
-    missions: int  # of the recommended configuration there
-    observed: float | None  # mean over those missions
-    predicted: float  # posterior mean there
-    condition: str = IDEAL
-
-    @property
-    def instance(self) -> Instance:
-        return Instance(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
@@ -53,20 +36,6 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class BestPlain:
-    """The best plain plan (a plain orbit, random views or the default), and what the recommendation gains over it.
-
-    The gain and its 95 % interval are of the objective in its unit, positive where the recommendation is better.
-    """
-
-    strategy: str
-    values: dict[str, Any]
-    mean: float
-    gain: float
-    interval_95: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class Outlier:
     """A mission whose outcome was winsorised, or that was left out."""
 
@@ -77,26 +46,23 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The answer of a campaign: ``values``, a configuration that has been run, or the default.
+    """The best configuration of one region of the search space (`tuner.problem.regions`) that has been run.
 
-    Of the configurations run often enough (``tuner.recommendation.choose``) that are not worse than the best posterior
-    mean, the one with the fewest changes; a plain plan (``plain``) where nothing is known to be better than it, which may be the
-    default (``keep_default``).
+    Of those run often enough (``tuner.recommendation.choose``) that are not worse than the best posterior mean it is the one with
+    the fewest changes, which may be the default (``keep_default``).
 
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training instances, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
     (``tuner.surrogate.posterior``).
-
-    ``per_rock``, ``noise_sd`` and ``leave_one_out`` are of `Goal.shown`: of the quality where the objective is a number of
-    photographs.
     """
 
+    name: str  # of the region: tuned-gate, tuned-planner or tuned
     values: dict[str, Any]
+    missions: int  # that ran it
     mean: float
     sd: float
     interval_95: tuple[float, float]
-    per_rock: list[RockRow]
     default_values: dict[str, Any]
     default_mean: float
     improvement: float
@@ -110,16 +76,14 @@ class Recommendation:
     leave_one_out: dict[str, float]
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()
-    plain: str = ""  # the plain plan that it is, as a strategy; empty where it is none
-    best_plain: BestPlain | None = None  # None where the default is the only one
 
     def __repr__(self) -> str:
-        """``Recommendation(seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
+        """``Recommendation(tuned: seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
         named = [f"{path} {short(self.values[path])}" for path in self.changed[:3]]
         change = ", ".join(named) + (f" and {len(self.changed) - 3} more" if len(self.changed) > 3 else "")
         low, high = self.improvement_interval_95
         return (
-            f"Recommendation({change or 'keep the default'}: {self.metric} {self.mean:.4g} in place of "
+            f"Recommendation({self.name}: {change or 'keep the default'}: {self.metric} {self.mean:.4g} in place of "
             f"{self.default_mean:.4g}, {self.improvement:+.3g} [{low:+.3g}, {high:+.3g}])"
         )
 

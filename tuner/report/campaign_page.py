@@ -14,35 +14,31 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import RESULT
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
+from tuner.answer import effects, words
+from tuner.answer.answer import Answer, answer_of
+from tuner.answer.evidence import Evidence, evidence_of
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
-from tuner.comparison.advice import advice_of, next_step
-from tuner.comparison.result import all_results
 from tuner.missions.job import Trial
+from tuner.problem.baselines import in_table_order, is_ablation, label
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
+from tuner.problem.regions import Region
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import (
-    advice_lines,
-    bound,
-    changed_table,
-    gate_sentences,
-    next_text,
-    rock_table,
-    worth_sentences,
-)
-from tuner.report.comparison import REPORT_FILE, earned_sentences, legend_of, results_table
-from tuner.report.figures import draw_outcomes, draw_slices, plan_figure
+from tuner.report.figures import draw_best_so_far, draw_contour, draw_outcomes, draw_slices, plan_figure
 from tuner.report.labels import (
     decimals_for,
+    difference_text,
     duration,
+    format_number,
     measure_text,
     metric_label,
+    number_text,
     parameter_label,
     short_names,
     with_unit,
@@ -51,16 +47,18 @@ from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
 from tuner.report.style import embed
 from tuner.report.table import Table
+from tuner.surrogate.model import InstanceMeanGP
 
-VIEW_FILE = "view.html"
+REPORT_FILE, VIEW_FILE = "report.html", "view.html"
 NEAR_A_BOUND = 0.01  # of the range
 BEYOND = (0.1, 0.02)  # of the range: how far beyond a bound a mission is tried
+POOR_COVERAGE, MIN_FOR_COVERAGE = 0.85, 12  # of 95 % intervals, and missions from which on it is judged
 
 
-def write_campaign_report(campaign: Campaign) -> Path:
+def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> Path:
     """Write ``report.html`` into the campaign's run directory; the path of the page.
 
-    The campaign may be finished, interrupted or still running.
+    The campaign may be finished, interrupted or still running. ``answer``: where it is known already.
 
     Raises
     ------
@@ -70,62 +68,41 @@ def write_campaign_report(campaign: Campaign) -> Path:
     s, status, trials, directory = campaign.settings, campaign.status(), campaign.trials(), campaign.directory
     if status.finished == 0:
         raise UserError(f"{directory} has no finished mission; run or resume the campaign first")
-    # The recommendation after all finished missions, the same as in status, export and evaluation.
-    best = campaign.recommendation(save=False)
-    advice = None if best is None else advice_of(campaign, best)
-    advised = [f"Nothing yet: {campaign.nothing_yet()}."]
-    if best is not None and advice is not None:
-        advised = advice_lines(advice, best, s)
-    label, word = metric_label(s.goal.shown.metric), s.problem.instance_word
-    names = _instance_names(s)
-    measured = sorted(
-        page.parent.name
-        for what in ("evaluation*", "confirmation*")
-        for page in directory.glob(f"{what}/{REPORT_FILE}")
-    )
-    why, command = next_text(next_step(campaign, best, advice), campaign, advice)
-    results = all_results(campaign, best)
-    kind = ""
-    if best is not None and not best.keep_default and (best.limit is None or best.limit.kept):
-        low, high = best.improvement_interval_95
-        kind = "better" if low > 0 else "worse" if high < 0 else "no"
-    planned = None if best is None else s.problem.config(best.values)
+    answer = answer or answer_of(campaign)
+    found, metric = answer.recommended, metric_label(s.objective.metric)
+    names, evidence = _instance_names(s), evidence_of(campaign, answer.recommended)
+    flown = None if answer.fly is None else answer.configs[answer.fly.strategy]
+    model = campaign.surrogate() if found else None
+    main = found[list(found)[-1]] if found else None
     return write_page(
         directory / REPORT_FILE,
         "campaign.html.j2",
         title=f"{s.name} · gatetune campaign",
         name=f"Campaign {s.name}",
         subtitle=_subtitle(s),
-        measure=measure_text(label.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
-        verdict_kind=kind,
-        advised=advised,
-        changed=None if best is None or best.keep_default else changed_table(best),
-        plan=embed(plan_figure(planned)) if planned is not None else "",
-        sure=["There is nothing to compare."] if best is None else worth_sentences(best, s),
-        gate=[] if best is None else gate_sentences(best, campaign),
-        earned=[] if best is None else earned_sentences(results, best),
-        result_tables=list(map(results_table, results)),
-        result_legend=legend_of(results[0].table) if results else "",
-        measured=[(name, f"{name}/{REPORT_FILE}") for name in measured],
-        next_why=why,
-        next_command=command,
+        measure=measure_text(metric.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
+        advised=words.sentences(answer),
+        plan="" if flown is None else embed(plan_figure(flown)),
+        next=answer.next,
+        result_tables=[words.table_lines(table, answer) for table in answer.tables],
+        by_target=_by_target(evidence, answer) if found else None,
+        legend=words.legend(answer) if answer.tables else "",
+        tuned=[]
+        if model is None
+        else [_tuned(campaign, answer, each, model, evidence) for each in found.values()],
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
-        warnings=_warnings(s, status, best, trials),
+        warnings=_warnings(campaign, status, answer, model),
+        chosen=words.chosen_text(answer.chosen_by),
         status=status,
         degraded=sum(t.state == "complete" and t.record.status == "degraded" for t in trials),
         computing=duration(status.mission_wall_s),
-        best=best,
         settings=s,
-        label=label,
-        outcomes=_outcome_figures(campaign, best, trials, names),
-        slices=[] if best is None else _slices(campaign, best),
-        noise=""
-        if best is None
-        else with_unit(best.noise_sd, label.difference_unit, decimals_for(best.noise_sd)),
+        label=metric,
+        outcomes=_outcome_figures(campaign, main, trials, names),
+        model=None if main is None else _model_facts(main, metric.difference_unit),
         learned=campaign.learned,
         earlier_rocks=[Path(rock).stem for rock in campaign.learned.rocks] if campaign.learned else [],
         sources=s.learn_from,
-        per_rock=None if best is None else rock_table(best, campaign),
         failures=_failure_table(trials, names),
         run=shlex.quote(str(directory)),
         command=reproduce_command(campaign),
@@ -151,52 +128,147 @@ def write_showcase_page(campaign: Campaign) -> Path | None:
     return page
 
 
-# -- the first screen: questions, each with an answer that the state of the campaign decides -------------------
+# -- what was tuned --------------------------------------------------------------------------------------------
 
 
-def _instance_names(s: CampaignSettings) -> dict[Instance, str]:
-    """``slab``, or ``slab, field`` where there is more than one condition."""
-    rocks = dict(zip(s.rocks, short_names(s.rocks)))
-    several = len(s.conditions) > 1
+def _tuned(
+    campaign: Campaign, answer: Answer, best: Recommendation, model: InstanceMeanGP, evidence: Evidence
+) -> dict[str, Any]:
+    """One tuned configuration: its values and what they earned, by the model and by missions, with figures."""
+    s, sign = campaign.settings, campaign.settings.objective.sign
+    region = next(region for region in s.problem.answers if region.name == best.name)
+    metric, history = metric_label(s.objective.metric), campaign.history()
+    unit = metric.difference_unit
+    rows = effects.parameter_rows(model, region, best.values, best.default_values)
+    groups = effects.earned_by_group(model, s.space, best.values, best.default_values)
+    gate = answer.gates[best.name]
+    has_thresholds = all(path in s.space.paths for path in effects.GATE_THRESHOLDS)
+    contour = ""
+    if has_thresholds:
+        contour = draw_contour(
+            *effects.gate_contour(model, s.space, best.values), best.values, gate.d95_m, metric, sign
+        )
+    so_far = [(number, sign * y) for number, y in effects.best_so_far(model, region, history)]
     return {
-        instance: f"{rocks[instance.rock]}, {instance.condition}" if several else rocks[instance.rock]
-        for instance in s.problem.instances
+        "name": label(best.name),
+        "missions": best.missions,
+        "same": best.keep_default,
+        "parameters": words.parameters_table(best.name, rows, metric),
+        "gate": words.gate_sentence(best.name, gate) if s.problem.config(best.values).adaptive_budget else "",
+        "split": _split_table(groups, best.name, evidence, unit),
+        "best": _configurations(model, region, campaign, sign),
+        "contour": contour,
+        "so_far": draw_best_so_far(so_far, metric) if len(so_far) > 1 else "",
+        "slices": draw_slices(
+            model, [p for p in s.space.parameters if p.path not in region.held], best.values, metric, sign
+        ),
     }
 
 
-def _subtitle(s: CampaignSettings) -> str:
-    """What the campaign was asked for, on what, in which search space."""
-    label = metric_label(s.objective.metric)
-    said = f"The goal is the highest {label.full}"
-    if s.objective.direction == "minimise":
-        said = (
-            f"The goal is the {'fewest' if s.objective.metric in COUNTS else 'lowest'} {label.full.lower()}"
-        )
-    if s.second is not None and s.limit is not None:
-        _, how = bound(s.second.metric, s.second.direction, s.limit)
-        said += f" with {metric_label(s.second.metric).full} {how}"
-    conditions = [condition.name for condition in s.conditions]
-    under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
-    return (
-        f"{said}, on {', '.join(short_names(s.rocks))}{under}. The campaign tunes {s.space.dimension} parameters "
-        f"(search space {s.space.name})."
+def _split_table(
+    groups: Mapping[str, effects.Effect], name: str, evidence: Evidence, unit: str
+) -> Table | None:
+    """What is lost where one group of parameters goes back to the paper's values: by the model, and by paired missions."""
+    if not groups:
+        return None
+    rows = []
+    for group, effect in groups.items():
+        measured = [
+            difference_text(part.gain(name, f"{name}-without-{group}"))
+            for part in (evidence.on(held_out=True), evidence.on(held_out=False))
+        ]
+        rows.append([group, words.effect_text(effect), *measured])
+    caption = (
+        f"In {unit or 'the metric’s unit'}: the tuned configuration minus the same with that group as in the paper. The first column is the "
+        "surrogate's, the others are paired missions of `gatetune evaluate`; a dash was not run."
     )
+    return Table.of("", ("group", "by the model", "held-out targets", "training targets"), rows, caption)
+
+
+def _configurations(model: InstanceMeanGP, region: Region, campaign: Campaign, sign: float) -> Table:
+    """The ten best configurations of a region."""
+    s = campaign.settings
+    number = s.space.base.get("stop.max_photographs")
+    rows = []
+    for each in effects.best_configurations(model, region, campaign.history(), number, sign):
+        changed = [p for p, v in each.values.items() if v != s.problem.default[p] and p not in region.held]
+        named = ", ".join(
+            f"{p.rpartition('.')[0].partition('.')[0]}.{p.rpartition('.')[2]} {words.value_text(p, each.values[p])}"
+            for p in changed[:5]
+        )
+        more = f" and {len(changed) - 5} more" if len(changed) > 5 else ""
+        interval = f"{format_number(each.mean)} [{format_number(each.low)}, {format_number(each.high)}]"
+        rows.append(
+            [
+                f"{named}{more}" or "as in the paper",
+                interval,
+                str(each.missions),
+                "–" if each.planned is None else str(each.planned),
+            ]
+        )
+    return Table.of("", ("changes", "posterior mean [95 %]", "missions", "planned views"), rows)
+
+
+def _by_target(evidence: Evidence, answer: Answer) -> Table:
+    """The mean of every strategy on every target."""
+    targets = [rock for held_out in (True, False) for rock in evidence.on(held_out=held_out).targets]
+    rows = []
+    for name in in_table_order(n for n in evidence.configs if not is_ablation(n)):
+        scores: dict[str, list[float]] = collections.defaultdict(list)
+        for (instance, _), score in evidence.scores(name).items():
+            scores[instance.rock].append(score)
+        if scores:
+            rows.append(
+                [
+                    label(name),
+                    *(format_number(sum(v) / len(v) if (v := scores.get(t)) else None) for t in targets),
+                ]
+            )
+    caption = f"{metric_label(answer.metric).full}, mean over replicates; held-out targets first."
+    return Table.of("", ("strategy", *short_names(targets)), rows, caption)
 
 
 # -- what limits the answer ------------------------------------------------------------------------------------
 
 
 def _warnings(
-    s: CampaignSettings, status: CampaignStatus, best: Recommendation | None, trials: Sequence[Trial]
+    campaign: Campaign, status: CampaignStatus, answer: Answer, model: InstanceMeanGP | None
 ) -> list[str]:
+    s, trials = campaign.settings, campaign.trials()
     out = [_stop_reason(status, trials)] if status.remaining else []
-    if best is not None and (at_bounds := bounds_text(best, s)):
-        out.append(at_bounds)
+    for best in answer.recommended.values():
+        if at_bounds := bounds_text(best, s):
+            out.append(at_bounds)
+    for best in list(answer.recommended.values())[-1:]:
+        out += _outliers(best)
+        coverage = best.leave_one_out["coverage_95"]
+        if best.observations >= MIN_FOR_COVERAGE and coverage < POOR_COVERAGE:
+            out.append(
+                f"The model's 95 % intervals contain only {100 * coverage:.0f} % of the left-out missions: all its intervals are too narrow."
+            )
+    if model is not None and (drift := effects.drift_of(model)) is not None:
+        out.append(
+            f"Outcomes drift with the number of the trial (rank correlation {drift:+.2f} of what the model cannot explain): what ran "
+            "first, as the default did, may look worse or better than it is. Run `gatetune confirm`."
+        )
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:
             out.append(f"{count} of {status.finished} finished missions {what}; see below.")
     return out
+
+
+def _outliers(best: Recommendation) -> list[str]:
+    """Which missions are outliers, and whether they are left out or count with another outcome."""
+    said = []
+    for o in best.outliers[:3]:
+        how = (
+            "which all others contradict, so it is left out"
+            if o.counts_as is None
+            else f"far from all others; it counts as {number_text(o.counts_as)}"
+        )
+        said.append(f"Mission #{o.mission:04d} measured {number_text(o.measured)}, {how}.")
+    return said
 
 
 def _stop_reason(status: CampaignStatus, trials: Sequence[Trial]) -> str:
@@ -214,12 +286,7 @@ def _stop_reason(status: CampaignStatus, trials: Sequence[Trial]) -> str:
 
 
 def bounds_text(best: Recommendation, s: CampaignSettings) -> str:
-    """Which recommended values lie at a bound of the search space beyond which a mission could run; empty where none does.
-
-    The values of a plain plan are given and not searched for.
-    """
-    if best.plain:
-        return ""
+    """Which tuned values lie at a bound of the search space beyond which a mission could run; empty where none does."""
     names = [
         parameter_label(p.path).name
         for p in s.space.parameters
@@ -227,7 +294,7 @@ def bounds_text(best: Recommendation, s: CampaignSettings) -> str:
     ]
     if not names:
         return ""
-    return f"{', '.join(names)}: the recommended value lies at a bound of the search space. A wider one may have better values."
+    return f"{label(best.name)}: {', '.join(names)} lies at a bound of the search space. A wider one may have better values."
 
 
 def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> bool:
@@ -242,6 +309,41 @@ def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]
 
 
 # -- missions and model ----------------------------------------------------------------------------------------
+
+
+def _instance_names(s: CampaignSettings) -> dict[Instance, str]:
+    """``slab``, or ``slab, field`` where there is more than one condition."""
+    rocks = dict(zip(s.rocks, short_names(s.rocks)))
+    several = len(s.conditions) > 1
+    return {
+        instance: f"{rocks[instance.rock]}, {instance.condition}" if several else rocks[instance.rock]
+        for instance in s.problem.instances
+    }
+
+
+def _subtitle(s: CampaignSettings) -> str:
+    """What the campaign was asked for, on what, in which search space."""
+    about = metric_label(s.objective.metric)
+    said = f"The goal is the highest {about.full}"
+    if s.objective.direction == "minimise":
+        fewest = "fewest" if s.objective.metric in COUNTS else "lowest"
+        said = f"The goal is the {fewest} {about.full.lower()}"
+    if s.second is not None and s.limit is not None:
+        said += f" with {words.limit_text(s.second.metric, s.second.direction, s.limit)}"
+    conditions = [condition.name for condition in s.conditions]
+    under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
+    return (
+        f"{said}, on {', '.join(short_names(s.rocks))}{under}. The campaign tunes {s.space.dimension} parameters "
+        f"(search space {s.space.name})."
+    )
+
+
+def _model_facts(best: Recommendation, unit: str) -> dict[str, Any]:
+    return {
+        "missions": best.observations,
+        "noise": with_unit(best.noise_sd, unit, decimals_for(best.noise_sd)),
+        "coverage": 100 * best.leave_one_out["coverage_95"],
+    }
 
 
 def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str]) -> Table:
@@ -260,19 +362,15 @@ def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str]) -> Ta
         ]
         for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
-    columns = ("reason", "outcome", "missions", "rocks", "last message")
-    return Table.of("", columns, rows)
+    return Table.of("", ("reason", "outcome", "missions", "targets", "last message"), rows)
 
 
 def _outcome_figures(
-    campaign: Campaign,
-    best: Recommendation | None,
-    trials: Sequence[Trial],
-    names: Mapping[Instance, str],
+    campaign: Campaign, best: Recommendation | None, trials: Sequence[Trial], names: Mapping[Instance, str]
 ) -> list[str]:
     """Outcomes over the trials with the best so far and, where photographs are the objective, over their number."""
-    s, quality = campaign.settings, campaign.settings.goal.shown
-    shown = [t for t in trials if t.state != "running"]
+    s = campaign.settings
+    shown, quality = [t for t in trials if t.state != "running"], s.goal.shown
     marks = [(s.problem.default, "default"), *([] if best is None else [(best.values, "recommended")])]
 
     def figure(x: str, place: Callable[[Trial], float | None], sign: float) -> str:
@@ -288,14 +386,6 @@ def _outcome_figures(
     if s.objective.metric in COUNTS and quality != s.objective:
         figures.append(figure("photographs", lambda t: t.raw, 0.0))
     return figures
-
-
-def _slices(campaign: Campaign, best: Recommendation) -> list[str]:
-    """What the surrogate predicts along each parameter."""
-    s, goal = campaign.settings, campaign.settings.goal
-    model = campaign.surrogate_from([o for o in campaign.history() if o.feasible])
-    label = metric_label(goal.shown.metric)
-    return draw_slices(model, s.space.parameters, best.values, label, goal.shown.sign)
 
 
 # -- where it is from ------------------------------------------------------------------------------------------
@@ -315,12 +405,14 @@ def _provenance(s: CampaignSettings, trials: Sequence[Trial]) -> list[tuple[str,
         ("run between", between),
         *recorded_rows(recorded([t.record.directory for t in trials])),
         ("base configuration", s.problem.base.digest()),
-        ("rocks (SHA-256)", named or "not recorded"),
+        ("targets (SHA-256)", named or "not recorded"),
+        ("ledger", f"an Optuna study: optuna-dashboard {shlex.quote('study.journal')}"),
     ]
 
 
 def reproduce_command(campaign: Campaign) -> str:
     """The command line that runs the same campaign again, in a directory beside it."""
     beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
-    file = str(campaign.directory / SETTINGS_FILE)
-    return shlex.join(["gatetune", "campaign", "run", file, "--out", str(beside)])
+    return shlex.join(
+        ["gatetune", "campaign", "run", str(campaign.directory / SETTINGS_FILE), "--out", str(beside)]
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -10,28 +10,20 @@ import numpy as np
 
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.result import (
-    LIMIT,
     ComparisonFacts,
-    Results,
-    measured_steps,
 )
 from tuner.comparison.run import EvaluationRun
 from tuner.comparison.statistics import PAPER_TABLE_I, ComparisonRow, ComparisonTable, MetricRow
-from tuner.comparison.verdict import BAD, GOOD, Kind, Verdict
+from tuner.comparison.verdict import Kind, Verdict
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import (
-    B_AWARE,
-    COVIS,
+    ANSWERS,
     PAPER_STRATEGIES,
-    THRESHOLDS,
-    TUNED,
     description,
     kind_of,
     sees_ground_truth,
 )
 from tuner.problem.baselines import label as strategy_label
-from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import there
 from tuner.report.labels import (
     counted,
     decimals_for,
@@ -42,7 +34,6 @@ from tuner.report.labels import (
     measure_text,
     metric_label,
     short_names,
-    with_unit,
 )
 from tuner.report.pages import recorded, recorded_rows, write_tables
 from tuner.report.table import Cell, Row, Table
@@ -90,27 +81,16 @@ def strategies_text(names: Collection[str]) -> str:
 # -- sentences ---------------------------------------------------------------------------------------------------
 
 
-def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
+def verdict_text(verdict: Verdict) -> str:
     label, gain = metric_label(verdict.metric), verdict.gain
     who, whom = strategy_label(verdict.strategy), strategy_label(verdict.reference)
     if verdict.kind is Kind.SAME:
         return f"{who} took the same photographs as {whom} in every mission."
     if gain is None:
         return f"{who}: no mission in common with {whom}."
-    if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
-        least = "at least" if facts.goal.second and facts.goal.second.sign > 0 else "at most"
-        on = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, 'rock')}"
-        share = "" if gain.low is None else f", {difference_text(gain, 0, signed=False)} %"
-        bound = f"{label.full}: {least} {facts.goal.limit:g} {label.unit}".rstrip()
-        return f"Constraint ({bound}): met on {on}{share}."
-    if verdict.best_control:
-        whom = f"the best control with as many photographs ({whom})"
-    allowed = f" by more than {with_unit(verdict.margin, label.difference_unit)}" if verdict.margin else ""
     begin = {
         Kind.BETTER: f"{who} is better than {whom}",
-        Kind.WORSE: f"{who} is worse than {whom}{allowed}",
-        Kind.NOT_WORSE: f"{who} is not worse than {whom}{allowed}",
-        Kind.UNDECIDED: f"Not known whether {who} is worse than {whom}{allowed}",
+        Kind.WORSE: f"{who} is worse than {whom}",
         Kind.NO_DIFFERENCE: f"No difference detected between {who} and {whom}",
         Kind.NO_INTERVAL: f"{who} against {whom}",
     }[verdict.kind]
@@ -118,7 +98,7 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
     if gain.low is not None:
         brackets = difference_text(gain).partition(" ")[2]
         bounds = f"95 % interval {brackets}" if brackets else "the same in every mission"
-    where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, 'rock')}"
+    where = f"{counted(gain.missions, 'paired mission')} on {counted(gain.rocks, 'target')}"
     if gain.method == "replicates":  # such an interval has no spread between rocks
         where += f", valid for {'this one' if gain.rocks == 1 else 'these'} only"
     return f"{begin} in {label.full}: {gain_words(gain.mean, label.difference_unit)} ({bounds}; {where})."
@@ -126,7 +106,7 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
 
 def verdict_lines(facts: ComparisonFacts) -> list[str]:
     """Who is better, metric by metric."""
-    return [verdict_text(verdict, facts) for verdict in facts.verdicts]
+    return [verdict_text(verdict) for verdict in facts.verdicts]
 
 
 def measure_of(facts: ComparisonFacts) -> str:
@@ -146,8 +126,7 @@ def warnings_of(facts: ComparisonFacts) -> list[str]:
         listed = ", ".join(f"{strategy_label(n)} {failed[n]}" for n in plan.strategies if failed[n])
         reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
         out.append(
-            f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
-            "A strategy that fails where others succeed is worse than its means show."
+            f"Failed missions count as 0 in percentages and are left out of the other means ({listed}; reasons: {reasons})."
         )
     if len(plan.rocks) < 3:
         out.append(f"Only {counted(len(plan.rocks), 'rock')}: no result here carries over to other rocks.")
@@ -173,76 +152,7 @@ def evaluation_document(facts: ComparisonFacts) -> dict[str, Any]:
     }
 
 
-def campaign_document(results: Sequence[Results], best: Recommendation) -> dict[str, Any]:
-    """``comparison.json`` of a campaign: the tables on held-out and on training rocks from all results."""
-    named = ("rocks", "held_out", "replicates", "complete", "table")
-    return {
-        "blocks": [{name: getattr(each, name) for name in named} for each in results],
-        "sentences": earned_sentences(results, best),
-    }
-
-
-def earned_sentences(results: Sequence[Results], best: Recommendation) -> list[str]:
-    """The gain on held-out and on training rocks, what earned it, and whether the paper's gate did anything."""
-    if not results:
-        return []
-    first, said = results[0], list[str]()
-    reference = first.reference
-    here = there(first)
-    if not best.keep_default:
-        label = metric_label(first.settings.goal.shown.metric)
-        what = f"{label.difference_unit} of {label.name.replace(' @ ', ' at ')}".strip()
-        gains = [each.gain(TUNED) for each in results]
-        on = [there(each, gain) for each, gain in zip(results, gains)]
-        also = [f", and {difference_text(gain)} on {where}" for gain, where in zip(gains[1:], on[1:])]
-        gain = gains[0]
-        verb, against = ("has", "against") if gain is not None and gain.mean < 0 else ("gains", "over")
-        said.append(
-            f"On {on[0]} Tuned {verb} {difference_text(gain)} {what} {against} {strategy_label(reference)}{''.join(also)}."
-        )
-        if reference == "hyb-h":
-            said += _what_earned_it(first, best.changed)
-    if same := first.table.same.get("hyb-h"):
-        said.append(
-            f"On the {here} Hyb-H took the photographs of {strategy_label(same)} in every mission: its gate had no effect."
-        )
-    return said
-
-
-def _what_earned_it(results: Results, changed: Sequence[str]) -> list[str]:
-    """The gain step by step, and whether it is from what the paper suspects: thresholds, or weights shared by the scorers."""
-    steps = measured_steps(results.records, results.strategies, changed, results.settings.goal.shown)
-    if missing := [strategy_label(step.strategy) for step in steps if step.gain is None]:
-        return [
-            f"What earned the gain is not known yet: {' and '.join(missing)} did not finish on these rocks."
-        ]
-    parts = [f"{' and '.join(step.groups)} {difference_text(step.gain)}" for step in steps]
-    suspects = {"the thresholds": (THRESHOLDS,), "the shared weights": (COVIS, B_AWARE)}
-    causes, without = list[str](), list[str]()
-    for suspect, groups in suspects.items():
-        gain = next((step.gain for step in steps if set(groups) & set(step.groups)), None)
-        if gain is None:
-            without.append(suspect)
-        elif gain.low is not None and round(gain.low, 1) > 0:
-            causes.append(f"{suspect}, {difference_text(gain)} points")
-    verdict = f"it is {' and '.join(causes)}" if causes else "neither is shown to be one"
-    none = f" ({' and '.join(without)} stayed at the paper's values)" if without else ""
-    return [
-        f"Step by step, this was earned by: {'; '.join(parts)}.",
-        f"The paper names the thresholds and the shared weights as causes: on these rocks {verdict}{none}.",
-    ]
-
-
 # -- tables --------------------------------------------------------------------------------------------------
-
-
-def results_table(results: Results) -> Table:
-    least, most = results.replicates[0], results.replicates[-1]
-    replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
-    what, again = ("Held-out", "") if results.held_out else ("Training", ", tuned on")
-    title = f"{what} rocks: {', '.join(short_names(results.rocks))} ({replicates}{again})"
-    title += "" if results.complete else ", not complete"
-    return strategy_table(results.table, title, results.settings.goal.shown.metric)
 
 
 def strategy_table(
@@ -260,18 +170,16 @@ def strategy_table(
             kind = kind_of(name)
             rows.append(Row(kind))
         texts = [
-            difference_text(row.cells[name], 0, signed=False)
-            if row.metric.key == LIMIT
-            else format_number(None if (v := row.cells[name]) is None else v.mean, _decimals(row))
+            format_number(None if (v := row.cells[name]) is None else v.mean, _decimals(row))
             for row in table.rows
         ]
         if shown is not None:
             difference = difference_text(shown.differences.get(name), _decimals(shown))
             texts.append("reference" if name == table.reference else difference)
         note = "" if run is None else _what(name, run)
-        rows.append(Row(strategy_label(name), tuple(map(Cell, texts)), note, best=name == TUNED))
+        rows.append(Row(strategy_label(name), tuple(map(Cell, texts)), note, best=name in ANSWERS))
     notes = [
-        f"{strategy_label(name)}: {counted(failed, 'failed mission')} left out of the means."
+        f"{strategy_label(name)}: {counted(failed, 'failed mission')}, counted as 0 in percentages."
         for name, failed in table.failures.items()
         if failed
     ]
@@ -294,8 +202,6 @@ def strategy_table(
 
 
 def _name(metric: MetricRow) -> str:
-    if metric.key == LIMIT:
-        return "constraint met, %"
     return metric.label or metric_label(metric.key).axis
 
 
@@ -394,7 +300,7 @@ def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
         facts.planned.title,
         f"{strategies} were compared{against}. Differences are from {strategy_label(facts.reference)}.",
         said=[*verdict_lines(facts), *facts.planned.notes],
-        kind="worse" if set(kinds) & {*BAD} else "better" if {*kinds[:1]} & {*GOOD} else "",
+        kind="worse" if Kind.WORSE in kinds else "better" if kinds[:1] == [Kind.BETTER] else "",
         measure=measure_of(facts),
         notes=[*warnings_of(facts), *([paper_note(plan.fidelity)] if paper else [])],
         tables=tables,

@@ -16,8 +16,7 @@ from nbv.plugins import used
 from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
-from tuner.comparison.advice import leaves_room
-from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, panels
+from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, leaves_room, panels
 from tuner.comparison.verdict import Kind
 from tuner.export.records import write_rows
 from tuner.problem.intervals import Interval

@@ -12,11 +12,12 @@ from matplotlib.ticker import MaxNLocator
 
 from nbv.config import MissionConfig
 from nbv.rocks import DEFAULT_HEIGHT_M
+from nbv.types import Floats
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
 from tuner.report.labels import MetricLabel, parameter_label
-from tuner.report.style import BLACK, BLUE, GREY, MARKERS, VERMILION, embed, look, new_figure
+from tuner.report.style import BLACK, BLUE, GREY, MARKERS, SEQUENTIAL, VERMILION, embed, look, new_figure
 from tuner.surrogate.model import InstanceMeanGP
 
 SLICE_POINTS = 61
@@ -127,3 +128,41 @@ def draw_slices(
                 axis.set_xscale("log")
             figures.append(embed(figure))
     return figures
+
+
+def draw_contour(
+    fractions: Sequence[float],
+    thresholds_m: Sequence[float],
+    means: Floats,
+    values: Mapping[str, Any],
+    seen_m: tuple[float, float] | None,
+    label: MetricLabel,
+    sign: float,
+) -> str:
+    """The posterior mean over the gate's two thresholds, (d95, fraction), and between which d95 the gate switches.
+
+    ``seen_m``: between which values d95 lay in flight: a threshold there, with a budget fraction below 1, makes the gate switch.
+    """
+    with look():
+        figure = new_figure(4.4, 3.2)
+        axis = figure.subplots()
+        drawn = axis.contourf(fractions, thresholds_m, sign * means, levels=12, cmap=SEQUENTIAL)
+        figure.colorbar(drawn, ax=axis, label=label.axis)
+        if seen_m is not None:
+            low, high = seen_m
+            axis.fill_between([0, 1], low, high, facecolor="none", edgecolor="white", hatch="//", linewidth=0)
+        axis.plot(values["gate.budget_fraction"], values["gate.d95_m"], "*", color=VERMILION, ms=12)
+        axis.set(yscale="log", xlabel="budget fraction f_b", ylabel="threshold of d95 (m)")
+        axis.grid(visible=False)
+    return embed(figure)
+
+
+def draw_best_so_far(points: Sequence[tuple[int, float]], label: MetricLabel) -> str:
+    """The best posterior mean, by the final surrogate, of what had run by each trial."""
+    with look():
+        figure = new_figure(4.4, 3.2)
+        axis = figure.subplots()
+        axis.step(*np.array(points).T, where="post", color=BLUE)
+        axis.set(xlabel="trial", ylabel=f"best {label.axis}")
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return embed(figure)

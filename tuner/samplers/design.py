@@ -28,14 +28,14 @@ def initial_design_size(
 ) -> int:
     """Return how many missions come before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
 
-    ``trusted_default``: whether the default can be trusted: then d + 2, at most a quarter of the budget, where half
+    ``trusted_default``: whether the default can be trusted: then d + 2, at most a sixth of the budget, where half
     of the design stays near it, and at most a fifth of the budget where parameters are many. ``earlier``: whether the
     best of missions run before take most places: then at most ``WITH_EARLIER``, and at most a third of the budget.
     """
     if earlier:
         return max(1, min(WITH_EARLIER, 2 * (dimension + 1), budget // 3))
     if stays_near_default(dimension, trusted_default):
-        return max(1, min(dimension + 2, budget // 4))
+        return max(1, min(dimension + 2, budget // 6))
     return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))
 
 

@@ -14,7 +14,7 @@ from tuner.acquisition.constrained import (
 )
 from tuner.acquisition.propose import propose
 from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.observations import Key, Observation, Proposal, configuration_key
+from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
 from tuner.samplers.base import (
@@ -36,16 +36,18 @@ ASIDE = 1000  # points of the sequence that the design does not reach
 REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
+LEAST_VERIFIED = 2  # missions that run favourites again: a tenth of the budget, but at least so many
 # Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
 SEQUENTIAL = 4
 
 
 @dataclass(frozen=True)
 class GPSampler:
-    """The plain plans, initial design, then log noisy expected improvement on the rock-mean GP.
+    """The plain plans, initial design, then log noisy expected improvement on the rock-mean GP, over the best of a region.
 
-    The space's own beginnings come before the rest of the design. That is a Sobol sequence; unless parameters are many every
-    second point stays near a trusted default. Where missions were run before the campaign, the best of them take places of it.
+    The regions whose best configurations are asked for take turns. The space's own beginnings come before the rest of the design.
+    That is a Sobol sequence; unless parameters are many every second point of a region stays near a trusted default. Where missions
+    were run before the campaign, the best of them take places of it.
     """
 
     settings: SamplerSettings
@@ -78,6 +80,7 @@ class GPSampler:
                 proposal = Proposal(sobol_point(problem.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
+                region = problem.answers[number % len(problem.answers)]
                 if not models and both and goal.at_least is not None:
                     models = two_models(problem, history, self.sparse)
                     constraint = Constraint(models[1], goal.at_least)
@@ -89,13 +92,13 @@ class GPSampler:
                     drawn = drawn or thompson_configurations(models, constraint, count - len(proposals), seed)
                     values, gain = drawn.pop(), math.inf
                 elif constraint is None:
-                    values, gain = propose(models[0], configurations, seed)
+                    values, gain = propose(models[0], configurations, seed, region)
                 else:
                     values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
                 why = {"expected_gain": gain} if math.isfinite(gain) else {"drawn": True}
                 proposal = self._verified(models, constraint, history, running, gain) or Proposal(
-                    values, {"sampler": self.name, "phase": "model", **why}
+                    values, {"sampler": self.name, "phase": "model", "region": region.name, **why}
                 )
             proposals.append(proposal)
             running.append(in_flight(s, history, running, proposal))
@@ -111,14 +114,24 @@ class GPSampler:
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
         s, problem = self.settings, self.settings.problem
-        number = missions_asked(history, running) - sum(o.repeat for o in history)
-        if s.budget is None or number < VERIFICATION_BEGINS * s.budget:
+        if s.budget is None:
             return None
+        number = missions_asked(history, running) - sum(o.repeat for o in history)
         # A family has as many replicates as the budget has missions.
         replicates = min(problem.replicates, REPLICATES) if problem.draws_rocks else problem.replicates
-        last = number >= s.budget - len(problem.rocks) * replicates
+        last = max(LEAST_VERIFIED, s.budget // 10) if constraint is None else len(problem.rocks) * replicates
+        if number < (s.budget - last if constraint is None else VERIFICATION_BEGINS * s.budget):
+            return None
+        region = problem.answers[-1 - (s.budget - 1 - number) % len(problem.answers)]
         return verification(
-            models[0], history, running, problem.replicates, gain, last=last, constraint=constraint
+            models[0],
+            region,
+            history,
+            running,
+            problem.replicates,
+            gain,
+            last=number >= s.budget - last,
+            constraint=constraint,
         )
 
     def _design(self, number: int, history: Sequence[Observation]) -> Proposal:
@@ -128,38 +141,27 @@ class GPSampler:
         return self._design_point(number - self.settings.first + 1, history)
 
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
-        """Return point ``number`` of the design, which begins with 1 behind the plain plans."""
-        s, space, rank = self.settings, self.settings.problem.space, number // 2 - 1
-        length = s.initial - s.first + 1
+        """Return point ``number`` of the design, which begins with 1 behind the plain plans; the regions take turns."""
+        s, problem = self.settings, self.settings.problem
+        space, length = problem.space, s.initial - s.first + 1
         # Beginnings leave a place to the best earlier mission.
         begin = space.begin if s.earlier is None else space.begin[: max(0, length - 2)]
         if 1 <= number <= len(begin):
-            values = {**s.problem.default, **begin[number - 1]}
-            return Proposal(values, {"sampler": self.name, "phase": "begin"})
+            return Proposal(
+                {**problem.default, **begin[number - 1]}, {"sampler": self.name, "phase": "begin"}
+            )
         places = places_for_earlier(length, len(begin))
         if number in places and s.earlier is not None:
             nth = places.index(number)
             best = s.earlier.best(nth + 1)
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
-        if not stays_near_default(space.dimension, s.trusted_default) and len(s.arms) < 2:
-            return initial_proposal(s, number + s.first - 1, self.name)
-        metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
-        if number % 2 == 1:
-            values = near_default(space, self._best_plain(history), s.seed, number // 2)
-            return Proposal(values, {**metadata, "near": "best plain plan", "point": number // 2})
-        return Proposal(sobol_point(space, s.seed, rank), {**metadata, "point": rank})
-
-    def _best_plain(self, history: Sequence[Observation]) -> Values:
-        """Return the plain plan with the best mean outcome so far: the design stays near it."""
-        space, outcomes = self.settings.problem.space, dict[Key, list[float]]()
-        for o in history:
-            if o.outcome is not None:
-                outcomes.setdefault(configuration_key(space, o.values), []).append(o.outcome)
-        plans = [dict(self.settings.problem.default), *(dict(arm.values) for arm in self.settings.arms)]
-
-        def mean(values: Values) -> float:
-            known = outcomes.get(configuration_key(space, values))
-            return sum(known) / len(known) if known else -math.inf
-
-        return max(plans, key=mean)
+        metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
+        region = problem.answers[number % len(problem.answers)]
+        values = sobol_point(space, s.seed, number - 1)
+        if stays_near_default(space.dimension, s.trusted_default) and number // len(problem.answers) % 2 == 0:
+            values = near_default(space, problem.default, s.seed, number)
+            metadata["near"] = "default"
+        return Proposal(
+            space.from_unit(region.project(space.to_unit(values))), {**metadata, "region": region.name}
+        )
