@@ -27,8 +27,8 @@ from tuner.report.table import Cell, Table
 from tuner.report.table import Row as Line
 
 if TYPE_CHECKING:
-    from tuner.answer.effects import Effect, ParameterRow
     from nbv.mission.result import IterationRecord
+    from tuner.answer.effects import Effect, ParameterRow
     from tuner.answer.gate import GateFacts
 
 REFERENCE = "hyb-h"

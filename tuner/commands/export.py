@@ -20,12 +20,12 @@ from nbv.safe_files import printable, write_atomic
 from nbv.terrain.burial import buried_rock
 from nbv.terrain.neighbours import Cylinder
 from nbv.viewpoints import seed_viewpoints
+from tuner.answer.answer import Answer, answer_of
+from tuner.answer.words import sentences
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
-from tuner.answer.answer import Answer, answer_of
-from tuner.answer.words import sentences
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.export.mission_files import mission_config, read_flight, rock_of_mission

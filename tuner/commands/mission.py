@@ -15,6 +15,7 @@ from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from nbv.safe_files import read_yaml
+from tuner.answer.words import gate_words
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.commands.campaign import write_pages
@@ -34,7 +35,6 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
-from tuner.answer.words import gate_words
 from tuner.report.labels import duration, format_number
 
 app = typer.Typer(no_args_is_help=True)
