@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from scipy.sparse import coo_array
@@ -12,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
+from nbv.geometry.plane import Plane, ground_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
@@ -27,10 +25,7 @@ _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
 
 
 def clean_cloud(
-    cloud: Cloud,
-    config: EvaluationConfig,
-    target_m: tuple[float, float, float] | Floats,
-    ground_height_m: Callable[[Floats], Floats] | None = None,
+    cloud: Cloud, config: EvaluationConfig, target_m: tuple[float, float, float] | Floats
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
@@ -44,9 +39,6 @@ def clean_cloud(
     * points below the plane go with it, since nothing of the rock can be seen there;
     * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
-
-    Where the ground has relief, ``ground_height_m`` gives its true height (P,) under points (P, 3): the plane is then sought, and
-    the slab removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
 
     `MissionFailure` ``empty_cloud``: nothing is left.
 
@@ -66,16 +58,13 @@ def clean_cloud(
     cloud = select(cloud, offset <= config.crop_half_extent_m)
     report["crop"] = len(cloud.points_m)
 
-    flat = cloud.points_m
-    if ground_height_m is not None:
-        flat = flat - np.outer(ground_height_m(flat), [0.0, 0.0, 1.0])
-    plane = find_ground(flat, config, target)
+    plane = find_ground(cloud.points_m, config, target)
     report["ground_found"] = int(plane is not None)
     report["ground_tilt_deg"] = report["ground_height_m"] = float("nan")
     if plane is not None:
         report["ground_tilt_deg"] = float(np.rad2deg(np.arccos(np.clip(plane.normal[2], -1.0, 1.0))))
         report["ground_height_m"] = plane.height_at_m(target[0], target[1])
-        above = plane.signed_distance_m(flat) > config.ground_ransac_threshold_m
+        above = plane.signed_distance_m(cloud.points_m) > config.ground_ransac_threshold_m
         cloud = select(cloud, above)
     report["ground"] = len(cloud.points_m)
 
@@ -112,43 +101,24 @@ def select(cloud: Cloud, keep: Bools) -> PointCloud:
 
 
 def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) -> Plane | None:
-    """The near-horizontal plane with most of the points (N, 3) within the threshold (RANSAC, Fischler and Bolles 1981).
-
-    It must lie near z = 0 below ``target_m`` (3,). None if there are fewer than 10 points or no hypothesis is such a plane.
-    """
+    """The near-horizontal `ground_plane` of points (N, 3) near z = 0 below ``target_m`` (3,); None of fewer than 10 points."""
     if len(points_m) < _MIN_POINTS:
         return None
     lowest = points_m[points_m[:, 2] <= np.quantile(points_m[:, 2], _LOWEST_FRACTION)]
     if len(lowest) < 3:
         return None
-    rng = keyed_rng("ground-ransac", _SEED)
-    normals, anchors = drawn_planes(lowest, config.ground_ransac_iterations, rng)
-    offsets = (normals * anchors).sum(1)
-    planes = [Plane(n, float(d)) for n, d in zip(normals, offsets)]
-    allowed = np.array([_is_ground(plane, config, target_m) for plane in planes], dtype=bool)
-    if not allowed.any():
-        return None
-    normals, offsets = normals[allowed], offsets[allowed]
-
     # No allowed plane reaches above this height inside the crop, so higher points cannot be inliers.
     tilt = np.tan(np.deg2rad(config.ground_max_tilt_deg))
     reach = config.ground_max_offset_m + np.sqrt(2.0) * config.crop_half_extent_m * tilt
     slack = config.ground_ransac_threshold_m / np.cos(np.deg2rad(config.ground_max_tilt_deg))
-    low_points = points_m[points_m[:, 2] <= reach + slack]
-    counts = np.zeros(len(offsets), dtype=np.int64)
-    # Single precision is enough to count (points lie within metres of the origin) and twice as fast; so are blocks that
-    # stay in the processor's cache.
-    hypotheses, shifts = normals.astype(np.float32), offsets.astype(np.float32)[:, None]
-    columns = np.ascontiguousarray(low_points.T, dtype=np.float32)
-    for start in range(0, columns.shape[1], 512):
-        distance = hypotheses @ columns[:, start : start + 512]
-        distance -= shifts
-        counts += np.count_nonzero(np.abs(distance, out=distance) <= config.ground_ransac_threshold_m, axis=1)
-    best = int(counts.argmax())
-    plane = Plane(normals[best], float(offsets[best]))
-    inliers = low_points[np.abs(plane.signed_distance_m(low_points)) <= config.ground_ransac_threshold_m]
-    refined = fitted_plane(inliers) if len(inliers) >= 3 else plane
-    return refined if _is_ground(refined, config, target_m) else plane
+    return ground_plane(
+        points_m[points_m[:, 2] <= reach + slack],
+        lowest,
+        config.ground_ransac_threshold_m,
+        lambda plane: _is_ground(plane, config, target_m),
+        config.ground_ransac_iterations,
+        keyed_rng("ground-ransac", _SEED),
+    )
 
 
 def _nearest_others(points_m: Floats, k: int) -> tuple[Floats, Ints]:

@@ -21,9 +21,6 @@ def test_names_are_checked_when_a_configuration_is_read() -> None:
 
 
 def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
-    renamed = MissionConfig().with_values({"seed.retarget_after": 6})
-    assert config_from_dict({"seed": {"reaim_after": 6}}) == renamed
-    assert MissionConfig().with_values({"seed.reaim_after": 6}) == renamed
     weighed = MissionConfig().with_values({"predicted.weights.nov": 0.0})
     assert MissionConfig().with_values({"matchable.weights.nov": 0.0}) == weighed
     earlier = {
@@ -56,8 +53,6 @@ FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_regist
         ({"telemetry.attitude_noise_deg": 1.0}, "^telemetry.horizontal_noise_m is 0.0; .* a covariance"),
         ({"telemetry.lever_arm_m": [0.1, 0.0, 0.0]}, "^telemetry.horizontal_noise_m is 0.0; .* a covariance"),
         ({"telemetry.horizontal_noise_m": 0.1}, "^telemetry.vertical_noise_m is 0.0; .* a covariance"),
-        ({"ground.neighbour_gap_m": [0.0, 1.0]}, "neighbour_gap_m is .0.0, 1.0.; it must be between 0.05"),
-        ({"ground.neighbour_height_m": [1.0, 0.5]}, "neighbour_height_m is .*; it must be the least before"),
         ({"wind.mean_speed_m_s": 5}, "wind.mean_speed_m_s 5 .* than the vehicle can hold .flight.max_"),
         ({"sparse.ground_features": 0}, "45 degrees apart.*seed.count to 15"),
         ({"sparse.min_registered_seeds": 12}, "below sparse.min_registered_seeds 12"),
@@ -69,7 +64,7 @@ FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_regist
         ({"seed.upper_share": 0.4, "seed.span_deg": -30.0}, "meets the ground"),
         ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),
         ({"seed.ring_azimuth_counts": [3]}, "as long as ring_elevations_deg"),
-        ({"seed.retarget_after": 2}, "at least 3: fewer photographs make no model"),
+        ({"seed.recentre_after": 2}, "at least 3: fewer photographs make no model"),
     ],
 )
 def test_values_that_cannot_be_are_refused(values: dict, says: str) -> None:

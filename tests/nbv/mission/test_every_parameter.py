@@ -27,7 +27,6 @@ from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import PhotographFidelity
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.stopwatch import Stopwatch
-from nbv.terrain.neighbours import make_surroundings
 from nbv.types import PointCloud
 from nbv.viewpoints import seed_viewpoints
 
@@ -35,17 +34,11 @@ NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"
 FEW = {"stop.adaptive_budget": 3}
 TURN = {**FEW, "seed.count": 15, "sparse.ground_features": 2000}
-FALLS_APART = {**FEW, "sparse.ground_features": 2000, "scene.match_angle_deg": 45.0, "seed.count": 7}
-FALLS_APART |= {"sparse.min_registered_seeds": 3, "seed.lowest_deg": 25.0}
 NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
 # Among what a parameter matters, and a value that does, where neither is plain.
 BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "dense.patchmatch_window_step_px": ({}, 1),
     "scene.sun_elevation_deg": ({}, 20.0),
-    "ground.relief_m": ({"ground.burial_m": 0.1}, 0.1),
-    "ground.neighbour_height_m": ({"ground.neighbours": 8}, [1.0, 1.4]),
-    "ground.neighbour_gap_m": ({"ground.neighbours": 8}, [0.05, 0.1]),
-    "scene.ground_seed": ({"ground.neighbours": 8}, 3),
     "wind.sway_s": ({"wind.gust_m_s": 0.5}, 0.5),
     "wind.mean_speed_m_s": ({}, 2.0),
     "flight.min_camera_altitude_m": ({"seed.ring_elevations_deg": [-6.0, 22.0, 29.0, 36.0]}, 0.35),
@@ -55,7 +48,6 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "seed.lowest_deg": (TURN, 25.0),
     "seed.span_deg": ({**TURN, "seed.upper_share": 0.3}, 12.0),
     "seed.upper_share": (TURN, 0.3),
-    "seed.second_turn": (FALLS_APART, True),
     "pool.min_altitude_m": ({}, 1.5),
     "pool.max_altitude_m": ({}, 1.4),
     "pool.max_travel_m": ({}, 2.0),
@@ -136,8 +128,8 @@ def scenario(
 # Without effect and not refused, since strategies and search spaces for all fidelities set them: these targets are certain,
 # the distances of a set's photographs are what they are, and its dense stage searches near the sparse model.
 WITHOUT_EFFECT = {
-    GeometricFidelity: ("seed.retarget_after",),
-    PhotographFidelity: ("seed.retarget_after", "seed.radius_m", "dense.search"),
+    GeometricFidelity: ("seed.recentre_after",),
+    PhotographFidelity: ("seed.recentre_after", "seed.radius_m", "dense.search"),
 }
 
 
@@ -176,7 +168,7 @@ BALL = {
     "sparse.max_pairs": 6,
     "evaluation.gt_samples": 1000,
 }
-TAKEN = ("scene", "ground", "wind", "target", "target_m")  # in which no set can be photographed anew
+TAKEN = ("scene", "wind", "target", "target_m")  # in which no set can be photographed anew
 UNSEEN = ("sparse.update_pairs", "dense.min_baseline_angle_deg")  # on a ball, from one distance
 FEW_SEEDS = {"seed.count": 5, "sparse.min_registered_seeds": 3, "sparse.ground_features": 2000}
 BESIDE_PHOTOGRAPHS: dict[str, tuple[dict[str, Any], Any]] = {
@@ -186,7 +178,6 @@ BESIDE_PHOTOGRAPHS: dict[str, tuple[dict[str, Any], Any]] = {
     "seed.ring_azimuth_counts": ({"seed.count": 0}, [7, 6, 6, 5]),
     "seed.ring_bearings_deg": ({"seed.count": 0}, [50.0, 60.0, 70.0, 80.0]),
     "seed.lowest_deg": ({}, 35.0),
-    "seed.second_turn": (FEW_SEEDS, True),
     "pool.min_altitude_m": ({}, 2.4),
     "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.32}, "all"),
     "stop.max_photographs": ({}, 16),
@@ -246,10 +237,8 @@ class SmallScene(PhotogrammetricFidelity):
     load = staticmethod(lambda name, store: make_ball())
 
     def _renderer(self, camera: CameraConfig) -> Renderer:
-        config, rock = self.context.config, self.context.rock
-        around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, self.context.store)
-        scene = build_scene(rock, config.scene, camera, ground=SMALL_GROUND, surroundings=around)
-        return make_renderer(scene, config.scene.backend)
+        config = self.context.config.scene
+        return make_renderer(build_scene(self.context.rock, config, camera, SMALL_GROUND), config.backend)
 
 
 @cache
@@ -281,7 +270,7 @@ SMALL = {
     "camera.focal_px": 116.4,
     "evaluation.gt_samples": 2000,
 }
-OF_THE_WORLD = ("camera", "scene", "sensor", "ground", "telemetry", "target", "evaluation")
+OF_THE_WORLD = ("camera", "scene", "sensor", "telemetry", "target", "evaluation")
 MOVING = {
     "sensor.exposure_time_s": 0.02,
     "sensor.residual_speed_m_s": 0.5,
@@ -291,7 +280,6 @@ BESIDE_SCENE: dict[str, tuple[dict[str, Any], Any]] = {
     "sensor.exposure_time_s": (MOVING, 0.1),
     "sensor.residual_speed_m_s": (MOVING, 2.0),
     "sensor.residual_rate_deg_s": (MOVING, 90.0),
-    "ground.relief_length_m": ({"ground.relief_m": 0.1}, 2.0),
     "evaluation.ground_ransac_iterations": ({}, 0),
     "evaluation.ground_max_tilt_deg": ({}, 1.0),
     "evaluation.ground_max_offset_m": ({}, 1e-6),
