@@ -135,7 +135,9 @@ def answer_of(campaign: Campaign) -> Answer:
     number = photographs(s.problem.config(s.problem.default))
     if found:
         tuned = list(found)[-1]
-        number = campaign.mean_photographs(found[tuned].values) or photographs(evidence.configs[tuned])
+        config = evidence.configs[tuned]
+        taken = campaign.mean_photographs(found[tuned].values) if config.stop.may_end_early else None
+        number = taken or photographs(config)
     tables = [
         table_of(evidence.on(held_out=held_out), held_out, s.problem.reference, number)
         for held_out in (True, False)

@@ -326,7 +326,11 @@ class CampaignSettings(Section):
         share = self.budget // 4
         if self.initial is not None:  # of an extended campaign; its design lies beyond that of the arms
             share = min(self.initial, share)
-        count = max(1, min(len(problem.instances) * self.replicates, share // len(names)))
+        count, once = (
+            max(1, min(len(problem.instances) * self.replicates, share // len(names))),
+            len(problem.instances),
+        )
+        count -= count % once if count > once else 0  # as many in every instance
         if problem.draws_rocks and len(names) == 1:
             count = 1
         blocks = [(instance, k) for k in range(count) for instance in problem.instances][:count]

@@ -49,7 +49,7 @@ class Table:
         table = rich.table.Table(title=self.title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
         table.title_justify = "left"
         for k, name in enumerate(self.columns):
-            table.add_column(name, justify="right" if k else "left", overflow="fold")
+            table.add_column(name, justify="right" if k else "left", overflow="fold", no_wrap=not k)
         for row in self.rows:
             style = "bold" if row.best else "" if row.cells else "italic"
             cells = [
