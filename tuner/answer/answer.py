@@ -183,8 +183,10 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
         costs = {
             key: _mean([r.value(key) for r in missions]) for key in ("costs.images", "costs.flight_time_s")
         }
-        mean = evidence.mean(name)
-        parts = {kind: part.mean(name) for kind, part in of_kind.items()}
+        parts = {"all": evidence, **of_kind}
+        means = {
+            kind: None if (mean := part.mean(name)) is None else mean.mean for kind, part in parts.items()
+        }
         config = evidence.configs[name]
         return Row(
             strategy=name,
@@ -193,7 +195,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
             photographs=costs["costs.images"],
             planned=None if config.stop.may_end_early else float(config.adaptive_budget),
             flight_s=costs["costs.flight_time_s"],
-            means={"all": mean and mean.mean, **{kind: each and each.mean for kind, each in parts.items()}},
+            means=means,
             from_reference=None if name == reference else evidence.gain(name, reference),
             from_baseline=None if name == plain or not plain else evidence.gain(name, plain),
             missions=len(missions),

@@ -144,7 +144,7 @@ def _own_trials(campaign: Campaign, configs: Mapping[str, MissionConfig]) -> lis
     """Return the finished trials of the campaign that fly one of ``configs``."""
     problem, names = (
         campaign.settings.problem,
-        {mission_key(c): name for name, c in reversed(configs.items())},
+        {mission_key(c): name for name, c in reversed(list(configs.items()))},
     )
     name_at = dict[tuple[float, ...], str]()
     records = []
@@ -170,7 +170,7 @@ def _plans(directory: Path) -> Iterable[tuple[Path, EvaluationPlan]]:
 
 def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dict[str, str]:
     """Return by strategy of a plan the present strategy that flies the same; those of an earlier recommendation have none."""
-    now = {mission_key(config): name for name, config in reversed(configs.items())}
+    now = {mission_key(config): name for name, config in reversed(list(configs.items()))}
     names = dict[str, str]()
     for name, config in plan.strategies.items():
         key = mission_key(config)

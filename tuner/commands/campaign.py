@@ -15,7 +15,6 @@ from rich.padding import Padding
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.safe_files import read_json
-from tuner.answer import words
 from tuner.answer.answer import ANSWER_FILE, Answer
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
@@ -59,6 +58,7 @@ from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
 from tuner.missions import executors
 from tuner.missions.registry import mission_kind
+from tuner.report import words
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)

@@ -17,7 +17,6 @@ from nbv.mission.result import MissionResult
 from nbv.safe_files import printable, write_atomic
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import Answer, answer_of
-from tuner.answer.words import sentences
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
@@ -30,6 +29,7 @@ from tuner.export.route import Home, qgc_plan
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
 from tuner.problem.baselines import ANSWERS, base_name, baseline, is_ablation
 from tuner.problem.baselines import label as strategy_label
+from tuner.report.words import sentences
 
 
 class Format(StrEnum):

@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from nbv.safe_files import read_yaml
-from tuner.answer.words import gate_words
+from tuner.answer.answer import answer_of
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.commands.campaign import write_pages
@@ -36,6 +36,7 @@ from tuner.commands.options import Overrides
 from tuner.export.mission_files import planned_config
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
 from tuner.report.labels import duration, format_number
+from tuner.report.words import gate_words
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
@@ -171,4 +172,4 @@ def _view_campaign(directory: Path) -> None:
     output.print(f"campaign in {directory}: running the missions that its page still needs", soft_wrap=True)
     s = campaign.settings
     with local_executor(s.fidelity, None, 3600.0) as executor:
-        write_pages(campaign, executor)
+        write_pages(campaign, answer_of(campaign), executor)

@@ -92,8 +92,12 @@ def paper_seeds(seed: SeedConfig) -> SeedConfig:
     """As many seeds on the paper's rings: shares of 8 : 6 : 6 : 4 at 15, 22, 29 and 36 degrees, 4 m away."""
     if not seed.count:
         return seed
-    rings = {"ring_elevations_deg": seed.ring_elevations_deg, "ring_azimuth_counts": seed.ring_azimuth_counts}
-    return SeedConfig(count=seed.total, layout="rings", **rings)
+    return SeedConfig(
+        count=seed.total,
+        layout="rings",
+        ring_elevations_deg=seed.ring_elevations_deg,
+        ring_azimuth_counts=seed.ring_azimuth_counts,
+    )
 
 
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
@@ -138,7 +142,7 @@ BASELINES: dict[str, Baseline] = {
         ),
         Baseline(
             "orbit-recentred",
-            "Plain orbit, re-centred",
+            "Orbit, re-centred",
             "a plain orbit at 10°; its second half is moved to the target that the first has located",
             values=ONE_RING,
             plans=False,
@@ -146,7 +150,7 @@ BASELINES: dict[str, Baseline] = {
         ),
         Baseline(
             "orbit-two-recentred",
-            "Plain orbit, two rings, re-centred",
+            "Orbit, two rings, re-centred",
             "the orbit of two rings; its second half is moved to the target that the first has located",
             values=TWO_RINGS,
             plans=False,

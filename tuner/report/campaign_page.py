@@ -14,7 +14,7 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import RESULT
 from nbv.provenance import git_revision
 from nbv.safe_files import to_yaml
-from tuner.answer import effects, words
+from tuner.answer import effects
 from tuner.answer.answer import Answer, answer_of
 from tuner.answer.evidence import Evidence, evidence_of
 from tuner.campaign.campaign import Campaign
@@ -30,6 +30,7 @@ from tuner.problem.objective import COUNTS
 from tuner.problem.regions import Region
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report import words
 from tuner.report.figures import draw_best_so_far, draw_contour, draw_outcomes, draw_slices, plan_figure
 from tuner.report.labels import (
     decimals_for,

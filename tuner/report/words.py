@@ -84,7 +84,7 @@ def _worth(answer: Answer, fly: Flight) -> list[str]:
 
 def _tuned(answer: Answer, fly: Flight) -> list[str]:
     """Tuned plans that lead without being shown to be better, and what the others earn."""
-    unit, said = metric_label(answer.metric).difference_unit, []
+    unit, said = metric_label(answer.metric).difference_unit, list[str]()
     for name, lead in fly.leads.items():
         if name in answer.recommended or not said:
             said.append(
