@@ -10,6 +10,7 @@ A name is a metric's path, or one of `SHORT`.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -100,6 +101,8 @@ def _objective(name: str) -> Objective:
     metric = SHORT.get(name, name)
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")
+    if "." not in metric and (close := difflib.get_close_matches(metric, SHORT, n=1)):
+        raise UserError(f"there is no metric {metric!r}; did you mean {close[0]}?")
     return Objective(metric, direction_of(metric))
 
 

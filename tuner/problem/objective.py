@@ -19,6 +19,7 @@ SHORT = {
     "seconds": "costs.flight_time_s",
     "energy": "costs.energy_wh",
 }
+PERCENTAGES = ("completeness", "accuracy", "f_score")
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
 
@@ -30,7 +31,7 @@ def direction_of(metric: str) -> Direction:
     to say it.
     """
     key = metric.rpartition(".")[2]
-    if key.startswith(("completeness", "accuracy", "f_score")):
+    if key.startswith(PERCENTAGES):
         return "maximise"
     if key.startswith(("c2c", "hausdorff")) or metric.startswith("costs."):
         return "minimise"
