@@ -76,6 +76,11 @@ def with_second_first(history: Sequence[Observation]) -> list[Observation]:
 def parse_goal(text: str) -> Goal:
     """Return the meaning of a text; ``UserError`` in one line where it has none."""
     match = _FORM.fullmatch(re.sub(r"\s*(@|[<>]=)\s*", r"\1", text.strip()))
+    if match is None and (alone := re.fullmatch(r"([\w.]+)\s*([<>]=?)\s*(.+)", text.strip())):
+        _objective(alone[1])  # a name that there is not
+        raise UserError(
+            f"objective {text!r} is a limit alone; write what is tuned before it: f_score@{alone[1]}{alone[2]}{alone[3]}"
+        )
     if match is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs<=21 or photographs@f_score>=97"
@@ -89,7 +94,12 @@ def parse_goal(text: str) -> Goal:
     right = "<=" if second.direction == "minimise" else ">="
     if match["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
-    return Goal(first, second, _number(match["limit"], f"objective {text!r}"))
+    limit, key = _number(match["limit"], f"objective {text!r}"), second.metric.rpartition(".")[2]
+    if key.startswith(PERCENTAGES) and not 0.0 < limit <= 100.0:
+        raise UserError(
+            f"objective {text!r}: {second.metric} is between 0 and 100 %, so nothing meets {limit:g}; ask for less"
+        )
+    return Goal(first, second, limit)
 
 
 def _name(objective: Objective) -> str:
