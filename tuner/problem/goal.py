@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from nbv.errors import UserError
-from tuner.problem.objective import COSTS, COUNTS, SHORT, Objective, direction_of
+from tuner.problem.objective import COSTS, COUNTS, PERCENTAGES, SHORT, Objective, direction_of
 from tuner.problem.observations import Observation
 
 # Of a text without blanks around its signs.
