@@ -278,22 +278,6 @@ def remove_links(folder: Path) -> None:
                 Path(entry.path).unlink(missing_ok=True)
 
 
-def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
-    """Write files by name into a new or empty folder of the user's; what was written.
-
-    `UserError` where there is something in ``folder``, or it cannot be written.
-    """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserError(f"{folder} is not an empty folder; choose another one")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            write_atomic(folder / name, content)
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
-    return [folder / name for name in contents]
-
-
 def parse_yaml(text: str, source: str) -> Any:
     """The tree in ``text`` by YAML 1.2's core schema; keys given twice are refused.
 

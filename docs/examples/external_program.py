@@ -42,9 +42,7 @@ def fly(config: MissionConfig, rock: str, replicate: int, directory: Path, **_: 
     for name, write in {"scoring.yaml": write_scoring, "unified_mission.yaml": write_mission}.items():
         try:
             (folder / name).write_text(write_text(write(config)[0], name))
-        except (
-            UserError
-        ) as error:  # such as a gate that they do not have: no mission, and the search learns it
+        except UserError as error:  # such as a gate that they do not have: the search learns it
             raise MissionFailure("not_expressible", str(error)) from error
     try:
         subprocess.run([*program, folder], capture_output=True, text=True, timeout=LIMIT_S, check=True)

@@ -163,11 +163,6 @@ def _digests(folder: Path, names: list[str]) -> list[str]:
     return digests
 
 
-def frame_of_file(path: str | Path) -> Similarity:
-    """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
-    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", "auto", [], [])[1]
-
-
 def _placed(
     path: Path, height_m: float, up: str, keep: str, notes: list[str], side_files: list[str]
 ) -> tuple[FileMesh, Similarity]:

@@ -146,11 +146,11 @@ class Ledger:
     def finish(self, number: int, ended: Trial) -> Trial:
         """Enter how a mission ended, once per mission, with the objectives' values."""
         self.trials()
-        frozen, entered = self._known[number]
+        frozen, _ = self._known[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
         objective, second, limit = self._goal.objective, self._goal.second, self._goal.limit
-        measurements = {**ended.measurements, "costs": {**entered.values, **ended.costs}}
+        measurements = ended.measurements
         value, why_not = objective.value_or_reason(ended.record.status, measurements)
         also = None if value is None or second is None else second.measure(measurements)
         end: dict[str, Any] = {name: getattr(ended.record, name) for name in _ENDING}
