@@ -217,7 +217,7 @@ class Reconstructor:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
         raise NotImplementedError
 
-    def retarget(self, target_m: Point, half_width_m: float) -> None:
+    def recentre(self, target_m: Point, half_width_m: float) -> None:
         """From now on: the target has been found there, in a cube of twice ``half_width_m``."""
 
     def finish(self) -> Cloud:

@@ -67,11 +67,11 @@ class _Kept:
     def add(self, capture: Capture) -> UpdateReport:
         return self._keep(self._inner.add(capture))
 
-    def retarget(self, target_m: tuple[float, float, float], crop_half_width_m: float) -> None:
+    def recentre(self, target_m: tuple[float, float, float], crop_half_width_m: float) -> None:
         self.vehicle_config = self.vehicle_config.with_values(
             {"target_m": target_m, "dense.crop_half_width_m": crop_half_width_m}
         )
-        self._inner.retarget(target_m, crop_half_width_m)
+        self._inner.recentre(target_m, crop_half_width_m)
 
     def finish(self) -> Cloud:
         cloud: Cloud = self._inner.finish()

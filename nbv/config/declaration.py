@@ -37,7 +37,6 @@ OneOrMore = Annotated[int, Meta(ge=1)]
 TwoOrMore = Annotated[int, Meta(ge=2)]
 
 _EARLIER_NAMES = {  # which are still read
-    "seed.reaim_after": "seed.retarget_after",
     "matchable": "predicted",
     **{f"matchable.weights.{term}": f"predicted.weights.{term}" for term in ("main", "nov", "move", "ang")},
 }

@@ -61,17 +61,10 @@ class SeedConfig(Section):
         label="share on the upper ring",
         added=True,
     )
-    retarget_after: int = not_in_paper(
+    recentre_after: int = not_in_paper(
         0,
         "seeds after which a target of uncertain position is located and the other seeds are moved to it; "
         "0: after the last",
-        added=True,
-    )
-    second_turn: bool = not_in_paper(
-        False,
-        "take further seeds in place of planned views: one by one until the seeds give a model, then between registered and "
-        "unregistered seeds until all are registered",
-        reason="the paper's mission fails, or goes on without the missing ones",
         added=True,
     )
 
@@ -86,8 +79,8 @@ class SeedConfig(Section):
         rule = "such that no ring is beyond 90 degrees"
         self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", rule)
         self._need(
-            self.retarget_after == 0 or self.retarget_after >= 3,
-            "retarget_after",
+            self.recentre_after == 0 or self.recentre_after >= 3,
+            "recentre_after",
             "0 (never) or at least 3: fewer photographs make no model",
         )
 

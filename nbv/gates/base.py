@@ -55,7 +55,7 @@ class Gate(ABC):
         seen = hashlib.sha256(state.model.points_m.tobytes()).hexdigest()
         return keyed_rng(self.config.gate.kind, seen, self.replicate, state.iteration)
 
-    def retargeted(self, config: MissionConfig) -> Self:
+    def recentred(self, config: MissionConfig) -> Self:
         """A copy of this gate for ``config``, whose ``target_m`` is where the mission has found the target."""
         other = copy.copy(self)
         other.config = config

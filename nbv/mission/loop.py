@@ -7,15 +7,13 @@ import dataclasses
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Gate
 from nbv.geometry.target import find_target
 from nbv.mission.recorder import Recorder
-from nbv.mission.second_turn import next_between
 from nbv.mission.target_prior import target_must_be_found, with_target_found
 from nbv.planner import Planner
-from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, UpdateReport, Viewpoint
+from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
 
@@ -60,51 +58,16 @@ class AdaptiveMission:
             self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
-            if k > 0 and k == self.config.seed.retarget_after and self._target_is_uncertain:
-                self.retarget()
+            if k > 0 and k == self.config.seed.recentre_after and self._target_is_uncertain:
+                self.recentre()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
-        report = self._seed_model()
+        with self.recorder.stopwatch.timed("bootstrap"):
+            report = self.reconstructor.bootstrap(self.captures)
         self.recorder.seed_model(report)
         return report.model
 
-    def _seed_model(self) -> UpdateReport:
-        """The model of the seeds. With ``seed.second_turn`` seeds between them take the place of planned views, one by one.
-
-        They are photographed in order until there is a model, then between registered and missing seeds while any are.
-        """
-        first, budget, why, report = len(self.captures), self.config.adaptive_budget, "", None
-        left = budget if self.config.seed.second_turn else 0
-        views = list(self.planner.viewpoints.interleaved_seeds(self.config)) if left else []
-        while report is None:
-            try:
-                with self.recorder.stopwatch.timed("bootstrap"):
-                    report = self.reconstructor.bootstrap(self.captures)
-            except MissionFailure as failure:
-                if not (left and views):
-                    raise
-                why = why or f"no seed model ({failure.message})"
-                self._fly_and_photograph(views.pop(0))
-                left -= 1
-        seeds = tuple(self.captures)
-        missing = len(seeds) - len(report.model.camera_names)
-        while left and (view := next_between(views, seeds, report.model, self.config)) is not None:
-            views.remove(view)
-            capture = self._fly_and_photograph(view)
-            with self.recorder.stopwatch.timed("update"):
-                report = self.reconstructor.add(capture)
-            left -= 1
-        if taken := len(self.captures) - first:
-            why = why or f"{missing} of {len(seeds)} seeds not registered"
-            self.recorder.interleaved_seeds(why, taken)
-            self._plan_by(self.config.changed(stop={"adaptive_budget": budget - taken}))
-        return report
-
-    def _plan_by(self, config: MissionConfig) -> None:
-        self.config = config
-        self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
-
-    def retarget(self) -> None:
+    def recentre(self) -> None:
         """Place the remaining seeds around the target that the photographs so far show, if they show one."""
         with self.recorder.stopwatch.timed("partial_model"):
             model = self.reconstructor.partial_model(self.captures)
@@ -113,8 +76,8 @@ class AdaptiveMission:
             target = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
             if target is not None:
                 target_m = target.center_m
-                self._turn_to_target(self.config.changed(target_m=target_m))
-        self.recorder.retargeted(target_m)
+                self._recentre_on(self.config.changed(target_m=target_m))
+        self.recorder.recentred(target_m)
 
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; until one shows it, as assumed."""
@@ -122,14 +85,15 @@ class AdaptiveMission:
             config = None if self._target_found else with_target_found(self.config, model)
         if config is not None:
             self._target_found = True
-            self._turn_to_target(config)
+            self._recentre_on(config)
             self.recorder.located(config)
 
-    def _turn_to_target(self, config: MissionConfig) -> None:
-        self._plan_by(config)
+    def _recentre_on(self, config: MissionConfig) -> None:
+        self.config = config
+        self.planner = Planner(config, self.planner.gate.recentred(config), self.planner.viewpoints)
         self.flight.face(config.target_m, config.flight)
         self.camera.aim_at(config.target_m)
-        self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
+        self.reconstructor.recentre(config.target_m, config.dense.crop_half_width_m)
 
     def run_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""

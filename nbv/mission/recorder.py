@@ -50,17 +50,12 @@ class Recorder:
             if self._progress is not None:
                 self._progress.append(PROGRESS, f"{self.images}/{self._most_images}")
 
-    def retargeted(self, target_m: Point | None) -> None:
+    def recentred(self, target_m: Point | None) -> None:
         """The first seeds have shown the target at this place, or None where they show none."""
         text = (
             "not found yet" if target_m is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*target_m)
         )
         self._log(f"target {text}")
-
-    def interleaved_seeds(self, reason: str, seeds: int) -> None:
-        """The seeds have made no model, or not all are in it: so many further seeds between them."""
-        self.notes.append("second_turn")
-        self._log(f"{reason}: {seeds} seeds between them")
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""

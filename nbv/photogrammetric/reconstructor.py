@@ -60,14 +60,10 @@ class PhotogrammetricReconstructor(Reconstructor):
         self._half_extents_m = half_extents_m
         self._config, self._store = config, store
         self._keep_sparse = keep_sparse
-        self._stopwatch = stopwatch
         self._images: dict[str, Any] = {}
         self.has_model = False
-        self._begin()
-
-    def _begin(self) -> None:
-        source = Correspondences(self._config, self._store, self._stopwatch)
-        self._sparse: SparseReconstructor | None = SparseReconstructor(self._config, source)
+        source = Correspondences(config, store, stopwatch)
+        self._sparse: SparseReconstructor | None = SparseReconstructor(config, source)
         # Not reconstructed yet: the seeds, and what came after them.
         self._seeds: tuple[Capture, ...] = ()
         self._waiting: list[Capture] = []
@@ -96,11 +92,7 @@ class PhotogrammetricReconstructor(Reconstructor):
             *(capture.camera_from_world for capture in captures),
             *(capture.image for capture in captures if capture.image is not None),
         )
-        try:
-            report = self._known_report()
-        except MissionFailure:  # it may be asked again, of more photographs
-            self._begin()
-            raise
+        report = self._known_report()
         self.has_model = True
         return report
 
@@ -111,7 +103,7 @@ class PhotogrammetricReconstructor(Reconstructor):
         self._key = digest(self._key, capture.name, capture.camera_from_world, capture.image)
         return self._known_report()
 
-    def retarget(self, target_m: Point, half_width_m: float) -> None:
+    def recentre(self, target_m: Point, half_width_m: float) -> None:
         """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was assumed.
 
         Poses that are free of the exact rings bring views one behind the other, whose disparities span thousands of

@@ -81,13 +81,13 @@ class Guard:
                     )
                 return GateDecision(ranking, shortened(str(decision.reason)), msgspec.json.decode(details))
 
-        def retargeted(gate_self: Any, config: Any) -> Any:
-            other = gate.retargeted(gate_self, copy.deepcopy(config))
+        def recentred(gate_self: Any, config: Any) -> Any:
+            other = gate.recentred(gate_self, copy.deepcopy(config))
             if not isinstance(other, guarded):
                 raise self.failure(f"became {type(other).__name__} for another target")
             return other
 
-        members = {"decide": decide, "retargeted": retargeted, "__module__": gate.__module__}
+        members = {"decide": decide, "recentred": recentred, "__module__": gate.__module__}
         guarded = type(gate.__name__, (gate,), members)
         return guarded
 

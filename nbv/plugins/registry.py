@@ -26,7 +26,7 @@ from nbv.plugins.importing import error_text, imported, lines_of
 # What one part of each group is called, and what it must have, in the words of Python.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "scorers": ("scorer", ("main_term", "weights", "rank")),
-    "gates": ("gate", ("decide", "retargeted")),
+    "gates": ("gate", ("decide", "recentred")),
     "renderers": ("renderer", ("rgb",)),
     "dense": ("dense backend", ("__call__",)),
     "metrics": ("metric", ("key", "measure")),

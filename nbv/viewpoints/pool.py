@@ -23,10 +23,6 @@ class ViewpointSource:
         """The seeds of Phase 1 in the order flown."""
         return seed_viewpoints(config)
 
-    def interleaved_seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
-        """Further seeds between these, for where these make no model."""
-        return seed_viewpoints(config, interleaved=True)
-
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
     ) -> CandidatePool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -15,10 +14,8 @@ from nbv.types import Floats, Point, Viewpoint
 RingPosition = tuple[float, float, float]
 
 
-def _ring(
-    radius_m: float, elevation_deg: float, count: int, first_bearing_deg: float = 0.0
-) -> list[RingPosition]:
-    return [(radius_m, elevation_deg, first_bearing_deg + 360.0 * k / count) for k in range(count)]
+def _ring(radius_m: float, elevation_deg: float, count: int) -> list[RingPosition]:
+    return [(radius_m, elevation_deg, 360.0 * k / count) for k in range(count)]
 
 
 def _viewpoint(target_m: Point, at: RingPosition, band: str, name: str) -> Viewpoint:
@@ -33,33 +30,27 @@ def _viewpoint(target_m: Point, at: RingPosition, band: str, name: str) -> Viewp
     return Viewpoint(name, position, (90.0 - bearing_deg) % 360.0, elevation_deg, band)
 
 
-def seed_viewpoints(config: MissionConfig, *, interleaved: bool = False) -> list[Viewpoint]:
+def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
     """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one ring, two rings, or as many on the rings.
 
     Each ring has even azimuths, clockwise from north; of two (``seed.upper_share``) that at ``seed.lowest_deg`` is first.
-
-    ``interleaved``: as many again between these, named after them: the same rings, each turned by half the step of its
-    seeds.
     """
-    first = config.seed.total if interleaved else 0
-    ring_positions = _seed_positions(config.seed, 180.0 if interleaved else 0.0)
-    return _seeds(config.target_m, ring_positions, first)
+    return _seeds(config.target_m, config.seed)
 
 
-def _seeds(target_m: Point, ring_positions: Iterable[RingPosition], first: int = 0) -> list[Viewpoint]:
-    return [_viewpoint(target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(ring_positions, first)]
+def _seeds(target_m: Point, layout: SeedConfig) -> list[Viewpoint]:
+    return [_viewpoint(target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(_seed_positions(layout))]
 
 
-def _seed_positions(layout: SeedConfig, turn_deg: float) -> list[RingPosition]:
-    """Rings turned by ``turn_deg`` over the number of their seeds."""
+def _seed_positions(layout: SeedConfig) -> list[RingPosition]:
     count, upper = layout.count, layout.upper_count
     if count and not upper and layout.layout == "turn":
         step_deg = 360.0 / count
-        return [(layout.radius_m, layout.lowest_deg, turn_deg / count + k * step_deg) for k in range(count)]
+        return [(layout.radius_m, layout.lowest_deg, k * step_deg) for k in range(count)]
     rings = zip(layout.ring_elevations_deg, layout.ring_counts)
     if upper:
         rings = zip((layout.lowest_deg, layout.upper_deg), (count - upper, upper))
-    return [at for elevation_deg, n in rings for at in _ring(layout.radius_m, elevation_deg, n, turn_deg / n)]
+    return [at for elevation_deg, n in rings for at in _ring(layout.radius_m, elevation_deg, n)]
 
 
 def lateral_ring_counts(total: int, rings: int) -> list[int]:
@@ -111,5 +102,5 @@ def camera_shell(config: MissionConfig) -> Floats:
 
     The same for every layout of seeds and pool, so that all are measured against one observable surface.
     """
-    seeds = _seeds(config.target_m, _seed_positions(SeedConfig(), 0.0))
+    seeds = _seeds(config.target_m, SeedConfig())
     return np.array([v.position_m for v in (*seeds, *_raw_candidates(PoolConfig(), config.target_m))])

@@ -19,7 +19,7 @@ from tuner.missions.registry import DEFAULT_FIDELITY, code_of, kind_on
 from tuner.problem.baselines import (
     ARMS,
     EVALUATION_BASELINES,
-    RETARGETED_ORBITS,
+    RECENTRED_ORBITS,
     ablations,
     at_equal_number,
     base_name,
@@ -174,7 +174,7 @@ class MissionProblem(Problem):
         split = {} if names is not None else {k: v for n, c in configs.items() for k, v in ablations(n, c, self.base).items()}
         if names is None:
             looking = target_must_be_located(self.base, _conditions_of_target(tuned))
-            names = (*EVALUATION_BASELINES, *(RETARGETED_ORBITS if looking else ()))
+            names = (*EVALUATION_BASELINES, *(RECENTRED_ORBITS if looking else ()))
         baselines = baseline_configs(list(names), self.base)
         equal = at_equal_number(baselines, counted, reference_of(baselines, self.reference))
         controls, notes = where_photographed(equal, tuned.rocks)

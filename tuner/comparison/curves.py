@@ -50,7 +50,6 @@ BASE: dict[str, Any] = {
     "seed.count": 12,
     "seed.radius_m": 3.5,
     "seed.lowest_deg": 10.0,
-    "seed.second_turn": True,
     "stop.criterion": "budget",
     "gate.oracle_samples": 3000,
 }

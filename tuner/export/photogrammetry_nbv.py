@@ -319,7 +319,7 @@ def write_mission(
         values["seed_azimuth_counts"] = [seed.count - upper, upper] if upper else [seed.count]
     by_distance = stop.criterion == "both"
     remarks = _remarks(
-        ("seed.retarget_after", bool(seed.retarget_after), "theirs does not look for the target"),
+        ("seed.recentre_after", bool(seed.recentre_after), "theirs does not look for the target"),
         (
             "sparse.ground_features",
             bool(config.sparse.ground_features),

@@ -62,8 +62,7 @@ def qgc_plan(
 
     Raises `UserError`: a view that the configuration does not have.
     """
-    seeds = (*seed_viewpoints(config), *seed_viewpoints(config, interleaved=True))
-    known = {view.id: view for view in (*seeds, *raw_candidates(config))}
+    known = {view.id: view for view in (*seed_viewpoints(config), *raw_candidates(config))}
     places = [name.rstrip("b") for name in view_ids]
     unknown = [name for name in places if name not in known]
     if unknown:

@@ -27,7 +27,7 @@ class Baseline:
     description: str = ""  # what the label does not say
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
-    retargeted: bool = False  # of an orbit: its first half locates the target, its second half is moved there
+    recentred: bool = False  # of an orbit: its first half locates the target, its second half is moved there
 
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` running this strategy; `UserError`, with the strategy's name, where it cannot."""
@@ -49,7 +49,7 @@ class Baseline:
             "seed.count": number,
             "seed.layout": "turn",
             "seed.radius_m": base.pool.radius_m,
-            "seed.retarget_after": number // 2 if self.retargeted else 0,
+            "seed.recentre_after": number // 2 if self.recentred else 0,
             **_registering(base.sparse, number),
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
@@ -137,20 +137,20 @@ BASELINES: dict[str, Baseline] = {
             plans=False,
         ),
         Baseline(
-            "orbit-reaimed",
-            "Plain orbit, re-targeted",
+            "orbit-recentred",
+            "Plain orbit, re-centred",
             "a plain orbit at 10°; its second half is moved to the target that the first has located",
             values=ONE_RING,
             plans=False,
-            retargeted=True,
+            recentred=True,
         ),
         Baseline(
-            "orbit-two-reaimed",
-            "Plain orbit, two rings, re-targeted",
+            "orbit-two-recentred",
+            "Plain orbit, two rings, re-centred",
             "the orbit of two rings; its second half is moved to the target that the first has located",
             values=TWO_RINGS,
             plans=False,
-            retargeted=True,
+            recentred=True,
         ),
     )
 }
@@ -158,7 +158,7 @@ PAPER_STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o")
 # What `gatetune evaluate` compares with unless told otherwise: the paper's four, *predicted*, random views, a planner that sees
 # the true surface, and plain orbits.
 ORBITS = ("orbit-middle", "orbit", "orbit-high", "orbit-two")
-RETARGETED_ORBITS = ("orbit-reaimed", "orbit-two-reaimed")
+RECENTRED_ORBITS = ("orbit-recentred", "orbit-two-recentred")
 # The plain plans that a campaign runs as trials where its space holds them.
 ARMS = ("orbit-middle",)
 EVALUATION_BASELINES = (*PAPER_STRATEGIES, "predicted", "random", "greedy-oracle", *ORBITS)
@@ -168,7 +168,7 @@ ANSWERS = (TUNED_GATE, TUNED_PLANNER, TUNED)
 # Plans without tuning, from the simplest to fly: which one is flown where none is shown to be better. The orbit at 15 degrees is the
 # best single plan over 34 training targets (docs/results.md).
 SIMPLEST_FIRST = (
-    *("orbit-middle", "orbit", "orbit-high", "orbit-two", "orbit-reaimed", "orbit-two-reaimed"),
+    *("orbit-middle", "orbit", "orbit-high", "orbit-two", "orbit-recentred", "orbit-two-recentred"),
     *("random", "default", "hyb-h", "covis", "b-aware", "movement-only", "predicted"),
 )
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
@@ -257,9 +257,9 @@ def ending_at(config: MissionConfig, number: int) -> MissionConfig:
 
 
 def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
-    """The plain orbits with as many photographs as ``tuned``, and re-targeted ones where the target must be located."""
+    """The plain orbits with as many photographs as ``tuned``, and re-centred ones where the target must be located."""
     number = photographs(tuned)
-    names = [*ORBITS, *(RETARGETED_ORBITS if target_must_be_located(tuned, conditions) else ())]
+    names = [*ORBITS, *(RECENTRED_ORBITS if target_must_be_located(tuned, conditions) else ())]
     return {f"{name}-{number}": BASELINES[name].orbit(tuned, number) for name in names}
 
 

@@ -21,9 +21,6 @@ def test_names_are_checked_when_a_configuration_is_read() -> None:
 
 
 def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
-    renamed = MissionConfig().with_values({"seed.retarget_after": 6})
-    assert config_from_dict({"seed": {"reaim_after": 6}}) == renamed
-    assert MissionConfig().with_values({"seed.reaim_after": 6}) == renamed
     weighed = MissionConfig().with_values({"predicted.weights.nov": 0.0})
     assert MissionConfig().with_values({"matchable.weights.nov": 0.0}) == weighed
     earlier = {
@@ -69,7 +66,7 @@ FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_regist
         ({"seed.upper_share": 0.4, "seed.span_deg": -30.0}, "meets the ground"),
         ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),
         ({"seed.ring_azimuth_counts": [3]}, "as long as ring_elevations_deg"),
-        ({"seed.retarget_after": 2}, "at least 3: fewer photographs make no model"),
+        ({"seed.recentre_after": 2}, "at least 3: fewer photographs make no model"),
     ],
 )
 def test_values_that_cannot_be_are_refused(values: dict, says: str) -> None:

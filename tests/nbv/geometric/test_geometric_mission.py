@@ -125,8 +125,7 @@ def test_a_view_may_be_flown_again_and_again(config):
     assert (result.status, result.costs["registered_images"]) == ("ok", 28)
 
 
-def test_where_features_match_less_far_few_seeds_fall_apart_and_a_second_turn_joins_them(config):
-    """Photographs between the seeds take the place of planned ones, no more of them than it takes."""
+def test_where_features_match_less_far_few_seeds_fall_apart(config):
     limited = {
         "scene.match_angle_deg": 45.0,
         "sparse.ground_features": 2000,
@@ -135,16 +134,10 @@ def test_where_features_match_less_far_few_seeds_fall_apart_and_a_second_turn_jo
         "seed.count": 8,
         "stop.adaptive_budget": 6,
     }
-    others = ({"scene.match_angle_deg": 180.0}, {"seed.count": 12}, {}, {"seed.second_turn": True})
-    lines = []
-    far, many, few, turned = (
-        run_geometric_mission(config.with_values(limited | other), ROCK, log=lines.append) for other in others
-    )
+    others = ({"scene.match_angle_deg": 180.0}, {"seed.count": 12}, {})
+    far, many, few = (run_geometric_mission(config.with_values(limited | other), ROCK) for other in others)
     assert [mission.trace[0].n_registered for mission in (far, many)] == [8, 12]
     assert few.trace[0].n_registered < 8 and "unregistered_seed" in few.message
-    assert [record.n_registered for record in turned.trace] == [10, 11, 12, 13]
-    assert turned.costs["images"] == few.costs["images"] == 14
-    assert [line.split(":")[0] for line in lines[-4:]] == [f"capture  {k} of 4" for k in (1, 2, 3, 4)]
 
 
 @pytest.mark.slow

@@ -35,8 +35,6 @@ NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"
 FEW = {"stop.adaptive_budget": 3}
 TURN = {**FEW, "seed.count": 15, "sparse.ground_features": 2000}
-FALLS_APART = {**FEW, "sparse.ground_features": 2000, "scene.match_angle_deg": 45.0, "seed.count": 7}
-FALLS_APART |= {"sparse.min_registered_seeds": 3, "seed.lowest_deg": 25.0}
 NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
 # Among what a parameter matters, and a value that does, where neither is plain.
 BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
@@ -55,7 +53,6 @@ BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "seed.lowest_deg": (TURN, 25.0),
     "seed.span_deg": ({**TURN, "seed.upper_share": 0.3}, 12.0),
     "seed.upper_share": (TURN, 0.3),
-    "seed.second_turn": (FALLS_APART, True),
     "pool.min_altitude_m": ({}, 1.5),
     "pool.max_altitude_m": ({}, 1.4),
     "pool.max_travel_m": ({}, 2.0),
@@ -136,8 +133,8 @@ def scenario(
 # Without effect and not refused, since strategies and search spaces for all fidelities set them: these targets are certain,
 # the distances of a set's photographs are what they are, and its dense stage searches near the sparse model.
 WITHOUT_EFFECT = {
-    GeometricFidelity: ("seed.retarget_after",),
-    PhotographFidelity: ("seed.retarget_after", "seed.radius_m", "dense.search"),
+    GeometricFidelity: ("seed.recentre_after",),
+    PhotographFidelity: ("seed.recentre_after", "seed.radius_m", "dense.search"),
 }
 
 
@@ -186,7 +183,6 @@ BESIDE_PHOTOGRAPHS: dict[str, tuple[dict[str, Any], Any]] = {
     "seed.ring_azimuth_counts": ({"seed.count": 0}, [7, 6, 6, 5]),
     "seed.ring_bearings_deg": ({"seed.count": 0}, [50.0, 60.0, 70.0, 80.0]),
     "seed.lowest_deg": ({}, 35.0),
-    "seed.second_turn": (FEW_SEEDS, True),
     "pool.min_altitude_m": ({}, 2.4),
     "stop.knn_region": ({"stop.criterion": "both", "stop.knn_threshold_m": 0.32}, "all"),
     "stop.max_photographs": ({}, 16),

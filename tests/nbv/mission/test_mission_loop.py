@@ -57,8 +57,8 @@ class CountingReconstructor:
             self._take(capture)
         return UpdateReport(self._model(), registered, "" if registered else "too few matches")
 
-    def retarget(self, target_m, half_width_m):
-        self.retargeted = (target_m, half_width_m)
+    def recentre(self, target_m, half_width_m):
+        self.recentred = (target_m, half_width_m)
 
     def finish(self):
         return PointCloud(np.zeros((1, 3)))
@@ -88,51 +88,15 @@ def run_loop(reconstructor=None, **values):
     return mission
 
 
-class LateReconstructor(CountingReconstructor):
-    """It makes a model of so many photographs, not of fewer."""
-
-    def __init__(self, needed):
-        super().__init__()
-        self.needed = needed
-
+class NoSeedModel(CountingReconstructor):
     def bootstrap(self, captures):
-        if len(captures) < self.needed:
-            raise MissionFailure("seed_model_failed", "too few")
-        return super().bootstrap(captures)
+        raise MissionFailure("seed_model_failed", "too few")
 
 
-LATE = {
-    "seed.count": 8,
-    "seed.second_turn": True,
-    "sparse.ground_features": 2000,
-    "sparse.min_registered_seeds": 6,
-    "stop.adaptive_budget": 10,
-}
-
-
-@pytest.mark.parametrize("layout", [{}, {"seed.upper_share": 0.4, "seed.span_deg": 20.0}])
-def test_a_second_turn_lies_between_the_seeds_and_is_paid_for(layout):
-    mission = run_loop(LateReconstructor(16), **LATE, **layout)
-    assert mission.notes == ["second_turn"]
-    views = np.array([[c.viewpoint.azimuth_deg, c.viewpoint.elevation_deg] for c in mission.captures[:16]])
-    for elevation_deg in set(views[:8, 1]):
-        on_ring = np.sort(views[views[:, 1] == elevation_deg, 0])
-        assert np.allclose(np.diff(on_ring), 360.0 / len(on_ring))
-    assert len({capture.name for capture in mission.captures}) == 18  # as many as without it
-    assert [record.iteration for record in mission.trace] == [0, 1]
-
-
-def test_a_second_turn_ends_with_the_first_model():
-    mission = run_loop(LateReconstructor(10), **LATE)
-    bands = [capture.viewpoint.band == "seed" for capture in mission.captures]
-    assert bands == 10 * [True] + 8 * [False]
-    assert mission.notes == ["second_turn"] and len(mission.trace) == 8
-
-
-@pytest.mark.parametrize("values", [{"seed.second_turn": False}, {"stop.adaptive_budget": 0}])
-def test_without_views_for_a_second_turn_the_mission_fails(values):
+def test_a_mission_without_a_seed_model_fails():
+    """Views that are left to plan do not help."""
     with pytest.raises(MissionFailure, match="too few"):
-        run_loop(LateReconstructor(16), **{**LATE, **values})
+        run_loop(NoSeedModel())
 
 
 def test_an_unregistered_image_counts_and_the_mission_goes_on():

@@ -49,7 +49,7 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
     # The crop is no less than configured, although the target is smaller.
     assert mission.config.dense.crop_half_width_m == config.dense.crop_half_width_m
-    assert reconstructor.retargeted == (mission.config.target_m, mission.config.dense.crop_half_width_m)
+    assert reconstructor.recentred == (mission.config.target_m, mission.config.dense.crop_half_width_m)
     for capture in mission.captures[24:]:  # 3.5 m from where the target was found, and aimed at it
         delta_m = np.array(mission.config.target_m) - capture.viewpoint.position_m
         assert np.linalg.norm(delta_m) == pytest.approx(3.5)
@@ -60,7 +60,7 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
 
 def test_seeds_fly_about_the_target_once_it_is_found() -> None:
     """The first six about where it is believed, the others about where their photographs show it, aimed at it."""
-    config = with_target_error(preset("campaign").with_values({**ROUGH, "seed.retarget_after": 6}), "rock", 3)
+    config = with_target_error(preset("campaign").with_values({**ROUGH, "seed.recentre_after": 6}), "rock", 3)
     mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
     model = mission.run_seed_phase()
     assert reconstructor.partial_captures == [f"seed_{k:02d}.png" for k in range(6)]
@@ -82,9 +82,9 @@ CENTIMETRES = {f"telemetry.{axis}_noise_m": 0.02 for axis in ("horizontal", "ver
     "values",
     [
         {},
-        {**ROUGH, "seed.retarget_after": 24},
-        {"seed.retarget_after": 6},
-        {**CENTIMETRES, "seed.retarget_after": 6},
+        {**ROUGH, "seed.recentre_after": 24},
+        {"seed.recentre_after": 6},
+        {**CENTIMETRES, "seed.recentre_after": 6},
     ],
 )
 def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> None:

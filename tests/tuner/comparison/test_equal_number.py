@@ -83,12 +83,12 @@ def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
     assert controls_at_equal_number(evaluated) == ("random-tuned-pool", "hyb-h-21", "random-21", "orbit-21")
 
 
-def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
+def test_an_orbit_is_recentred_where_the_target_must_be_found() -> None:
     instances = (IDEAL_CONDITION, load_condition("field"))
     names = [f"{name}-32" for name in ORBITS]
     assert list(orbits_at_number(BASE, instances[:1])) == names
     found = orbits_at_number(BASE, instances)
-    assert [c.seed.retarget_after for c in found.values()] == [0, 0, 0, 0, 16, 16]
+    assert [c.seed.recentre_after for c in found.values()] == [0, 0, 0, 0, 16, 16]
 
 
 def test_orbits_over_photographs_fly_where_these_were_taken(

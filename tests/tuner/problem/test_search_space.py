@@ -9,7 +9,6 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.safe_files import parse_yaml
 from nbv.viewpoints import candidate_pool
-from tuner.commands.console import parse_overrides
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 
 MIXED = space_from_dict(
@@ -108,10 +107,6 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
         ("parameters: {dense.neighbours: {low: 1.5, high: 4}}", "it must be a whole number"),
         ("parameters: {stop.knn_region: {kind: categorical, choices: [all]}}", "at least two"),
         ("parameters: {stop.knn_region: {kind: categorical, choices: [all, xray]}}", "allowed: all"),
-        (
-            "parameters: {seed.reaim_after: {low: 3, high: 9}, seed.retarget_after: {low: 3, high: 9}}",
-            "seed.retarget_after stands here twice, once by an earlier name",
-        ),
     ],
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
@@ -128,13 +123,6 @@ def test_one_parameter_may_set_several_paths() -> None:
     config = space.config(preset("paper"), {"b_aware.weights.nov": 0.7})
     novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.predicted.weights.nov}
     assert novelty == {0.7}
-
-
-def test_an_earlier_name_of_a_parameter_is_read() -> None:
-    text = "parameters:\n  seed.reaim_after: {kind: int, low: 3, high: 9, default: 4}\nbegin:\n  - {seed.reaim_after: 5}\n"
-    space = space_from_dict(parse_yaml(text, "old.yaml"), "old.yaml")
-    assert space.paths == ("seed.retarget_after",) and space.begin == ({"seed.retarget_after": 5},)
-    assert parse_overrides(["seed.reaim_after=5"]) == {"seed.retarget_after": 5}
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
