@@ -25,12 +25,12 @@ from nbv.errors import UserError
 from nbv.safe_files import read_yaml
 
 _NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
-ENVIRONMENT_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")
+ENVIRONMENT_SECTIONS = ("scene", "sensor", "wind", "telemetry", "target")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A named environment: light, sensor, ground, wind, telemetry and knowledge of the target."""
+    """A named environment: light, sensor, wind, telemetry and knowledge of the target."""
 
     name: str
     values: dict[str, dict[str, Any]] = field(default_factory=dict)  # fields by section

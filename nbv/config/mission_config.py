@@ -36,7 +36,6 @@ from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, Sp
 from nbv.config.sections_world import (
     CameraConfig,
     FlightConfig,
-    GroundConfig,
     SceneConfig,
     SensorConfig,
     TargetConfig,
@@ -67,7 +66,6 @@ class MissionConfig:
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED)
-    ground: GroundConfig = field(default_factory=GroundConfig, metadata=ADDED)
     wind: WindConfig = field(default_factory=WindConfig, metadata=ADDED)
     flight: FlightConfig = field(default_factory=FlightConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)

@@ -1,4 +1,4 @@
-"""The sections for what is simulated: camera, scene, ground, wind, sensor, flight, and how well the vehicle knows its place."""
+"""The sections for what is simulated: camera, scene, wind, sensor, flight, and how well the vehicle knows its place."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from nbv.config.names import RENDERERS
 from nbv.errors import UserError
 
 LOWEST_SUN_DEG = 3.0  # lower, and shadows outgrow the ground that is drawn
-_Height = Annotated[float, Meta(ge=0.1, le=1.5)]
-_Gap = Annotated[float, Meta(ge=0.05, le=3)]
 
 
 @dataclass(frozen=True)
@@ -192,44 +190,6 @@ class FlightConfig(Section):
     min_camera_altitude_m: NonNegative = not_in_paper(
         0.3, "arrival errors never take the camera below this altitude"
     )
-
-
-@dataclass(frozen=True)
-class GroundConfig(Section):
-    """What the ground has besides its texture (`nbv.terrain`); by default it is flat and empty."""
-
-    relief_m: Annotated[float, Meta(ge=0, le=0.2)] = not_in_paper(
-        0.0,
-        "rms height of the ground, 0 to 0.2",
-        reason="LOLA slopes (Rosenburg 2011), scaled to 1 m: 0.05 is mare, 0.1 highland",
-    )
-    relief_length_m: Annotated[float, Meta(ge=0.3, le=5)] = not_in_paper(
-        1.0,
-        "correlation length of the relief; rms slope is 1.4 relief / length",
-        reason="about the rock's size",
-    )
-    neighbours: Annotated[int, Meta(ge=0, le=12)] = not_in_paper(
-        0, "other rocks around the target, outside the evaluation's crop", reason="0 to 12"
-    )
-    neighbour_height_m: tuple[_Height, _Height] = not_in_paper(
-        (0.4, 1.0),
-        "least and greatest height of the neighbours",
-        reason="at most 1.5: smaller than the target",
-    )
-    neighbour_gap_m: tuple[_Gap, _Gap] = not_in_paper(
-        (0.1, 2.0),
-        "least and greatest distance of the neighbours from the crop",
-        reason="at most 3: within the views' reach",
-    )
-    burial_m: NonNegative = not_in_paper(
-        0.0, "how deep the target lies in the ground", reason="less than its height"
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("neighbour_height_m", "neighbour_gap_m"):
-            low, high = getattr(self, name)
-            self._need(low <= high, name, "the least before the greatest")
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from scipy.sparse import coo_array
@@ -27,10 +25,7 @@ _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
 
 
 def clean_cloud(
-    cloud: Cloud,
-    config: EvaluationConfig,
-    target_m: tuple[float, float, float] | Floats,
-    ground_height_m: Callable[[Floats], Floats] | None = None,
+    cloud: Cloud, config: EvaluationConfig, target_m: tuple[float, float, float] | Floats
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
@@ -44,9 +39,6 @@ def clean_cloud(
     * points below the plane go with it, since nothing of the rock can be seen there;
     * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
-
-    Where the ground has relief, ``ground_height_m`` gives its true height (P,) under points (P, 3): the plane is then sought, and
-    the slab removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
 
     `MissionFailure` ``empty_cloud``: nothing is left.
 
@@ -66,16 +58,13 @@ def clean_cloud(
     cloud = select(cloud, offset <= config.crop_half_extent_m)
     report["crop"] = len(cloud.points_m)
 
-    flat = cloud.points_m
-    if ground_height_m is not None:
-        flat = flat - np.outer(ground_height_m(flat), [0.0, 0.0, 1.0])
-    plane = find_ground(flat, config, target)
+    plane = find_ground(cloud.points_m, config, target)
     report["ground_found"] = int(plane is not None)
     report["ground_tilt_deg"] = report["ground_height_m"] = float("nan")
     if plane is not None:
         report["ground_tilt_deg"] = float(np.rad2deg(np.arccos(np.clip(plane.normal[2], -1.0, 1.0))))
         report["ground_height_m"] = plane.height_at_m(target[0], target[1])
-        above = plane.signed_distance_m(flat) > config.ground_ransac_threshold_m
+        above = plane.signed_distance_m(cloud.points_m) > config.ground_ransac_threshold_m
         cloud = select(cloud, above)
     report["ground"] = len(cloud.points_m)
 

@@ -23,7 +23,6 @@ from nbv.evaluation.registration import (
 from nbv.evaluation.registry import compute_metrics
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
-from nbv.terrain.relief import relief_of
 from nbv.types import Cloud, PointCloud
 
 
@@ -36,19 +35,13 @@ class Evaluation:
     cleaned: PointCloud  # the cloud that was measured
 
 
-def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
-    relief = relief_of(config.ground, config.scene.ground_seed)
-    height_m = None if relief is None else relief.height_m
-    return clean_cloud(cloud, config.evaluation, config.target_m, height_m)
-
-
 def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:
     """Clean a dense cloud and measure it; what concerns the rock alone is kept in ``store``.
 
     Where telemetry errs by more than centimetres the metrics also hold ``registered``: the same scores of the cloud after the similarity that
     fits it best to the true surface (`nbv.evaluation.registration`), and that similarity in numbers.
     """
-    cleaned, report = clean_for_evaluation(cloud, config)
+    cleaned, report = clean_cloud(cloud, config.evaluation, config.target_m)
     truth = ground_truth(rock, config, store)
     floors = rock_floors(rock, truth, config, store)
     caster = RayCaster(rock.vertices_m, rock.faces)
@@ -78,7 +71,7 @@ def _registered(
     truth_from_cloud = place_on_target(cloud.points_m, np.asarray(config.target_m))
     bare = PointCloud(cloud.points_m)
     for reaches_m in (COARSE_REACHES_M, REACHES_M):
-        placed, _ = clean_for_evaluation(moved(bare, truth_from_cloud), config)
+        placed, _ = clean_cloud(moved(bare, truth_from_cloud), config.evaluation, config.target_m)
         step = register_cloud(placed.points_m, truth.points_m, reaches_m)
         truth_from_cloud = step.after(truth_from_cloud)
     measured = measure(moved(placed, step))

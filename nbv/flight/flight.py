@@ -15,11 +15,9 @@ from nbv.flight.route import Airspace, pose_at
 from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
-from nbv.terrain.neighbours import Cylinder, neighbour_cylinders
 from nbv.types import Floats, Point, Viewpoint
 
 SIGMAS_IN_TOLERANCE = 3.0
-CLEARANCE_M = 0.3  # from a neighbour: half of an X500 with its propellers
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,7 @@ class Flight:
     def __init__(self, config: MissionConfig, rock_sha256: str, replicate: int) -> None:
         self._key = (rock_sha256, replicate)
         self._wind = config.wind
-        self._space = Airspace(
-            config.flight,
-            config.target_m,
-            mean_wind_m_s(config.wind, self._key),
-            neighbour_keep_outs(config, rock_sha256),
-        )
+        self._space = Airspace(config.flight, config.target_m, mean_wind_m_s(config.wind, self._key))
         home = np.array(config.flight.home_m, dtype=float)
         self._pose = pose_at(home, float(heading_to(home, np.array(config.target_m))))
         self.flight_time_s = 0.0
@@ -87,7 +80,6 @@ class Flight:
         if self._wind.gust_m_s > 0:
             arrived += sway_m(self._wind, self._key, viewpoint.id)
             arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
-        arrived = self._space.above_obstacles(arrived)
         end = pose_at(arrived, float(heading_to(arrived, np.array(self._space.target_m))))
         self._fly(viewpoint.id, self._space.route(self._pose, end), self._limits.settle_s)
         return arrived
@@ -163,11 +155,3 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, key: tuple[str,
     )
     position[2] = max(position[2], limits.min_camera_altitude_m)
     return position
-
-
-def neighbour_keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:
-    """What the vehicle keeps out of besides the target, which lies in the ground: its neighbours, all around by `CLEARANCE_M`."""
-    return tuple(
-        Cylinder(c.center_m, c.radius_m + CLEARANCE_M, c.base_m, c.top_m + CLEARANCE_M)
-        for c in neighbour_cylinders(config.ground, config.scene.ground_seed, rock_sha256)
-    )

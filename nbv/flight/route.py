@@ -13,14 +13,22 @@ from nbv.config import FlightConfig
 from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.flight.wind import CALM
 from nbv.geometry.frames import heading_to
-from nbv.terrain.neighbours import Cylinder
 from nbv.types import Floats, Point
 
 MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for
 
 
+@dataclass(frozen=True)
+class Cylinder:
+    """Upright, from below the ground to its top."""
+
+    center_m: tuple[float, float]
+    radius_m: float
+    top_m: float
+
+
 def clear(a_m: Floats, b_m: Floats, keep_out: Cylinder) -> bool:
-    """Does the segment a-b, (3,) each, stay out of the upright cylinder, from below to its top?"""
+    """Does the segment a-b, (3,) each, stay out of the cylinder?"""
     a, b = np.asarray(a_m, dtype=float), np.asarray(b_m, dtype=float)
     t_low, t_high = 0.0, 1.0  # the part of the segment that is below the top
     rise = b[2] - a[2]
@@ -44,21 +52,12 @@ class Airspace:
     limits: FlightConfig
     target_m: Point  # on the axis of the keep-out cylinder, whose size is among the limits
     wind_m_s: tuple[float, float] = CALM  # east and north
-    obstacles: tuple[Cylinder, ...] = ()  # other cylinders
 
     @property
     def keep_out(self) -> Cylinder:
         """Around the target."""
         x, y, _ = self.target_m
-        return Cylinder((x, y), self.limits.keep_out_radius_m, 0.0, self.limits.keep_out_height_m)
-
-    def above_obstacles(self, position_m: Floats) -> Floats:
-        """A position (3,), higher where it is on an obstacle: a photograph there is taken from above it."""
-        x, y, z = position_m
-        for obstacle in self.obstacles:
-            if np.hypot(*(position_m[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:
-                z = max(z, obstacle.top_m + MARGIN_M)
-        return np.array([x, y, z])
+        return Cylinder((x, y), self.limits.keep_out_radius_m, self.limits.keep_out_height_m)
 
     def straight(self, *poses: Pose) -> tuple[Leg, ...]:
         """Straight legs from pose to pose."""
@@ -69,16 +68,12 @@ class Airspace:
 
         The detour passes left of, right of or over the keep-out cylinder (or its rim), whichever takes least time, with a
         short hover at the corner. Where an end itself lies inside the cylinder, it is one that this end is just outside of.
-
-        With ``obstacles`` the detour is the fastest such one around any of them that is clear of all; where there is none
-        the vehicle climbs above them, crosses and descends.
         """
-        legs = _around_target(replace(self, obstacles=()), start, end)
-        return _among(self, legs) if self.obstacles else legs
+        return _route(self, start, end)
 
 
 @lru_cache(maxsize=2048)  # the seed orbit is the same in every mission on a (rock, replicate)
-def _around_target(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
+def _route(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
     a, b, keep_out = np.array(start.position_m), np.array(end.position_m), space.keep_out
     for inside in (p for p in (a, b) if not clear(p, p, keep_out)):
         away_m = float(np.linalg.norm(inside[:2] - keep_out.center_m))
@@ -92,27 +87,6 @@ def _around_target(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
         if clear(a, corner, keep_out) and clear(corner, b, keep_out)
     ]
     return min(choices, key=_duration_s) if choices else _over(space, start, end, keep_out.top_m + MARGIN_M)
-
-
-def _among(space: Airspace, legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
-    """``legs`` where they are clear of the obstacles, else a detour."""
-    start, end = legs[0].start, legs[-1].end
-    a, b = np.array(start.position_m), np.array(end.position_m)
-    # What an end lies inside of cannot be gone around: the target's keep-out, if one chose to.
-    around = [c for c in (space.keep_out, *space.obstacles) if clear(a, a, c) and clear(b, b, c)]
-
-    def free(poses: list[Pose]) -> bool:
-        points = [np.array(pose.position_m) for pose in poses]
-        return all(clear(p, q, c) for p, q in itertools.pairwise(points) for c in around)
-
-    if free([start, *(leg.end for leg in legs)]):
-        return legs
-    corners = [corner for c in around for corner, _ in _corners(a, b, c, end.heading_rad)]
-    middles = [pose_at(corner, end.heading_rad) for corner in corners]
-    choices = [space.straight(start, middle, end) for middle in middles if free([start, middle, end])]
-    if choices:
-        return min(choices, key=_duration_s)
-    return _over(space, start, end, max([a[2], b[2], *(c.top_m + MARGIN_M for c in around)]))
 
 
 def _over(space: Airspace, start: Pose, end: Pose, top_m: float) -> tuple[Leg, ...]:

@@ -32,7 +32,7 @@ class GeometricFidelity(Fidelity):
     name = "geometric"
     unnoticed = (
         *("scene.backend", "scene.sky_grey", "scene.read_noise_dn", "scene.shot_noise_dn", "sensor."),
-        *("telemetry.", "target.horizontal_sd_m", "target.vertical_sd_m", "ground.relief_length_m"),
+        *("telemetry.", "target.horizontal_sd_m", "target.vertical_sd_m", "scene.ground_seed"),
         *("sparse.max_features", "sparse.first_octave", "sparse.peak_threshold", "sparse.match_ratio"),
         *("sparse.max_pairs", "sparse.min_ransac_trials", "sparse.global_ba", "sparse.local_ba"),
         *("sparse.update_pairs", "sparse.max_alignment_rms_m"),

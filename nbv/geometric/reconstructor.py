@@ -70,7 +70,6 @@ class GeometricReconstructor(Reconstructor):
             config.target_m,
             config.camera,
             config.scene,
-            config.ground,
             config.sparse,
             self._draws_depth,
             config.dense,

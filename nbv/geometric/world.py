@@ -3,7 +3,6 @@
 Points, and who of the default viewpoints sees them, are computed once per rock and kept in the store; what other viewpoints
 see, when they are first visited. Visibility is that from nominal positions: an arrival error of some 12 cm at 3.5 m moves an
 outline by a centimetre or two. Angles and incidences use the actual positions.
-A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
 """
 
 from __future__ import annotations
@@ -34,7 +33,6 @@ from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.scene.bake import direction_to_sun
-from nbv.terrain.neighbours import Surroundings, joined_mesh, make_surroundings
 from nbv.types import Bools, Floats, Point
 from nbv.viewpoints import camera_shell
 
@@ -87,7 +85,7 @@ class GeometricWorld:
     shell_landmarks: Bools  # (V, L) what they see
     shell_samples: Bools  # (V, S)
     aim_m: Point
-    caster: Callable[[], RayCaster]  # of the rock and its neighbours, made when it is first needed
+    caster: Callable[[], RayCaster]  # of the rock, made when it is first needed
     camera: CameraConfig
 
     @cached_property
@@ -147,7 +145,7 @@ WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campa
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     """The rock's world: from memory, from the store, or made."""
     scale = (config.target_m, _near_m(config))
-    key = (rock.sha256, config.camera, config.scene, config.ground, *scale)
+    key = (rock.sha256, config.camera, config.scene, *scale)
     return WORLDS.get(key, lambda: _stored_world(rock, config, store))
 
 
@@ -161,16 +159,10 @@ def _stored_world(rock: Rock, config: MissionConfig, store: Store | None) -> Geo
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
     ]
-    around: Surroundings | None = None
-    if config.ground.neighbours > 0:
-        around = make_surroundings(config.ground, scene.ground_seed, rock.sha256, store)
-    if around is not None:
-        inputs.append(list(around.key))
 
     @cache
     def caster() -> RayCaster:
-        solid, _ = joined_mesh(rock, around)
-        return RayCaster(solid.vertices_m, solid.faces)
+        return RayCaster(rock.vertices_m, rock.faces)
 
     def made(arrays: Arrays) -> GeometricWorld:
         plain: dict[str, Any] = {name: int(arrays[name]) for name in ("n_rock", "n_near")}
@@ -205,9 +197,7 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
     near_m = _near_m(config)
     near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
-    ground = ground[
-        ~_under_rock(caster, ground, open_below=config.ground.burial_m > 0 or config.ground.relief_m > 0)
-    ]
+    ground = ground[~_under_rock(caster, ground)]
     n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
     landmarks = np.concatenate([on_rock, ground])
     normals = np.concatenate([rock_normals, np.tile([0.0, 0.0, 1.0], (len(ground), 1))])
@@ -263,12 +253,9 @@ def _far_ground(inner_m: float) -> Floats:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Bools:
-    up = np.array([0.0, 0.0, 1.0])
-    rays = rays_of(points_m - [0.0, 0.0, 1e-3], up)
+def _under_rock(caster: RayCaster, points_m: Floats) -> Bools:
+    rays = rays_of(points_m - [0.0, 0.0, 1e-3], np.array([0.0, 0.0, 1.0]))
     rests: Bools = caster.cast(rays).t < 0.03  # the rock rests on it
-    if open_below:  # cut off at the ground, so a ray from below has gone in without a crossing
-        rests |= caster.crossings(rays) % 2 == 1
     return rests
 
 

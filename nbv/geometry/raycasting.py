@@ -49,10 +49,6 @@ class RayCaster:
         hits = self._scene.cast_rays(_tensor(rays), nthreads=1)
         return RayHits(hits["t_hit"].numpy(), hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy())
 
-    def crossings(self, rays: Floats32) -> NDArray[np.int32]:
-        """(N,) how often each ray (N, 6) crosses the mesh."""
-        return self._scene.count_intersections(_tensor(rays), nthreads=1).numpy()
-
     def distances_m(self, points_m: NDArray[np.floating]) -> Floats:
         """(N,) exact unsigned distance from each point (N, 3) to the surface."""
         return self._scene.compute_distance(_tensor(points_m, np.float32), nthreads=1).numpy().astype(float)

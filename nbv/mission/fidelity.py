@@ -28,7 +28,6 @@ from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.safe_files import write_atomic
 from nbv.stopwatch import Stopwatch
-from nbv.terrain.burial import buried_rock
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -38,13 +37,12 @@ ENVIRONMENT = tuple(f"{section}." for section in ENVIRONMENT_SECTIONS)
 @dataclass(frozen=True)
 class MissionContext:
     config: MissionConfig  # with the true size of a generated rock: only metrics may use it, no planner
-    rock: Rock  # as it lies in the ground
+    rock: Rock
     replicate: int
     vehicle_config: MissionConfig  # ``config`` as the vehicle has it: its target may lie elsewhere
     store: Store | None  # None: nothing is kept between missions
     keeps_everything: bool  # whether `Fidelity.export` will be called
     stopwatch: Stopwatch  # for stages of the fidelity's own
-    rock_sha256: str  # of the rock before it was laid into the ground
 
 
 @dataclass(frozen=True)
@@ -164,27 +162,25 @@ class Fidelity(ABC):
         keeps_everything: bool,
         stopwatch: Stopwatch,
     ) -> MissionContext:
-        """Load the rock, lay it into the ground, and draw the errors of what the vehicle is told of it."""
+        """Load the rock and draw the errors of what the vehicle is told of it."""
         config.require_flyable()
         cls.require_noticed(config)
         loaded = cls.load(rock, store)
-        buried = buried_rock(loaded, config)
-        low, high, home = buried.vertices_m.min(axis=0), buried.vertices_m.max(axis=0), config.flight.home_m
+        low, high, home = loaded.vertices_m.min(axis=0), loaded.vertices_m.max(axis=0), config.flight.home_m
         if all(a <= x <= b for a, x, b in zip(low[:2], home, high[:2])) and home[2] < high[2]:
             raise UserError(f"flight.home_m {home} lies inside {rock}; take off beside it")
         of_a_size = cls.simulated(config)
         if cls.follows_size:
-            of_a_size = with_size_error(of_a_size, buried, replicate)
-            config = with_true_target(config, buried)
+            of_a_size = with_size_error(of_a_size, loaded, replicate)
+            config = with_true_target(config, loaded)
         return MissionContext(
             config=config,
-            rock=buried,
+            rock=loaded,
             replicate=replicate,
-            vehicle_config=with_target_error(of_a_size, buried.sha256, replicate),
+            vehicle_config=with_target_error(of_a_size, loaded.sha256, replicate),
             store=store,
             keeps_everything=keeps_everything,
             stopwatch=stopwatch,
-            rock_sha256=loaded.sha256,
         )
 
     def mission(self, files: RunDirectory | None, progress: RunDirectory | None, log: Log) -> AdaptiveMission:
@@ -240,7 +236,7 @@ class Fidelity(ABC):
             provenance={
                 **provenance(),
                 **used(),
-                "rock_sha256": context.rock_sha256,
+                "rock_sha256": context.rock.sha256,
                 "fidelity": self.name,
                 "condition": context.config.condition,
                 **self.facts,

@@ -47,8 +47,7 @@ def with_size_error(config: MissionConfig, rock: Rock, replicate: int) -> Missio
 def _has_own_size(config: MissionConfig, rock: Rock) -> bool:
     if config.target_m != MissionConfig().target_m:
         return False
-    height_m = _size_m(rock)[0] + config.ground.burial_m  # before it was laid into the ground
-    return generated_name(rock.name) is not None or abs(height_m / DEFAULT_HEIGHT_M - 1) > SAME_HEIGHT
+    return generated_name(rock.name) is not None or abs(_size_m(rock)[0] / DEFAULT_HEIGHT_M - 1) > SAME_HEIGHT
 
 
 def _size_m(rock: Rock) -> tuple[float, float]:

@@ -11,7 +11,6 @@ from nbv.photogrammetric.cloud_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.scene import Renderer, build_scene, make_renderer
-from nbv.terrain.neighbours import make_surroundings
 from nbv.types import Cloud
 from nbv.viewpoints import camera_shell
 
@@ -45,17 +44,13 @@ class PhotogrammetricFidelity(CloudFidelity):
             list(config.target_m),
             config.dense.fusion_voxel_m,
             config.telemetry.places_well,
-            config.ground,
-            config.scene.ground_seed,
             camera_shell(config),
         ]
 
     def _renderer(self, camera: CameraConfig) -> Renderer:
         config = self.context.config
         with self.context.stopwatch.timed("scene"):
-            rock, store = self.context.rock, self.context.store
-            around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
-            scene = build_scene(rock, config.scene, camera, store=store, surroundings=around)
+            scene = build_scene(self.context.rock, config.scene, camera, store=self.context.store)
             return make_renderer(scene, config.scene.backend)
 
 

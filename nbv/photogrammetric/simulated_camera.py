@@ -40,7 +40,7 @@ class SimulatedCamera(Camera):
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._store = rock, replicate, store
         self._world = (
-            *(config.camera, config.scene, config.sensor, config.ground, config.target_m),
+            *(config.camera, config.scene, config.sensor, config.target_m),
             *RENDERERS.sources(config.scene.backend),
         )
         self._sensor = Sensor(config)

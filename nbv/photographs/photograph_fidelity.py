@@ -41,7 +41,7 @@ class PhotographFidelity(CloudFidelity):
         *("flight.arrival_tolerance_m", "flight.min_camera_altitude_m"),
         *("evaluation.crop_half_extent_m", "evaluation.ground_"),
         # The conditions under which the photographs were taken.
-        *("scene.", "sensor.", "ground.", "wind.", "target.", "camera.", "target_m"),
+        *("scene.", "sensor.", "wind.", "target.", "camera.", "target_m"),
     )
     under_conditions = False
     follows_size = False  # the set says where its object is and how large

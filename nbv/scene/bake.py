@@ -11,19 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, cached, digest
+from nbv.cache import Arrays, Store, cached
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.rock import Rock
 from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.ground import GroundSpec, synthesise_ground
-from nbv.terrain.neighbours import Surroundings, joined_mesh
-from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
@@ -32,10 +29,7 @@ _FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A rock on the ground under the sun, baked; with the camera that looks at it.
-
-    The mesh is the rock's and, after it, that of its neighbours.
-    """
+    """A rock on the ground under the sun, baked; with the camera that looks at it."""
 
     vertices_m: Floats32  # (V, 3)
     faces: NDArray[np.uint32]  # (F, 3)
@@ -44,8 +38,6 @@ class Scene:
     ground_levels: tuple[NDArray[np.uint16], ...]  # per level (S, S) grey radiance, 65535 is 1.0
     sky_radiance: float  # linear grey
     camera: CameraConfig
-    part_ends: tuple[int, ...]  # where the vertices of the rock end, and those of each neighbour
-    relief: Relief | None
 
     @property
     def ground_mean_radiance(self) -> float:
@@ -65,16 +57,12 @@ def build_scene(
     camera: CameraConfig,
     ground: GroundSpec | None = None,
     store: Store | None = None,
-    surroundings: Surroundings | None = None,
 ) -> Scene:
-    """Bake the light on a rock, its ground and its surroundings, or read it from ``store``."""
+    """Bake the light on a rock and its ground, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
-    solid, part_ends = joined_mesh(rock, surroundings)
-    vertices, faces = solid.vertices_m.astype(np.float32), solid.faces.astype(np.uint32)
+    vertices, faces = rock.vertices_m.astype(np.float32), rock.faces.astype(np.uint32)
     geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
-    around = {} if surroundings is None else {"surroundings": surroundings.key}
-    relief = None if surroundings is None else surroundings.relief
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
@@ -82,18 +70,14 @@ def build_scene(
 
     surface = stored(
         "scene-ground",
-        lambda: _ground_arrays(config.ground_seed, to_sun, spec, relief),
+        lambda: _ground_arrays(config.ground_seed, to_sun, spec),
         seed=config.ground_seed,
-        **({} if relief is None else {"relief": digest(relief.heights_m)}),
         **geometry,
     )
     rock_light = stored(
         "scene-rock",
-        lambda: _rock_arrays(
-            vertices, faces, solid.albedo, config, to_sun, spec, relief, len(part_ends) == 1
-        ),
+        lambda: _rock_arrays(vertices, faces, rock.albedo, config, to_sun, spec),
         rock=rock.sha256,
-        **around,
         **geometry,
         **light,
     )
@@ -114,25 +98,12 @@ def build_scene(
         tuple(levels),
         float(linear_from_srgb(np.array(config.sky_grey))),
         camera,
-        part_ends,
-        relief,
     )
 
 
-def with_relief(vertices: Floats32, faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:
-    """The mesh, followed by the relief."""
-    if relief is not None:
-        heights, cells = relief.mesh()
-        faces = np.concatenate([faces, (cells + len(vertices)).astype(np.uint32)])
-        vertices = np.concatenate([vertices, heights.astype(np.float32)])
-    return RayCaster(vertices, faces)
-
-
-def _ground_arrays(
-    seed: int, to_sun: Floats, spec: GroundSpec, relief: Relief | None
-) -> dict[str, np.ndarray]:
+def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:
     arrays = {}
-    for level, (albedo, sun_cosine) in enumerate(synthesise_ground(seed, to_sun, spec, relief)):
+    for level, (albedo, sun_cosine) in enumerate(synthesise_ground(seed, to_sun, spec)):
         arrays[f"albedo_{level}"] = np.rint(albedo * _FULL_SCALE).astype(np.uint16)
         arrays[f"sun_{level}"] = np.rint(sun_cosine * 255).astype(np.uint8)
     return arrays
@@ -145,23 +116,14 @@ def _rock_arrays(
     config: SceneConfig,
     to_sun: Floats,
     spec: GroundSpec,
-    relief: Relief | None,
-    is_alone: bool,
 ) -> dict[str, np.ndarray]:
-    caster = with_relief(vertices, faces, relief)
+    caster = RayCaster(vertices, faces)
     arrays: dict[str, np.ndarray] = {
         "radiance": vertex_radiance(albedo, vertices, faces, config, to_sun, caster)
     }
     box = _shadow_box(vertices, to_sun)
-    if relief is not None:  # which shades itself too
-        half = RELIEF_HALF_EXTENT_M
-        box = (min(box[0], -half), max(box[1], half), min(box[2], -half), max(box[3], half))
-    alone = relief is None and is_alone
     for level in range(spec.levels):
-        # A box of 12 m has 4 million texels: there a ray each, and smoothed.
-        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster, relief, sub=0 if alone else 1)
-        if not alone and sunlit.size:
-            sunlit = cv2.blur(sunlit, (3, 3))
+        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster)
         arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
     return arrays
 
@@ -199,8 +161,6 @@ def _ground_sunlit(
     spec: GroundSpec,
     to_sun: Floats,
     caster: RayCaster,
-    relief: Relief | None = None,
-    sub: int = 0,
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Texel bounds (r0, r1, c0, c1) of the shadow's box and the sunlit part of each texel, 255 is all of it."""
     texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
@@ -211,15 +171,13 @@ def _ground_sunlit(
 
     c0, c1, r0, r1 = clamp(box[0], False), clamp(box[1], True), clamp(box[2], False), clamp(box[3], True)
     # Sub-samples per axis: a partly shaded texel is grey, not jagged.
-    sub = sub or (3 if level == 0 else 4)
+    sub = 3 if level == 0 else 4
     xs = (np.arange(c0 * sub, c1 * sub) + 0.5) * texel / sub - half
     ys = (np.arange(r0 * sub, r1 * sub) + 0.5) * texel / sub - half
     sunlit = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
     for row in range(r1 - r0):  # row by row, so that memory stays small for a low sun's long shadow
         gx, gy = np.meshgrid(xs, ys[row * sub : (row + 1) * sub])
         origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, 1e-4)], axis=1)
-        if relief is not None:
-            origins[:, 2] += relief.height_m(origins)
         dark = caster.blocked(rays_of(origins, to_sun)).reshape(sub, c1 - c0, sub)
         sunlit[row] = np.rint(255 * (1 - dark.mean(axis=(0, 2))))
     return np.array([r0, r1, c0, c1]), sunlit

@@ -18,7 +18,6 @@ from nbv.rocks.texture import srgb_from_linear
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
 from nbv.scene.view import camera_position, grey_levels
-from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 
 NEAR_M, FAR_M = 0.05, 4000.0
@@ -100,8 +99,6 @@ class GLRenderer:
         )
         inner = spec.half_extent_m(level - 1) if level else 0.0
         vertices, faces = square_frame(inner, half)
-        if level == 0 and scene.relief is not None:
-            vertices, faces = relief_within(scene.relief, half)
         return self._flat_mesh(vertices, faces, texture, (vertices[:, :2] + half) / (2 * half))
 
     def _flat_mesh(
@@ -139,14 +136,6 @@ def _no_gl(error: Exception) -> str:
         f"({text}); use scene.backend=raycast, install Mesa (libegl1 libgl1 libgl1-mesa-dri) or set "
         "PYOPENGL_PLATFORM=osmesa"
     )
-
-
-def relief_within(relief: Relief, half_extent_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
-    """The relief, and flat ground from there to the square of half side ``half_extent_m``."""
-    vertices, faces = relief.mesh()
-    rim, around = square_frame(RELIEF_HALF_EXTENT_M, half_extent_m)
-    all_faces = np.concatenate([faces, around + len(vertices)])
-    return np.concatenate([vertices, rim]).astype(np.float32), all_faces.astype(np.uint32)
 
 
 def square_frame(inner_m: float, outer_m: float) -> tuple[Floats32, NDArray[np.uint32]]:

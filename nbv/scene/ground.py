@@ -7,8 +7,7 @@ the same landscape band-limited to its own texels, which is what a prefiltered m
 Nothing here repeats: a tiled ground photograph makes Structure-from-Motion build self-consistent but
 wrong models, because a patch matches its neighbour's copy.
 
-Its own small relief is painted on, not modelled: the surface is exactly z = 0, so depth has a closed form. What is
-modelled (`nbv.terrain.relief`) is shaded here too.
+Its own small relief is painted on, not modelled: the surface is exactly z = 0, so depth has a closed form.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.random_streams import keyed_rng
-from nbv.terrain.relief import Relief
 from nbv.types import Floats32
 
 MEAN_ALBEDO = 0.21  # linear; lunar mare to highland is 0.07 to 0.25
@@ -43,12 +41,6 @@ class GroundSpec:
         """Half the side of a level's square."""
         return self.texel_m * 2**level * self.size_px / 2
 
-    def texel_centres_m(self, level: int) -> NDArray[np.float64]:
-        """(size_px,) coordinates of a level's columns, and of its rows."""
-        texel = self.texel_m * 2**level
-        centres: NDArray[np.float64] = (np.arange(self.size_px) + 0.5) * texel - self.half_extent_m(level)
-        return centres
-
     @property
     def reach_m(self) -> float:
         """Half extent of the coarsest level; beyond it the ground has its mean radiance."""
@@ -56,13 +48,12 @@ class GroundSpec:
 
 
 def synthesise_ground(
-    seed: int, to_sun: NDArray[np.float64], spec: GroundSpec, relief: Relief | None = None
+    seed: int, to_sun: NDArray[np.float64], spec: GroundSpec
 ) -> list[tuple[Floats32, Floats32]]:
     """Paint the ground of one seed: per level the albedo (S, S), linear, and the sun cosine (S, S).
 
-    The sun cosine is max(0, n . l), with the pebbles' own shadows; ``to_sun`` (3,) is a unit vector with z > 0. ``relief`` is what is
-    modelled of the ground's height. Texel (row i, column j) is centred on ``x = (j + 0.5) * texel - half``,
-    ``y = (i + 0.5) * texel - half``.
+    The sun cosine is max(0, n . l), with the pebbles' own shadows; ``to_sun`` (3,) is a unit vector with z > 0. Texel
+    (row i, column j) is centred on ``x = (j + 0.5) * texel - half``, ``y = (i + 0.5) * texel - half``.
     """
     shape = (spec.size_px, spec.size_px)
     textures = [
@@ -84,10 +75,7 @@ def synthesise_ground(
 
     painted = []
     for level, texture in enumerate(textures):
-        height = texture.height
-        if relief is not None:
-            height += relief.raster_m(spec.texel_centres_m(level)).astype(np.float32)
-        slope_y, slope_x = np.gradient(height, np.float32(spec.texel_m * 2**level))
+        slope_y, slope_x = np.gradient(texture.height, np.float32(spec.texel_m * 2**level))
         cosine = (to_sun[2] - slope_x * to_sun[0] - slope_y * to_sun[1]) / np.sqrt(
             1 + slope_x**2 + slope_y**2
         )

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from nbv.geometry.frames import intrinsic_matrix
 from nbv.geometry.raycasting import RayCaster, RayHits
-from nbv.scene.bake import GROUND_TINT, Scene, with_relief
+from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.view import camera_position, grey_levels
-from nbv.terrain.relief import RELIEF_HALF_EXTENT_M
 from nbv.types import Floats, Floats32
 
 _Box = tuple[int, int, int, int]  # rows from, to, columns from, to
@@ -30,47 +29,25 @@ class RaycastRenderer:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._caster = with_relief(scene.vertices_m, scene.faces, scene.relief)
-        self._relief = None if scene.relief is None else RayCaster(*scene.relief.mesh())
+        self._caster = RayCaster(scene.vertices_m, scene.faces)
         self._k = intrinsic_matrix(scene.camera)
         self._mips = _with_far_mips(scene)
         self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
-        parts = np.split(scene.vertices_m, scene.part_ends[:-1])
-        self._corners = [_box_corners(part) for part in parts]
+        self._corners = _box_corners(scene.vertices_m)
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
         rays = _PixelRays(matrix[:3, :3], self._k)
-        boxes = [box for corners in self._corners if (box := self._rock_box(matrix, corners)) is not None]
-        background = self._background(rays, position, self._ground_height(rays, position))
-        rgb = background if len(boxes) < 2 else background.copy()  # boxes may overlap
-        for box in boxes:
-            self._draw_rock(rays, position, box, background, rgb)
+        rgb = self._background(rays, position)
+        if (box := self._rock_box(matrix)) is not None:
+            self._draw_rock(rays, position, box, rgb)
         return grey_levels(rgb)
 
     def close(self) -> None:
         """There is nothing to free."""
 
-    def _ground_height(self, rays: _PixelRays, position: Floats) -> Floats32:
-        """(H, W) height of the ground that each pixel's centre sees, to a few millimetres."""
-        camera = self._scene.camera
-        if self._relief is None:
-            return np.broadcast_to(np.float32(0), (camera.height_px, camera.width_px))
-        # One ray for 2 x 2 pixels: nodes of the height field are farther apart.
-        half = -(-camera.width_px // 2), -(-camera.height_px // 2)
-        columns, rows = (2.0 * np.arange(n) + 1.0 for n in half)
-        t = self._cast(rays, position, columns, rows, self._relief).t
-        dz = np.minimum(rays.component(2, columns, rows), np.float32(-1e-6))
-        height = np.where(np.isfinite(t), np.float32(position[2]) + t * dz, np.float32(0))
-        # A ray that comes down outside of the relief's square does not reach what it would hit below ground.
-        flat = np.float32(-position[2]) / dz
-        x, y = (np.float32(position[i]) + flat * rays.component(i, columns, rows) for i in range(2))
-        height[(flat < t) & (np.maximum(np.abs(x), np.abs(y)) > RELIEF_HALF_EXTENT_M)] = 0
-        full = cv2.resize(height, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
-        return full[: camera.height_px, : camera.width_px]
-
-    def _background(self, rays: _PixelRays, position: Floats, ground_m: Floats32) -> Floats32:
+    def _background(self, rays: _PixelRays, position: Floats) -> Floats32:
         """(H, W, 3) radiance of ground and sky."""
         camera = self._scene.camera
         columns = np.arange(camera.width_px) + 0.5
@@ -83,7 +60,7 @@ class RaycastRenderer:
             sky += ~seen
             part = slice(int(seen.any(axis=1).argmax()), None)  # from the first row that sees ground
             down = np.minimum(dz[part], -1e-6)
-            looked_up = self._look_up(rays, position, columns, rows[part], down, ground_m[part])
+            looked_up = self._look_up(rays, position, columns, rows[part], down)
             grey[part] += looked_up * seen[part]
         grey *= np.float32(1 / (65535.0 * GROUND_ROWS))
         sky *= np.float32(self._scene.sky_radiance / GROUND_ROWS)
@@ -100,12 +77,11 @@ class RaycastRenderer:
         columns: NDArray[np.floating],
         rows: NDArray[np.floating],
         dz: Floats32,
-        height: Floats32,
     ) -> Floats32:
-        """Trilinear ground radiance (0..65535) at one sample per pixel, where the ray meets ``height``."""
+        """Trilinear ground radiance (0..65535) at one sample per pixel, where the ray meets the ground."""
         spec = self._scene.ground_spec
         dx, dy = rays.component(0, columns, rows), rays.component(1, columns, rows)
-        t = (height - np.float32(position[2])) / dz
+        t = np.float32(-position[2]) / dz
         reach = np.float32(spec.reach_m)
         x = np.clip(t * dx + np.float32(position[0]), -reach, reach)
         y = np.clip(t * dy + np.float32(position[1]), -reach, reach)
@@ -139,10 +115,10 @@ class RaycastRenderer:
         fade = np.clip((farthest / reach - FADE_START) / (1 - FADE_START), 0, 1)
         return total + fade * (self._ground_mean - total)
 
-    def _rock_box(self, camera_from_world: Floats, corners_m: Floats) -> _Box | None:
+    def _rock_box(self, camera_from_world: Floats) -> _Box | None:
         """(r0, r1, c0, c1) around the rock's image; all of the image if the rock reaches behind the camera."""
         camera = self._scene.camera
-        corners = corners_m @ camera_from_world[:3].T
+        corners = self._corners @ camera_from_world[:3].T
         if (corners[:, 2] <= 0.01).all():
             return None
         if (corners[:, 2] <= 0.01).any():
@@ -155,10 +131,8 @@ class RaycastRenderer:
         c0, c1 = max(int(c0), 0), min(int(c1), camera.width_px)
         return (r0, r1, c0, c1) if r0 < r1 and c0 < c1 else None
 
-    def _draw_rock(
-        self, rays: _PixelRays, position: Floats, box: _Box, background: Floats32, rgb: Floats32
-    ) -> None:
-        """Write the rock's radiance over ``background`` (H, W, 3), ground and sky, into ``box`` of ``rgb`` (H, W, 3).
+    def _draw_rock(self, rays: _PixelRays, position: Floats, box: _Box, rgb: Floats32) -> None:
+        """Write the rock's radiance over ground and sky in ``box`` of ``rgb`` (H, W, 3).
 
         A pixel that the rock covers in part is a mixture, by the share of its rays, `ROCK_SUBSAMPLES` per axis, that hit.
         """
@@ -166,8 +140,8 @@ class RaycastRenderer:
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
         fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
-        hits = self._cast(rays, position, fine_columns, fine_rows, self._caster)
-        hit = hits.face < len(self._face_radiance)  # else it is relief, or nothing
+        hits = self._cast(rays, position, fine_columns, fine_rows)
+        hit = hits.face < len(self._face_radiance)
         index = np.flatnonzero(hit)  # one index a ray: masks of two axes take longer
         corners = self._face_radiance.take(hits.face.take(index), axis=0)
         u, v = np.hsplit(hits.uv.reshape(-1, 2).take(index, axis=0), 2)
@@ -182,7 +156,7 @@ class RaycastRenderer:
                 total += radiance[row::n, column::n]
         share = np.float32(1 / n**2)
         patch = rgb[r0:r1, c0:c1]
-        np.multiply(background[r0:r1, c0:c1], (1 - share * covered)[..., None], out=patch)
+        patch *= (1 - share * covered)[..., None]
         patch += share * total
 
     def _cast(
@@ -191,14 +165,13 @@ class RaycastRenderer:
         position: Floats,
         columns: NDArray[np.floating],
         rows: NDArray[np.floating],
-        caster: RayCaster,
     ) -> RayHits:
         """What a grid of rays (rows, columns) meets of the rock; ``t`` is the depth."""
         bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
         bundle[..., :3] = position
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
-        return caster.cast(bundle)
+        return self._caster.cast(bundle)
 
 
 def _box_corners(vertices_m: Floats32) -> Floats:

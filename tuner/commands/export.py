@@ -11,14 +11,10 @@ from typing import Annotated, Any
 
 import typer
 
-from nbv.cache import Store
 from nbv.config import MissionConfig, under
 from nbv.errors import UserError
-from nbv.flight.flight import neighbour_keep_outs
 from nbv.mission.result import MissionResult
 from nbv.safe_files import printable, write_atomic
-from nbv.terrain.burial import buried_rock
-from nbv.terrain.neighbours import Cylinder
 from nbv.viewpoints import seed_viewpoints
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
@@ -27,7 +23,7 @@ from tuner.commands.console import AsJson, answer_json, output
 from tuner.comparison.advice import Advice, advice_of
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationRun
-from tuner.export.mission_files import mission_config, read_flight, rock_of_mission
+from tuner.export.mission_files import mission_config, read_flight
 from tuner.export.records import write_csv
 from tuner.export.route import Home, qgc_plan
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
@@ -89,7 +85,7 @@ def export(
     if to is Format.csv:
         return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan and not (run / SETTINGS_FILE).is_file():
-        return _write_plan(run, run, rock, _place(home), out)
+        return _write_plan(run, run, _place(home), out)
     campaign = Campaign.open(run, read_only=True)
     best = campaign.recommended()
     if to is not None:
@@ -190,7 +186,6 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
         config = under(config, s.conditions[0])
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
-        said += "; it knows of nothing beside it" if config.ground.neighbours else ""
         views = [view.id for view in seed_viewpoints(config)]
         return _write_route(config, views, home, out or run / "route.plan", [said])
     remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
@@ -201,34 +196,26 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
         raise UserError(
             f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {remedy}"
         )
-    _write_plan(run, source, rock, home, out)
+    _write_plan(run, source, home, out)
 
 
-def _write_plan(run: Path, source: Path, rock: str | None, home: Home, out: Path | None) -> None:
-    flight, config, result = read_flight(source), mission_config(source), MissionResult.load(source)
+def _write_plan(run: Path, source: Path, home: Home, out: Path | None) -> None:
+    MissionResult.load(source)  # it has finished
+    flight, config = read_flight(source), mission_config(source)
     views = list(flight.photographed_m())
     seeds = sum(name.startswith("seed_") for name in views)
     route = f"it carries the route of {source}: {len(views)} photographs ({seeds} seeds, then {len(views) - seeds} planned there)"
-    obstacles: tuple[Cylinder, ...] = ()
-    if config.ground.neighbours:
-        target = rock_of_mission(source, result, rock, Store())
-        obstacles = neighbour_keep_outs(config, buried_rock(target, config).sha256)
-    _write_route(config, views, home, out or run / "route.plan", [route], obstacles)
+    _write_route(config, views, home, out or run / "route.plan", [route])
 
 
 def _write_route(
-    config: MissionConfig,
-    views: Sequence[str],
-    home: Home,
-    out: Path,
-    said: Sequence[str],
-    obstacles: tuple[Cylinder, ...] = (),
+    config: MissionConfig, views: Sequence[str], home: Home, out: Path, said: Sequence[str]
 ) -> None:
     said = [
         *said,
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
-    _wrote(_write(out, json.dumps(qgc_plan(config, views, home, obstacles), indent=1) + "\n"), said)
+    _wrote(_write(out, json.dumps(qgc_plan(config, views, home), indent=1) + "\n"), said)
 
 
 def _recommended_mission(run: Path) -> Path:

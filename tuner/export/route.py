@@ -20,7 +20,6 @@ from nbv.flight import Airspace, Pose
 from nbv.flight.leg import Leg
 from nbv.flight.route import pose_at
 from nbv.geometry.frames import heading_to
-from nbv.terrain.neighbours import Cylinder
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -52,13 +51,10 @@ class Home:
         return latitude_deg, longitude_deg
 
 
-def qgc_plan(
-    config: MissionConfig, view_ids: Sequence[str], home: Home, obstacles: tuple[Cylinder, ...] = ()
-) -> dict[str, Any]:
+def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:
     """Return the plan as a JSON tree.
 
     ``view_ids``: photographs in their order, such as ``seed_00``, ``cand_017`` and, for a view flown again, ``cand_017b``.
-    ``obstacles``: what the route keeps out of besides the target.
 
     Raises `UserError`: a view that the configuration does not have.
     """
@@ -69,7 +65,7 @@ def qgc_plan(
         raise UserError(
             f"view {unknown[0]!r} is none of this configuration's seeds and candidates; restore the config.yaml that it was flown with"
         )
-    space = Airspace(config.flight, config.target_m, obstacles=obstacles)
+    space = Airspace(config.flight, config.target_m)
     items = [
         {**item, "doJumpId": i, "autoContinue": True, "type": "SimpleItem"}
         for i, item in enumerate(_items(space, config, [known[name] for name in places], home), start=1)
@@ -100,7 +96,7 @@ def _items(
     above_home = pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
     yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
     for view in views:
-        end = _pose(space.above_obstacles(np.array(view.position_m)), target)
+        end = _pose(view.position_m, target)
         legs = space.route(pose, end)
         yield from _passed(legs[:-1], config, home)  # the corners of a detour
         yield _at(

@@ -28,8 +28,6 @@ from nbv.geometry.raycasting import RayCaster
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL, read_ply
 from nbv.rocks import Rock
-from nbv.terrain.burial import buried_rock
-from nbv.terrain.relief import relief_of
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.export.mission_files import (
     Flight,
@@ -71,7 +69,7 @@ def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None)
 
 @dataclass(frozen=True)
 class _Space:
-    """The true rock as it lay, which the planner does not see, and the packing of coordinates."""
+    """The true rock, which the planner does not see, and the packing of coordinates."""
 
     config: MissionConfig
     rock: Rock
@@ -79,8 +77,7 @@ class _Space:
     origin_m: Floats  # of packed coordinates
 
     @staticmethod
-    def of(config: MissionConfig, whole_rock: Rock) -> _Space:
-        rock = buried_rock(whole_rock, config)
+    def of(config: MissionConfig, rock: Rock) -> _Space:
         origin_m = np.round(np.asarray(config.target_m, dtype=float), 3)
         return _Space(config, rock, RayCaster(rock.vertices_m, rock.faces), origin_m)
 
@@ -91,9 +88,7 @@ class _Space:
     def cloud(self, points_m: Floats) -> dict[str, str]:
         """Those of (N, 3) points that can be packed, with their distances to the nearer of rock and ground."""
         points_m = points_m[np.all(np.abs(points_m - self.origin_m) < 32000 * STEP_M, axis=1)]
-        relief = relief_of(self.config.ground, self.config.scene.ground_seed)
-        ground_m = 0.0 if relief is None else relief.height_m(points_m)
-        wrong_m = np.minimum(self.caster.distances_m(points_m), np.abs(points_m[:, 2] - ground_m))
+        wrong_m = np.minimum(self.caster.distances_m(points_m), np.abs(points_m[:, 2]))
         steps = np.clip(1000 * wrong_m / ERROR_STEP_MM, 0, 255).round()
         return {"p": self.pack(points_m), "e": _packed(steps, "u1")}
 

@@ -53,8 +53,6 @@ FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_regist
         ({"telemetry.attitude_noise_deg": 1.0}, "^telemetry.horizontal_noise_m is 0.0; .* a covariance"),
         ({"telemetry.lever_arm_m": [0.1, 0.0, 0.0]}, "^telemetry.horizontal_noise_m is 0.0; .* a covariance"),
         ({"telemetry.horizontal_noise_m": 0.1}, "^telemetry.vertical_noise_m is 0.0; .* a covariance"),
-        ({"ground.neighbour_gap_m": [0.0, 1.0]}, "neighbour_gap_m is .0.0, 1.0.; it must be between 0.05"),
-        ({"ground.neighbour_height_m": [1.0, 0.5]}, "neighbour_height_m is .*; it must be the least before"),
         ({"wind.mean_speed_m_s": 5}, "wind.mean_speed_m_s 5 .* than the vehicle can hold .flight.max_"),
         ({"sparse.ground_features": 0}, "45 degrees apart.*seed.count to 15"),
         ({"sparse.min_registered_seeds": 12}, "below sparse.min_registered_seeds 12"),

@@ -1,4 +1,4 @@
-"""Telemetry's moments and drift; wind on the legs and at the photograph; neighbours that the vehicle keeps out of."""
+"""Telemetry's moments and drift; wind on the legs and at the photograph."""
 
 import math
 
@@ -16,8 +16,7 @@ from nbv.flight.leg import fly_straight
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.flight.wind import ground_speed_m_s, mean_wind_m_s, sway_m
 from nbv.geometry.frames import invert_rigid, look_at
-from nbv.terrain.neighbours import neighbour_cylinders
-from nbv.viewpoints import raw_candidates, seed_viewpoints
+from nbv.viewpoints import raw_candidates
 
 REPORTED = look_at(np.array([0.0, -4.0, 2.0]), np.array([0.0, 0.0, 0.8]))
 POSITION = np.array([0.0, -4.0, 2.0])
@@ -92,32 +91,3 @@ def test_gusts_move_the_camera_by_what_the_hover_gives() -> None:
     windy = MissionConfig().with_values({"wind.gust_m_s": 1.0, "wind.sway_s": 0.2})
     off = Flight(windy, "rock", 0).fly_to(view) - Flight(MissionConfig(), "rock", 0).fly_to(view)
     np.testing.assert_allclose(off, sway_m(wind, ("rock", 0), view.id))
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_nothing_flown_passes_through_a_neighbour(seed: int) -> None:
-    values = {
-        "scene.ground_seed": seed,
-        "ground.neighbours": 8,
-        "ground.neighbour_height_m": [0.8, 1.5],
-        "ground.relief_m": 0.05,
-        "pool.min_altitude_m": 0.3,
-        "wind.gust_m_s": 0.8,
-    }
-    config = MissionConfig().with_values(values)
-    flight = Flight(config, "rock", seed)
-    flight.take_off()
-    views = [*seed_viewpoints(config), *raw_candidates(config)[seed::9]]
-    detours = 0
-    for view in views:
-        flight.fly_to(view)
-        detours += len(flight.events[-1].legs) > 1
-    flight.return_and_land()
-    legs = [leg for event in flight.events for leg in event.legs]
-    ends = np.array([(leg.start.position_m, leg.end.position_m) for leg in legs])
-    along = np.linspace(0, 1, 60)[:, None, None]
-    places = (ends[:, 0] + along * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
-    for c in neighbour_cylinders(config.ground, seed, "rock"):
-        near = np.hypot(*(places[:, :2] - c.center_m).T) < c.radius_m + 0.29
-        assert not (near & (places[:, 2] < c.top_m + 0.29)).any()
-    assert detours > 0

@@ -27,7 +27,6 @@ from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import PhotographFidelity
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.stopwatch import Stopwatch
-from nbv.terrain.neighbours import make_surroundings
 from nbv.types import PointCloud
 from nbv.viewpoints import seed_viewpoints
 
@@ -40,10 +39,6 @@ NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
 BESIDE: dict[str, tuple[dict[str, Any], Any]] = {
     "dense.patchmatch_window_step_px": ({}, 1),
     "scene.sun_elevation_deg": ({}, 20.0),
-    "ground.relief_m": ({"ground.burial_m": 0.1}, 0.1),
-    "ground.neighbour_height_m": ({"ground.neighbours": 8}, [1.0, 1.4]),
-    "ground.neighbour_gap_m": ({"ground.neighbours": 8}, [0.05, 0.1]),
-    "scene.ground_seed": ({"ground.neighbours": 8}, 3),
     "wind.sway_s": ({"wind.gust_m_s": 0.5}, 0.5),
     "wind.mean_speed_m_s": ({}, 2.0),
     "flight.min_camera_altitude_m": ({"seed.ring_elevations_deg": [-6.0, 22.0, 29.0, 36.0]}, 0.35),
@@ -173,7 +168,7 @@ BALL = {
     "sparse.max_pairs": 6,
     "evaluation.gt_samples": 1000,
 }
-TAKEN = ("scene", "ground", "wind", "target", "target_m")  # in which no set can be photographed anew
+TAKEN = ("scene", "wind", "target", "target_m")  # in which no set can be photographed anew
 UNSEEN = ("sparse.update_pairs", "dense.min_baseline_angle_deg")  # on a ball, from one distance
 FEW_SEEDS = {"seed.count": 5, "sparse.min_registered_seeds": 3, "sparse.ground_features": 2000}
 BESIDE_PHOTOGRAPHS: dict[str, tuple[dict[str, Any], Any]] = {
@@ -242,10 +237,8 @@ class SmallScene(PhotogrammetricFidelity):
     load = staticmethod(lambda name, store: make_ball())
 
     def _renderer(self, camera: CameraConfig) -> Renderer:
-        config, rock = self.context.config, self.context.rock
-        around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, self.context.store)
-        scene = build_scene(rock, config.scene, camera, ground=SMALL_GROUND, surroundings=around)
-        return make_renderer(scene, config.scene.backend)
+        config = self.context.config.scene
+        return make_renderer(build_scene(self.context.rock, config, camera, SMALL_GROUND), config.backend)
 
 
 @cache
@@ -277,7 +270,7 @@ SMALL = {
     "camera.focal_px": 116.4,
     "evaluation.gt_samples": 2000,
 }
-OF_THE_WORLD = ("camera", "scene", "sensor", "ground", "telemetry", "target", "evaluation")
+OF_THE_WORLD = ("camera", "scene", "sensor", "telemetry", "target", "evaluation")
 MOVING = {
     "sensor.exposure_time_s": 0.02,
     "sensor.residual_speed_m_s": 0.5,
@@ -287,7 +280,6 @@ BESIDE_SCENE: dict[str, tuple[dict[str, Any], Any]] = {
     "sensor.exposure_time_s": (MOVING, 0.1),
     "sensor.residual_speed_m_s": (MOVING, 2.0),
     "sensor.residual_rate_deg_s": (MOVING, 90.0),
-    "ground.relief_length_m": ({"ground.relief_m": 0.1}, 2.0),
     "evaluation.ground_ransac_iterations": ({}, 0),
     "evaluation.ground_max_tilt_deg": ({}, 1.0),
     "evaluation.ground_max_offset_m": ({}, 1e-6),

@@ -8,7 +8,6 @@ import pytest
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.flight.flight import neighbour_keep_outs
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.export.photogrammetry_nbv import (
     BASELINE_AWARE,
@@ -216,23 +215,6 @@ def test_the_way_there_and_back_keeps_out_of_the_target(home_m, last):
     assert np.hypot(low[:, 0], low[:, 1]).min(initial=9.0) >= config.flight.keep_out_radius_m - 0.03
     above_home = np.add(home_m, (0, 0, config.flight.takeoff_altitude_m))
     assert np.allclose(points[[0, -1]], above_home, atol=0.02)  # the last command has nowhere to go but down
-
-
-def test_the_route_goes_around_what_stands_beside_the_target():
-    beside = {"ground.neighbours": 8, "ground.neighbour_height_m": [0.8, 1.5], "pool.min_altitude_m": 0.3}
-    config = CONFIG.with_values({**beside, "flight.home_m": [0.0, 9.0, 0.0]})
-    obstacles = neighbour_keep_outs(config, "a rock")
-    views = [view.id for view in (*seed_viewpoints(config), *raw_candidates(config)[::9])]
-
-    def passes_through(plan) -> bool:
-        way, _ = way_of(plan, config.flight.home_m)
-        away_m = [np.hypot(*(way[:, :2] - c.center_m).T) - c.radius_m for c in obstacles]
-        return any(
-            ((d < -0.03) & (way[:, 2] < c.top_m - 0.03)).any() for d, c in zip(away_m, obstacles, strict=True)
-        )
-
-    assert passes_through(qgc_plan(config, views, HOME))
-    assert not passes_through(qgc_plan(config, views, HOME, obstacles))
 
 
 @pytest.mark.parametrize("longitude_deg, east_m", [(179.99999, 5.0), (-179.99999, -5.0), (180.0, 0.0)])
