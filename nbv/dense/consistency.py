@@ -34,7 +34,7 @@ def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
     total = depth.copy()
     height, width = depth_m.shape
     inverse_rotation = pose[:3, :3].T
-    for source in views.source_views(name):
+    for source in views.source_views[name]:
         other_depth, other_pose = depth_maps[source], views.camera_from_world[source]
         rotation64 = other_pose[:3, :3] @ inverse_rotation
         translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]

@@ -33,7 +33,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
     config = views.config
     # PatchMatch weighs many sources per pixel, so it is given more than the pairwise matcher.
     wide = replace(views, config=replace(config, neighbours=config.patchmatch_sources))
-    sources = {name: chosen for name in sorted(views.images) if (chosen := wide.neighbours(name))}
+    sources = {name: chosen for name in sorted(views.images) if (chosen := wide.neighbours[name])}
     if not sources:
         return {}
     distances = [float(np.linalg.norm(views.center_m(name) - views.target)) for name in sources]

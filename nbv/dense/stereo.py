@@ -34,7 +34,7 @@ def sgbm_depth_maps(
 ) -> DepthMaps:
     """The dense backend ``sgbm``: OpenCV's StereoSGBM, deterministic; ``tell`` gets the number of views that are done."""
     cv2.setNumThreads(1)
-    partners = {name: chosen for name in sorted(views.images) if (chosen := views.neighbours(name))}
+    partners = {name: chosen for name in sorted(views.images) if (chosen := views.neighbours[name])}
     _ = views.grey  # made before threads ask for it
     maps = {}
     with ThreadPoolExecutor(workers) as pool:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.geometry.frames import angle_deg, camera_centers_m, intrinsic_matrix
-from nbv.geometry.matchability import usable_angles
+from nbv.geometry.frames import angles_deg, camera_centers_m, directions_from, intrinsic_matrix
+from nbv.geometry.matchability import nearest_views, stereo_partners
 from nbv.types import Floats, Floats32
 
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
@@ -43,37 +43,37 @@ class PosedViews:
         """(3,) camera centre in the world frame."""
         return camera_centers_m(self.camera_from_world[name])
 
-    def angle_deg(self, one: str, other: str) -> float:
-        """Angle at the target between the directions to two cameras (the triangulation angle)."""
-        return angle_deg(self.center_m(one) - self.target, self.center_m(other) - self.target)
+    @cached_property
+    def _names(self) -> list[str]:
+        return sorted(self.camera_from_world)
 
-    def baseline_angle_deg(self, one: str, other: str) -> float:
-        """Angle, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
-        a, b = self.center_m(one), self.center_m(other)
+    @cached_property
+    def _angles_deg(self) -> Floats:
+        """(V, V) between the directions to the views, in the order of their names, as seen from the target."""
+        directions = directions_from(self.target, np.array([self.center_m(name) for name in self._names]))
+        return angles_deg(directions, directions)
+
+    def baseline_angles_deg(self) -> Floats:
+        """(V, V) angles, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
+        centers_m = np.array([self.center_m(name) for name in self._names])
+        a, b = centers_m[:, None], centers_m[None]
         baseline, gaze = b - a, self.target - (a + b) / 2
-        return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze)), abs(baseline @ gaze))))
+        along = np.abs((baseline * gaze).sum(axis=-1))
+        return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze), axis=-1), along))
 
-    def neighbours(self, reference: str) -> list[str]:
-        """Up to ``config.neighbours`` other views for stereo with ``reference``, best first; ties are broken by name.
+    @cached_property
+    def neighbours(self) -> dict[str, list[str]]:
+        """Of each view the others for stereo with it, best first: `stereo_partners`, less views one behind the other."""
+        beside = self.baseline_angles_deg() >= self.config.min_baseline_angle_deg
+        chosen = zip(*stereo_partners(self._angles_deg, self.config, beside))
+        names = self._names
+        return {name: [names[k] for k in row[usable]] for name, (row, usable) in zip(names, chosen)}
 
-        A factor off ``best_pair_angle_deg`` costs the same either way (too narrow: imprecise; too wide: different looks).
-        """
-        scored = []
-        for name in sorted(self.camera_from_world):
-            if name != reference and usable_angles(angle := self.angle_deg(reference, name), self.config):
-                scored.append((abs(np.log(angle / self.config.best_pair_angle_deg)), name))
-        chosen: list[str] = []
-        for _, name in sorted(scored):
-            if len(chosen) == self.config.neighbours:
-                break
-            if self.baseline_angle_deg(reference, name) >= self.config.min_baseline_angle_deg:
-                chosen.append(name)
-        return chosen
-
-    def source_views(self, reference: str) -> list[str]:
-        """The ``config.consistency_views`` other views nearest in viewing direction as seen from the target; ties by name."""
-        angles = [(self.angle_deg(reference, n), n) for n in self.camera_from_world if n != reference]
-        return [name for _, name in sorted(angles)[: self.config.consistency_views]]
+    @cached_property
+    def source_views(self) -> dict[str, list[str]]:
+        """Of each view the ``config.consistency_views`` others nearest in viewing direction as seen from the target."""
+        nearest = nearest_views(self._angles_deg, self.config.consistency_views)
+        return {name: [self._names[k] for k in row] for name, row in zip(self._names, nearest)}
 
     def shrunk(self) -> PosedViews:
         """The same at a long side of at most ``config.max_size_px``."""

@@ -10,11 +10,10 @@ texture is. As in the real stage, one more view can take the place of a better o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
 from nbv.geometry.frames import angles_deg
-from nbv.geometry.matchability import usable_angles
+from nbv.geometry.matchability import nearest_views, stereo_partners
 from nbv.types import Bools, Floats, Floats32
 
 # Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at 98aed9d;
@@ -28,28 +27,6 @@ AGREEMENT = 0.893  # chance that a source view with a depth confirms
 CONFIRMING_INCIDENCE_DEG = 91.1  # at which this is half of that
 CONFIRMING_INCIDENCE_WIDTH_DEG = 25.6
 AGREEMENT_SD = 1.81  # of the number of confirming views about its expectation
-
-
-def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Bools]:
-    """(V, K) each view's partners, best first, and which of them are within the pair angles.
-
-    As `nbv.dense.PosedViews.neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
-    view is in front. With 40 degrees (preset ``paper``) that concerns 2 to 6 pairs in a hundred.
-    """
-    off_best = np.abs(np.log(np.maximum(angle_deg, 1e-9) / dense.best_pair_angle_deg))
-    usable = usable_angles(angle_deg, dense)
-    off_best[~usable | np.eye(len(angle_deg), dtype=bool)] = np.inf
-    partner = np.argsort(off_best, axis=1, kind="stable")[:, : dense.neighbours]
-    return partner, np.isfinite(np.take_along_axis(off_best, partner, axis=1))
-
-
-def source_view_mask(angle_deg: Floats, count: int) -> Bools:
-    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.PosedViews.source_views`."""
-    apart = angle_deg + np.where(np.eye(len(angle_deg), dtype=bool), np.inf, 0.0)
-    mask = np.zeros(angle_deg.shape, dtype=bool)
-    np.put_along_axis(mask, np.argsort(apart, axis=1, kind="stable")[:, :count], True, axis=1)
-    mask &= np.isfinite(apart)
-    return mask
 
 
 def reconstruction_probability(
@@ -75,8 +52,9 @@ def reconstruction_probability(
     width = np.float32(CONFIRMING_INCIDENCE_WIDTH_DEG)
     confirms = logistic((np.float32(CONFIRMING_INCIDENCE_DEG) - incidence) / width)
     confirms *= depth
-    sources = source_view_mask(angle_deg, dense.consistency_views).astype(np.float32)
-    sources *= np.float32(AGREEMENT)
+    sources = np.zeros(angle_deg.shape, dtype=np.float32)
+    nearest = nearest_views(angle_deg, dense.consistency_views)
+    np.put_along_axis(sources, nearest, np.float32(AGREEMENT), axis=1)
     agreeing: Floats32 = sources @ confirms
     agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
     # The logistic curve nearest to the normal distribution's.

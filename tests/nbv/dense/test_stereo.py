@@ -31,11 +31,17 @@ def of(scene, surface_m=None):
     return PosedViews(scene.images, scene.poses, scene.camera, TARGET, CONFIG, surface_m)
 
 
+def test_source_views_are_the_nearest_in_direction():
+    poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
+    assert posed(poses, DenseConfig(consistency_views=3)).source_views["v010"] == ["v006", "v002", "v000"]
+    assert len(posed(poses, DenseConfig(consistency_views=9)).source_views["v010"]) == 6
+
+
 def test_neighbours_lie_within_the_angles_best_first():
     poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
-    assert posed(poses, DenseConfig(neighbours=9)).neighbours("v000") == ["v010", "v006", "v020"]
-    assert posed(poses, DenseConfig(neighbours=2)).neighbours("v000") == ["v010", "v006"]
-    assert posed(poses, DenseConfig()).neighbours("v180") == []
+    assert posed(poses, DenseConfig(neighbours=9)).neighbours["v000"] == ["v010", "v006", "v020"]
+    assert posed(poses, DenseConfig(neighbours=2)).neighbours["v000"] == ["v010", "v006"]
+    assert posed(poses, DenseConfig()).neighbours["v180"] == []
 
 
 def test_a_view_in_front_or_behind_is_no_partner_if_configured():
@@ -46,11 +52,12 @@ def test_a_view_in_front_or_behind_is_no_partner_if_configured():
         "front": orbit_pose(-6, 0.0, 2.5),
         "beside": orbit_pose(14, 0.0),
     }
-    assert posed(poses).baseline_angle_deg("here", "behind") == pytest.approx(25.75 - 3.38, abs=0.01)
-    assert posed(poses).baseline_angle_deg("beside", "here") == pytest.approx(90.0)
-    assert posed(poses, DenseConfig()).neighbours("here") == ["beside", "behind", "front"]
+    behind, beside, _, here = posed(poses).baseline_angles_deg()
+    assert behind[3] == here[0] == pytest.approx(25.75 - 3.38, abs=0.01)
+    assert beside[3] == pytest.approx(90.0)
+    assert posed(poses, DenseConfig()).neighbours["here"] == ["beside", "behind", "front"]
     choosy = DenseConfig(min_baseline_angle_deg=40.0, neighbours=2)
-    assert posed(poses, choosy).neighbours("here") == ["beside"]
+    assert posed(poses, choosy).neighbours["here"] == ["beside"]
 
 
 @pytest.mark.parametrize(

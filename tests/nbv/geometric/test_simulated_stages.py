@@ -8,15 +8,9 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nbv.config import CameraConfig, DenseConfig
-from nbv.dense import PosedViews
+from nbv.config import DenseConfig
 from nbv.geometric.tracks import Tracks
-from nbv.geometry.frames import angles_deg, look_at
-from nbv.geometry.stereo_chance import (
-    reconstruction_probability,
-    source_view_mask,
-    stereo_partners,
-)
+from nbv.geometry.stereo_chance import reconstruction_probability
 
 DENSE = DenseConfig(agreeing_views=3)
 
@@ -46,26 +40,6 @@ def test_grazing_views_and_faint_texture_reconstruct_less():
     assert all(a > b for a, b in pairwise(by_incidence)) and by_incidence[-1] < 0.5
     by_contrast = [probability(views, contrast=c)[0] for c in (0.05, 0.005, 0.0005, 0.0)]
     assert all(a > b for a, b in pairwise(by_contrast)) and by_contrast[-1] == 0.0
-
-
-@settings(max_examples=25)
-@given(seed=st.integers(0, 10_000), n=st.integers(2, 20))
-def test_partners_and_source_views_are_those_of_the_dense_stage(seed, n):
-    rng = np.random.default_rng(seed)
-    target = np.array([0.0, 0.0, 0.8])
-    directions = rng.normal((0.0, 0.0, 0.6), 1.0, (n, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    poses = {f"{i:02d}": look_at(target + 3.5 * d, target) for i, d in enumerate(directions)}
-    config = DenseConfig(consistency_views=6)
-    views = PosedViews({}, poses, CameraConfig(), target, config)
-    angles = angles_deg(directions, directions)
-    partner, usable = stereo_partners(angles, config)
-    sources = source_view_mask(angles, config.consistency_views)
-    for i in range(n):
-        expected = views.neighbours(f"{i:02d}")
-        assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
-        expected = views.source_views(f"{i:02d}")
-        assert {f"{j:02d}" for j in np.flatnonzero(sources[i])} == set(expected)
 
 
 @settings(max_examples=40)
