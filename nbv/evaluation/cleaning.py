@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
+from nbv.geometry.plane import Plane, ground_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
@@ -101,43 +101,24 @@ def select(cloud: Cloud, keep: Bools) -> PointCloud:
 
 
 def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) -> Plane | None:
-    """The near-horizontal plane with most of the points (N, 3) within the threshold (RANSAC, Fischler and Bolles 1981).
-
-    It must lie near z = 0 below ``target_m`` (3,). None if there are fewer than 10 points or no hypothesis is such a plane.
-    """
+    """The near-horizontal `ground_plane` of points (N, 3) near z = 0 below ``target_m`` (3,); None of fewer than 10 points."""
     if len(points_m) < _MIN_POINTS:
         return None
     lowest = points_m[points_m[:, 2] <= np.quantile(points_m[:, 2], _LOWEST_FRACTION)]
     if len(lowest) < 3:
         return None
-    rng = keyed_rng("ground-ransac", _SEED)
-    normals, anchors = drawn_planes(lowest, config.ground_ransac_iterations, rng)
-    offsets = (normals * anchors).sum(1)
-    planes = [Plane(n, float(d)) for n, d in zip(normals, offsets)]
-    allowed = np.array([_is_ground(plane, config, target_m) for plane in planes], dtype=bool)
-    if not allowed.any():
-        return None
-    normals, offsets = normals[allowed], offsets[allowed]
-
     # No allowed plane reaches above this height inside the crop, so higher points cannot be inliers.
     tilt = np.tan(np.deg2rad(config.ground_max_tilt_deg))
     reach = config.ground_max_offset_m + np.sqrt(2.0) * config.crop_half_extent_m * tilt
     slack = config.ground_ransac_threshold_m / np.cos(np.deg2rad(config.ground_max_tilt_deg))
-    low_points = points_m[points_m[:, 2] <= reach + slack]
-    counts = np.zeros(len(offsets), dtype=np.int64)
-    # Single precision is enough to count (points lie within metres of the origin) and twice as fast; so are blocks that
-    # stay in the processor's cache.
-    hypotheses, shifts = normals.astype(np.float32), offsets.astype(np.float32)[:, None]
-    columns = np.ascontiguousarray(low_points.T, dtype=np.float32)
-    for start in range(0, columns.shape[1], 512):
-        distance = hypotheses @ columns[:, start : start + 512]
-        distance -= shifts
-        counts += np.count_nonzero(np.abs(distance, out=distance) <= config.ground_ransac_threshold_m, axis=1)
-    best = int(counts.argmax())
-    plane = Plane(normals[best], float(offsets[best]))
-    inliers = low_points[np.abs(plane.signed_distance_m(low_points)) <= config.ground_ransac_threshold_m]
-    refined = fitted_plane(inliers) if len(inliers) >= 3 else plane
-    return refined if _is_ground(refined, config, target_m) else plane
+    return ground_plane(
+        points_m[points_m[:, 2] <= reach + slack],
+        lowest,
+        config.ground_ransac_threshold_m,
+        lambda plane: _is_ground(plane, config, target_m),
+        config.ground_ransac_iterations,
+        keyed_rng("ground-ransac", _SEED),
+    )
 
 
 def _nearest_others(points_m: Floats, k: int) -> tuple[Floats, Ints]:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from nbv.geometry.frames import directions_from
 from nbv.geometry.neighbours import without_isolated
-from nbv.geometry.plane import Plane, drawn_planes, fitted_plane
+from nbv.geometry.plane import ground_plane
 from nbv.random_streams import keyed_rng
 from nbv.types import Bools, Floats, Point
 
@@ -47,8 +47,8 @@ def find_target(
 ) -> FoundTarget | None:
     """What rises highest and most from the ground near ``aim_m`` (3,), from points (N, 3); None where nothing does.
 
-    The ground is the near-horizontal plane with most points about it of all that have hardly any points below (RANSAC,
-    Fischler and Bolles 1981). Points above it vote, by their height, for places within `RADIUS_M`, near the aim more than
+    The ground is the near-horizontal plane with most points about it of all that have hardly any points below
+    (`ground_plane`). Points above it vote, by their height, for places within `RADIUS_M`, near the aim more than
     far from it; the best place moves to the middle of its voters (mean shift) until it stays. Ground has a point for
     every pixel and a rock in hard light few, so nothing asks the target's points to hang together.
 
@@ -59,7 +59,10 @@ def find_target(
     points = points[np.linalg.norm(points[:, :2] - aim[:2], axis=1) <= REACH_M]
     if len(points) < MIN_POINTS:
         return None
-    ground = _ground(points)
+    level, rng = np.cos(np.deg2rad(MAX_TILT_DEG)), keyed_rng("target-ground", len(points))
+    ground = ground_plane(
+        points, points, GROUND_BAND_M, lambda plane: plane.normal[2] >= level, _TRIALS, rng, MAX_BELOW
+    )
     if ground is None:
         return None
     risen = without_isolated(points[ground.signed_distance_m(points) > LOWEST_PART_M], _COMPANION_M)
@@ -137,20 +140,3 @@ def _most_votes(places_m: Floats, heights_m: Floats, aim_m: Floats) -> int:
         if vote > best_vote or (vote == best_vote and first < best):
             best_vote, best = vote, first
     return best
-
-
-def _ground(points: Floats) -> Plane | None:
-    """The ground; None where no plane is like it."""
-    level = np.cos(np.deg2rad(MAX_TILT_DEG))
-    best, plane = 0, None
-    for normal, anchor in zip(*drawn_planes(points, _TRIALS, keyed_rng("target-ground", len(points)))):
-        if normal[2] < level:
-            continue
-        height_m = (points - anchor) @ normal
-        inliers = int(np.count_nonzero(np.abs(height_m) <= GROUND_BAND_M))
-        if inliers > best and np.mean(height_m < -GROUND_BAND_M) <= MAX_BELOW:
-            best, plane = inliers, Plane(normal, float(normal @ anchor))
-    if plane is None:
-        return None
-    refined = fitted_plane(points[np.abs(plane.signed_distance_m(points)) <= GROUND_BAND_M])
-    return refined if refined.normal[2] >= level else plane
