@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from botorch.utils.safe_math import log_fatplus, logmeanexp
 from botorch.utils.sampling import draw_sobol_normal_samples, draw_sobol_samples
 from linear_operator.utils.cholesky import psd_safe_cholesky
 
-from nbv.types import Bools, Floats
+from nbv.types import Floats
 from tuner.problem.search_space import Values
 from tuner.surrogate.fit import EXACT_MISSIONS
 from tuner.surrogate.model import InstanceMeanGP, moments
@@ -32,11 +32,9 @@ BASELINE = EXACT_MISSIONS  # run configurations that an improvement is over; of 
 DISCRETE_COMBINATIONS = 4
 RESTARTS = 4  # gradient searches
 GLOBAL_POINTS = 512  # of a Sobol sequence over the whole space
-FEW, MORE_POINTS = 64, 8192  # with fewer allowed points than FEW, MORE_POINTS random ones are looked at
 LOCAL_POINTS = 256  # near the best configurations so far, where improvement is likeliest
 _JITTER = 1e-6  # of the variance: configurations in flight may be nearly alike
 _SMALLEST_VARIANCE = 1e-8
-_DISALLOWED = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 
 
 def propose(model: InstanceMeanGP, pending: Sequence[Mapping[str, Any]], seed: int) -> tuple[Values, float]:
@@ -66,23 +64,19 @@ def maximise(
     acquisition: AcquisitionFunction,
     seed: int,
     near: Floats | None = None,
-    allowed: Callable[[Floats], Bools] | None = None,
 ) -> tuple[Floats, float]:
     """Return the best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Starts are the best of many global points and of local ones, tried without gradients.
 
-    ``near``: (n, d) positions around which to start, too; None: those run with the best posterior means. ``allowed``:
-    says of (n, d) positions which may be proposed; None: all.
+    ``near``: (n, d) positions around which to start, too; None: those run with the best posterior means.
     """
     d = model.space.dimension
-    acquisition = _WhereAllowed(acquisition, model, allowed)
+    acquisition = _WhereFeasible(acquisition, model)
     discrete = model.space.discrete_dimensions
     points = starting_points(model, seed, near_to=near)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
-    if allowed is not None:
-        points = only_allowed(model, points, allowed, seed)
     starts = model.inputs(points).unsqueeze(1)
     with torch.no_grad():
         scores = torch.cat([acquisition(some) for some in starts.split(POINTS_AT_ONCE)])
@@ -110,29 +104,12 @@ def maximise(
     return best, best_score
 
 
-def only_allowed(
-    model: InstanceMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int
-) -> Floats:
-    """Return those of the (n, d) unit positions that are ``allowed``, and more where these are few; all where none is."""
-    inside = points[allowed(points)]
-    if len(inside) < FEW:
-        rng = np.random.default_rng(seed)
-        more = np.array([model.space.snap(u) for u in rng.random((MORE_POINTS, model.space.dimension))])
-        inside = np.concatenate([inside, more[allowed(more)]])
-    return inside if len(inside) else points
+class _WhereFeasible(AcquisitionFunction):
+    """The logarithm of an acquisition value times the probability that the mission ends well."""
 
-
-class _WhereAllowed(AcquisitionFunction):
-    """The logarithm of an acquisition value where it is allowed, times the probability that the mission ends well."""
-
-    def __init__(
-        self,
-        acquisition: AcquisitionFunction,
-        model: InstanceMeanGP,
-        allowed: Callable[[Floats], Bools] | None,
-    ) -> None:
+    def __init__(self, acquisition: AcquisitionFunction, model: InstanceMeanGP) -> None:
         super().__init__(acquisition.model)
-        self._acquisition, self._allowed = acquisition, allowed
+        self._acquisition = acquisition
         self._feasibility, self._dimension = model.feasibility, model.space.dimension
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
@@ -142,8 +119,6 @@ class _WhereAllowed(AcquisitionFunction):
             torch.random.default_generator.manual_seed(0)
             value = self._acquisition(X)
         x = X[..., 0, : self._dimension]
-        if self._allowed is not None:
-            value = torch.where(torch.from_numpy(self._allowed(x.detach().numpy())), value, _DISALLOWED)
         return value if self._feasibility is None else value + self._feasibility.log_chance(x)
 
 

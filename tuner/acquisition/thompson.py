@@ -11,12 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from tuner.acquisition.constrained import Constraint, surrogate_of
-from tuner.acquisition.propose import only_allowed, starting_points
+from tuner.acquisition.constrained import Constraint
+from tuner.acquisition.propose import starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics, tensor
-from tuner.surrogate.posterior import DeterministicOutcome
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _INFEASIBLE_PENALTY = 1e6  # standard deviations: puts what would fail below all that works
@@ -25,7 +24,7 @@ _VIOLATION_PENALTY = 1e3  # likewise: puts what violates the constraint below al
 
 
 def thompson_configurations(
-    models: Sequence[InstanceMeanGP | DeterministicOutcome],
+    models: Sequence[InstanceMeanGP],
     constraint: Constraint | None,
     count: int,
     seed: int,
@@ -33,21 +32,17 @@ def thompson_configurations(
     """Return ``count`` configurations, each the best of one posterior draw that may work; no two are alike.
 
     Draws are over candidate configurations from the whole space and near the best that was run. With an outcome constraint a
-    draw's best has the best objective among those that meet it in this draw, or else the least violation. A deterministic
-    metric has the same value in every draw.
+    draw's best has the best objective among those that meet it in this draw, or else the least violation.
     """
-    model = surrogate_of(models)
+    model = models[0]
     with numerics(), torch.no_grad():
-        near = None if constraint is None else constraint.promising(models[0])
+        near = None if constraint is None else constraint.promising(model)
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
-        allowed = None if constraint is None else constraint.allowed()
-        if allowed is not None:
-            points = only_allowed(model, points, allowed, seed)
         inputs = model.inputs(points)
         generator = torch.Generator().manual_seed(seed)
         draws, *others = (_drawn(m, inputs, count, generator) for m in models)
-        if constraint is not None and allowed is None:  # of what costs the same the better one
+        if constraint is not None:  # of what costs the same the better one
             (second,) = others
             draws = torch.where(
                 second >= constraint.floor(), draws + _TIE_BREAK * second, second - _VIOLATION_PENALTY
@@ -66,11 +61,8 @@ def thompson_configurations(
 
 
 def _drawn(
-    model: InstanceMeanGP | DeterministicOutcome, inputs: torch.Tensor, count: int, generator: torch.Generator
+    model: InstanceMeanGP, inputs: torch.Tensor, count: int, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (count, points) draws on the model's own scale; a deterministic metric is standardised."""
-    if isinstance(model, InstanceMeanGP):
-        normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
-        return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]
-    known = model.at(inputs)
-    return ((known - known.mean()) / (known.std(correction=0) + _TIE_BREAK)).expand(count, -1).clone()
+    """Return (count, points) draws on the model's own scale."""
+    normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
+    return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]

@@ -37,7 +37,6 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.long_runs import exclusive
-from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation, Proposal, configuration_key
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
@@ -142,10 +141,6 @@ class Campaign:
         except (UserError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
-    def goal(self, history: Sequence[Observation] | None = None) -> Goal:
-        """Return what is asked for after ``history`` (None: all missions), which may say that a cost cannot be computed."""
-        return self.settings.goal.after(self.history() if history is None else history)
-
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
         trials = self.trials()
@@ -209,7 +204,7 @@ class Campaign:
         # Samplers that run nothing again leave no configuration that has run often enough: theirs is any that has run.
         result = recommend(
             self.settings.problem,
-            self.goal(history),
+            self.settings.goal,
             history,
             only_verified=self.settings.sampler == "gp",
         )
@@ -228,11 +223,11 @@ class Campaign:
         return ""
 
     def surrogate_from(self, history: Sequence[Observation]) -> InstanceMeanGP:
-        """Return the surrogate of `Goal.modelled` behind such a recommendation; ``ValueError`` without a success."""
+        """Return the surrogate of `Goal.shown` behind such a recommendation; ``ValueError`` without a success."""
         from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415
 
         p = self.settings.problem
-        return InstanceMeanGP(p.space, self.goal(history).as_modelled(history), p.instances)
+        return InstanceMeanGP(p.space, self.settings.goal.as_shown(history), p.instances)
 
     def propose(self, trials: Sequence[Trial], known: int, count: int = 1) -> list[Proposal]:
         """Return the sampler's next ``count`` missions after the first ``known`` trials; the others count as in flight."""

@@ -33,7 +33,6 @@ from tuner.problem.baselines import (
     target_must_be_located,
     tuned_configs,
 )
-from tuner.problem.deterministic_metrics import DeterministicMetric, photographs_metric
 from tuner.problem.instances import Instance, are_drawn, held_out_rocks_of, instances_over, with_families
 from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
@@ -102,10 +101,6 @@ class RockProblem(MissionProblem):
         config = self.base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
-
-    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        """Return the number of photographs where nothing ends a mission early."""
-        return photographs_metric(self.space, self.config, self.default, objective)
 
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` for fewer photographs than all missions take."""

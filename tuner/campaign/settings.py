@@ -28,7 +28,6 @@ from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.missions.external.problem import MissionFileProblem
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, FIDELITIES
-from tuner.problem.deterministic_metrics import DeterministicMetrics
 from tuner.problem.goal import Goal
 from tuner.problem.instances import require_rocks
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
@@ -336,10 +335,8 @@ class CampaignSettings(Section):
 
     @functools.cached_property
     def goal(self) -> Goal:
-        """What is good, before any mission has contradicted what the configuration alone decides."""
-        of = self.problem.deterministic_metric
-        exact = DeterministicMetrics(of(self.objective), None if self.second is None else of(self.second))
-        return Goal(self.objective, self.second, self.limit, exact)
+        """What is good."""
+        return Goal(self.objective, self.second, self.limit)
 
     @functools.cached_property
     def search(self) -> SamplerSettings:
@@ -358,9 +355,9 @@ class CampaignSettings(Section):
     def _trusted_default(self) -> bool:
         """Whether half of the initial design stays near the default, whose values were chosen by hand.
 
-        Not where the cheapest is sought: that is far away. Other samplers keep the designs their authors recommend.
+        Not where the fewest photographs are sought: that is far away. Other samplers keep the designs their authors recommend.
         """
-        return self.sampler == "gp" and (self.second is None or self.goal.exact.first is None)
+        return self.sampler == "gp" and self.goal.shown == self.objective
 
     @functools.cached_property
     def _arms(self) -> tuple[Proposal, ...]:

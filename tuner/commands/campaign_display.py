@@ -14,6 +14,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output
 from tuner.comparison.advice import advice_of
 from tuner.missions.registry import mission_kind
+from tuner.problem.objective import COUNTS
 from tuner.problem.search_space import builtin
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
@@ -94,7 +95,7 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         second = trial.measured(settings.second) if settings.second else None
         also = f" at {number_text(second)}" if second is not None else ""
         raw = trial.raw or 0.0
-        value = f"{f'{raw:g}' if settings.goal.exact.first else number_text(raw):>7}{also}{mark}"
+        value = f"{f'{raw:g}' if settings.objective.metric in COUNTS else number_text(raw):>7}{also}{mark}"
         outcome = f"{value} {trial.record.wall_s:4.0f} s  {trial.record.metadata.get('phase', '')}"
     line = f"#{trial.number:04d} {trial.instance.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"

@@ -24,7 +24,6 @@ from tuner.comparison.statistics import (
     comparison_table,
     same_photographs,
     share_kept,
-    strategy_interval,
 )
 from tuner.comparison.verdict import Kind, Verdict, best_by_gain, judge
 from tuner.missions.job import Trial
@@ -92,7 +91,7 @@ def by_strategy(
 
 def kept_by(records: Sequence[Trial], strategy: str, goal: Goal) -> Interval | None:
     assert goal.second is not None and goal.limit is not None
-    return share_kept(records, strategy, goal.second, goal.limit, exact=goal.second in goal.decided)
+    return share_kept(records, strategy, goal.second, goal.limit)
 
 
 class ComparisonFacts:
@@ -148,7 +147,7 @@ class ComparisonFacts:
             if same_photographs(self.records, (reference, name)):
                 out.append(Verdict(Kind.SAME, name, reference, goal.shown.metric, None))
                 continue
-            out += [self._cost(name, o) for o in goal.objectives if o.metric in COUNTS or o in goal.decided]
+            out += [judge(self.records, name, reference, o) for o in goal.objectives if o.metric in COUNTS]
             if goal.quality is not None:
                 margin = 0.0 if goal.limit is None else MARGIN
                 out.append(judge(self.records, name, reference, goal.quality, margin))
@@ -160,16 +159,6 @@ class ComparisonFacts:
         if subjects == [TUNED] and goal.quality is not None:
             out += self._best_control(goal.quality)
         return out
-
-    def _cost(self, name: str, o: Objective) -> Verdict:
-        """On a count of photographs or on what the configuration decides, which has no interval."""
-        ours, theirs = (strategy_interval(self.records, n, o.metric) for n in (name, self.reference))
-        if o not in self.goal.decided or ours is None or theirs is None:
-            return judge(self.records, name, self.reference, o)
-        gain = o.sign * (ours.mean - theirs.mean)
-        kind = Kind.BETTER if gain > 0 else Kind.WORSE if gain < 0 else Kind.NO_DIFFERENCE
-        difference = Interval(gain, None, None, ours.rocks, ours.missions, "none")
-        return Verdict(kind, name, self.reference, o.metric, difference, counts=(ours.mean, theirs.mean))
 
     def _best_control(self, quality: Objective) -> list[Verdict]:
         """Against the best control with as many photographs, other than the reference; empty if none was run."""

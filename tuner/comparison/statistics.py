@@ -83,10 +83,8 @@ def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
     return mean_interval(by_rock)
 
 
-def share_kept(
-    records: Sequence[Trial], strategy: str, limited: Objective, limit: float, *, exact: bool
-) -> Interval | None:
-    """Share of the rocks, in percent, whose mean meets the constraint, with Wilson's interval; without one of an ``exact`` metric.
+def share_kept(records: Sequence[Trial], strategy: str, limited: Objective, limit: float) -> Interval | None:
+    """Share of the rocks, in percent, whose mean meets the constraint, with Wilson's interval.
 
     A rock on which a mission failed has not kept it. None where the strategy has no mission.
     """
@@ -99,8 +97,6 @@ def share_kept(
     least = limited.sign * limit - 1e-9 * abs(limit)
     met = sum(len(ys) == ran[rock] and sum(ys) / len(ys) >= least for rock, ys in by_rock.items())
     share, rocks, missions = 100 * met / len(ran), len(ran), ran.total()
-    if exact:
-        return Interval(share, None, None, rocks, missions, "none")
     bounds = stats.binomtest(met, rocks).proportion_ci(method="wilson")
     return Interval(share, 100 * bounds.low, 100 * bounds.high, rocks, missions, "wilson")
 

@@ -39,8 +39,6 @@ class Verdict:
     metric: str
     gain: Interval | None  # positive where it is better; None: not paired; of a constraint the share
     margin: float = 0.0  # what may be lost and still counts as kept, in the metric's unit
-    # Of a metric that the configuration decides: its own and the reference's.
-    counts: tuple[float, float] | None = None
     best_control: bool = False  # whether the reference is the best control with as many photographs
 
 

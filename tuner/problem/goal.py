@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from nbv.errors import UserError
-from tuner.problem.deterministic_metrics import DeterministicMetrics, with_second_first
 from tuner.problem.objective import COSTS, COUNTS, SHORT, Direction, Objective, direction_of
 from tuner.problem.observations import Observation
 
@@ -26,33 +25,16 @@ _FORM = re.compile(r"(?P<first>[\w.]+)(@(?P<second>[\w.]+)(?P<sign><=|>=)(?P<lim
 
 @dataclass(frozen=True)
 class Goal:
-    """The objective, and the limit of a second one where there is one: only what keeps it may be recommended.
-
-    Which of the two has the surrogate is decided here: the second one where the configuration decides the first.
-    """
+    """The objective, and the limit of a second one where there is one: only what keeps it may be recommended."""
 
     objective: Objective = field(default_factory=Objective)
     second: Objective | None = None
     # Of the second objective, in its unit: at most where less is better, at least where more is.
     limit: float | None = None
-    exact: DeterministicMetrics = field(default_factory=DeterministicMetrics)  # the configuration decides it
 
     @property
     def objectives(self) -> list[Objective]:
         return [self.objective] if self.second is None else [self.objective, self.second]
-
-    def after(self, history: Sequence[Observation]) -> Goal:
-        """Return the goal after these missions, which may show that a metric is not deterministic after all."""
-        return replace(self, exact=self.exact.confirmed_by(history))
-
-    @property
-    def modelled(self) -> Objective:
-        """The objective that has the surrogate."""
-        return self.objective if self.second is None or self.exact.first is None else self.second
-
-    def as_modelled(self, history: Sequence[Observation]) -> list[Observation]:
-        """Return the missions with their outcomes of `modelled`."""
-        return list(history) if self.modelled is self.objective else with_second_first(history)
 
     @property
     def at_least(self) -> float | None:
@@ -63,20 +45,18 @@ class Goal:
         return math.ceil(least) - 0.5 if self.second.metric in COUNTS else least
 
     @property
-    def decided(self) -> list[Objective]:
-        """The objectives that the configuration decides: they have no interval."""
-        known = (self.exact.first, self.exact.second)
-        return [o for o, metric in zip(self.objectives, known) if metric is not None]
-
-    @property
     def quality(self) -> Objective | None:
-        """The objective that missions decide, other than a count of photographs; None without one."""
-        return next((o for o in self.objectives if o.metric not in COUNTS and o not in self.decided), None)
+        """The objective other than a count of photographs; None without one."""
+        return next((o for o in self.objectives if o.metric not in COUNTS), None)
 
     @property
     def shown(self) -> Objective:
         """By what strategies are compared: the quality, or the objective where there is none."""
         return self.quality or self.objective
+
+    def as_shown(self, history: Sequence[Observation]) -> list[Observation]:
+        """Return the missions with their outcomes of `shown`."""
+        return list(history) if self.shown is self.objective else with_second_first(history)
 
     def __str__(self) -> str:
         """The text that asks for it: the inverse of `parse_goal`."""
@@ -84,6 +64,12 @@ class Goal:
         if self.second is None or self.limit is None:
             return text
         return f"{text}@{_name(self.second)}{'<=' if self.second.direction == 'minimise' else '>='}{self.limit:g}"
+
+
+def with_second_first(history: Sequence[Observation]) -> list[Observation]:
+    """Return the missions that have both outcomes or failed, with those of the two objectives exchanged."""
+    both = [o for o in history if o.outcome is None or o.second is not None]
+    return [replace(o, outcome=o.second, second=o.outcome) for o in both]
 
 
 def parse_goal(text: str, directions: Mapping[str, Direction] | None = None) -> Goal:

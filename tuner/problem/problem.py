@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from nbv.config import IDEAL, Condition
-from tuner.problem.deterministic_metrics import DeterministicMetric
 from tuner.problem.instances import Instance, are_drawn, rocks_of, training_rock
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration, SearchSpace, Values
@@ -77,10 +76,6 @@ class MissionProblem(Problem, abc.ABC):
     @abc.abstractmethod
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
         """Return the configuration at tuned ``values`` under a condition; ``UserError`` where there is none."""
-
-    @abc.abstractmethod
-    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        """Return the objective as a function of the tuned values; None where only a mission can tell it."""
 
     def drawn_rock(self, rock: str, replicate: int) -> str:
         """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""

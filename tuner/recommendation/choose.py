@@ -46,7 +46,7 @@ from tuner.recommendation.recommendation import (
 )
 from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import DeterministicOutcome, interval_95, probability_positive
+from tuner.surrogate.posterior import interval_95, probability_positive
 
 TOP = 5
 MAY_KEEP = 0.5  # where nothing meets the constraint: probability from which on the likeliest is taken
@@ -70,20 +70,23 @@ def recommend(
 
     With ``only_verified`` a configuration has to have run often enough.
     """
-    if not any(o.feasible for o in history):
+    if not any(o.feasible for o in goal.as_shown(history)):
         return None
     choice = Choice(problem, goal, history, only_verified=only_verified)
     return choice.recommendation(choice.chosen_index())
 
 
 def constraint_of(
-    problem: Problem, goal: Goal, history: Sequence[Observation], model: InstanceMeanGP
+    problem: Problem, goal: Goal, history: Sequence[Observation], shown: InstanceMeanGP
 ) -> Constraint | None:
-    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes."""
+    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes.
+
+    ``shown``: the model of `Goal.shown`.
+    """
     both = [o for o in history if o.outcome is not None and o.second is not None]
     if goal.second is None or goal.at_least is None or not both:
         return None
-    limited = model if goal.exact.first is not None else second_model(problem, goal, both)
+    limited = shown if goal.shown is goal.second else second_model(problem, both)
     return Constraint(limited, goal.at_least)
 
 
@@ -102,16 +105,9 @@ class Candidate:
         return {(o.instance, o.replicate): o.outcome for o in self.missions}
 
 
-def _violations(
-    missions: Sequence[Sequence[Observation]], constraint: Constraint, *, second: bool
-) -> list[float]:
+def _violations(missions: Sequence[Sequence[Observation]]) -> list[float]:
     """Return by how much each configuration's measured means miss the limit, beside what its instances miss it by on average."""
-    if isinstance(constraint.model, DeterministicOutcome):
-        return [-float(constraint.model.cost.outcome(ran[0].values)) for ran in missions]
-    seen = [
-        [(o.instance, y) for o in ran if (y := o.second if second else o.outcome) is not None]
-        for ran in missions
-    ]
+    seen = [[(o.instance, y) for o in ran if (y := o.second) is not None] for ran in missions]
     of_instance: dict[Any, list[float]] = {}
     for instance, y in itertools.chain(*seen):
         of_instance.setdefault(instance, []).append(y)
@@ -125,26 +121,28 @@ class Choice:
     def __init__(
         self, problem: Problem, goal: Goal, history: Sequence[Observation], *, only_verified: bool
     ) -> None:
-        observations = goal.as_modelled(history)
+        observations = goal.as_shown(history)
         every = InstanceMeanGP(problem.space, observations, problem.instances)
         self.problem, self.goal = problem, goal
-        self.model, self.outliers = without_outliers(every, problem.repeatable)
-        self.constraint = constraint_of(problem, goal, history, self.model)
+        self.shown, self.outliers = without_outliers(every, problem.repeatable)
+        self.model = self.shown  # of the objective
+        if goal.shown is not goal.objective:
+            self.model = InstanceMeanGP(problem.space, history, problem.instances)
+        self.constraint = constraint_of(problem, goal, history, self.shown)
         self.failures = sum(not o.feasible for o in observations)
-        self.candidates = self._all_candidates(observations, only_verified=only_verified)
+        self.candidates = self._all_candidates(history, only_verified=only_verified)
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
         # In the candidates' order, and the default behind them.
         values = [*(candidate.values for candidate in self.candidates), problem.default]
-        self.modelled = self.objective = self.model.posterior(values)
-        if goal.exact.first is not None:
-            self.objective = DeterministicOutcome(problem.space, goal.exact.first).posterior(values)
+        self.posterior = self.model.posterior(values)
 
     def _all_candidates(self, observations: Sequence[Observation], *, only_verified: bool) -> list[Candidate]:
         """Return the configurations that have run with success, outliers left out; at least one may be recommended."""
         space, constraint = self.problem.space, self.constraint
         groups: dict[Key, list[Observation]] = {}
-        for o in (o for o in observations if o not in self.outliers):
+        left_out = self.goal.as_shown(self.outliers)  # with their outcomes as they were
+        for o in (o for o in observations if o not in left_out):
             groups.setdefault(configuration_key(space, o.values), []).append(o)
         missions = [group for group in groups.values() if any(o.feasible for o in group)]
         values = [dict(group[0].values) for group in missions]
@@ -159,7 +157,7 @@ class Choice:
             chance = constraint.probability(values)
             eligible = [int(chance.argmax())]
             if chance.max() < MAY_KEEP:
-                least = _violations(missions, constraint, second=self.goal.exact.first is None)
+                least = _violations(missions)
                 eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
         return [
             Candidate(value, ran, keep, i in eligible)
@@ -173,10 +171,8 @@ class Choice:
 
     def _most_promising(self) -> list[Candidate]:
         """Return the best eligible ones by posterior mean, few enough for a joint posterior, and the plain plans among them."""
-        candidates, cost = self.candidates, self.goal.exact.first
+        candidates = self.candidates
         best_first = self.model.best_first([candidate.values for candidate in candidates])
-        if cost is not None:
-            best_first.sort(key=lambda i: -cost.outcome(candidates[i].values))
         few = max(TOP, JOINT // len(self.model.instances))
         best = [i for i in best_first if candidates[i].eligible][:few]
         plain = self.plain_plans(self.eligible)
@@ -184,7 +180,7 @@ class Choice:
 
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
-        seen = self.model.winsorised if self.modelled is self.objective else self.objective.mean
+        seen = self.model.winsorised
         return float(np.clip(outcome, min(seen), max(seen)))
 
     def changes(self, index: int) -> int:
@@ -192,7 +188,7 @@ class Choice:
 
     def chosen_index(self) -> int:
         """Return the index of the candidate to recommend, by the rule in this file's docstring."""
-        among = self.eligible if self.goal.exact.first is None else self._cheapest()
+        among = self.eligible
         index = self._fewest_changes(among)
         if self.problem.arms and index in self.plain_plans(among):
             return index
@@ -202,12 +198,6 @@ class Choice:
         same = [i for i in same if outcomes == theirs[i] or self._not_worse(i, index)]
         return min(same, key=self.changes)
 
-    def _cheapest(self) -> list[int]:
-        """Return the eligible of the least cost; the default alone where it is one of them."""
-        best = max(self.objective.mean[i] for i in self.eligible)
-        among = [i for i in self.eligible if self.objective.mean[i] == best]
-        return [i for i in among if self.candidates[i].values == self.problem.default] or among
-
     def _fewest_changes(self, among: Sequence[int]) -> int:
         """Return the one of ``among``, not empty, with the fewest changes that is not worse than the best of them.
 
@@ -216,25 +206,25 @@ class Choice:
         better = list(among)
         plain = self.plain_plans(among)
         if plain:
-            best = max(plain, key=lambda i: self.modelled.mean[i])
+            best = max(plain, key=lambda i: self.posterior.mean[i])
             better = [
                 i
                 for i in among
                 if i not in plain
-                and interval_95(*self.modelled.difference(i, best))[0] > 0.0
+                and interval_95(*self.posterior.difference(i, best))[0] > 0.0
                 and not self._fails_more(i, best)
             ]
             if not better:
                 return self._first_plain(plain)
-        best = max(better, key=lambda i: self.modelled.mean[i])
+        best = max(better, key=lambda i: self.posterior.mean[i])
         not_worse = [i for i in better if self._not_worse(i, best)]
-        return min(not_worse, key=lambda i: (self.changes(i), -self.modelled.mean[i]))
+        return min(not_worse, key=lambda i: (self.changes(i), -self.posterior.mean[i]))
 
     def _not_worse(self, i: int, best: int) -> bool:
         """Return whether the posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and a loss
         above the noise of one mission has a probability of at most `RISK_OF_LOSS`."""
         noise_sd = self.model.noise_sd
-        mean, sd = self.modelled.difference(i, best)
+        mean, sd = self.posterior.difference(i, best)
         unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
         return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd == 0.0))
 
@@ -249,7 +239,7 @@ class Choice:
         """Return the first plain plan or, of those that are better than it on the training rocks, the best."""
         first, *others = plain
         better = [i for i in others if self._better_on_rocks(i, first)]
-        return max(better, key=lambda i: self.modelled.mean[i]) if better else first
+        return max(better, key=lambda i: self.posterior.mean[i]) if better else first
 
     def _better_on_rocks(self, i: int, j: int) -> bool:
         """Return whether ``j`` fails more often than ``i``, or else ``i`` is better by more than noise with a 95 % interval over rocks.
@@ -264,7 +254,7 @@ class Choice:
             if (y := one[block]) is not None and (there := other[block]) is not None:
                 of_rock.setdefault(block[0].rock, []).append(y - there)
         if len(of_rock) < MIN_ROCKS:
-            return interval_95(*self.modelled.difference(i, j))[0] > 0.0
+            return interval_95(*self.posterior.difference(i, j))[0] > 0.0
         gain = mean_interval(of_rock)
         return gain is not None and gain.low is not None and gain.low > 0.0
 
@@ -279,14 +269,14 @@ class Choice:
         plain = self.plain_plans(range(len(self.candidates)))
         if len(self.problem.arms) < 2 or not plain:
             return "", None
-        best = max(plain, key=lambda i: (self.modelled.mean[i], i == index))
-        gain, sd = self.modelled.difference(index, best)
-        mean = self.goal.modelled.sign * self.modelled.mean[best]
+        best = max(plain, key=lambda i: (self.posterior.mean[i], i == index))
+        gain, sd = self.posterior.difference(index, best)
+        mean = self.goal.objective.sign * self.posterior.mean[best]
         values = dict(self.candidates[best].values)
         return plain.get(index, ""), BestPlain(plain[best], values, float(mean), gain, interval_95(gain, sd))
 
     def recommendation(self, index: int) -> Recommendation:
-        problem, goal, model, posterior = self.problem, self.goal, self.model, self.objective
+        problem, goal, posterior = self.problem, self.goal, self.posterior
         values = self.candidates[index].values
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
@@ -297,20 +287,18 @@ class Choice:
             mean=mean,
             sd=sd,
             interval_95=interval_95(mean, sd),
-            per_rock=[self._rock_row(instance, index) for instance in model.instances],
+            per_rock=[self._rock_row(instance, index) for instance in problem.instances],
             default_values=dict(problem.default),
             default_mean=sign * self.plausible(posterior.mean[-1]),
             improvement=gain,
             improvement_sd=gain_sd,
             improvement_interval_95=interval_95(gain, gain_sd),
-            noise_sd=model.noise_sd,
-            observations=len(model.observations),
+            noise_sd=self.shown.noise_sd,
+            observations=len(self.shown.observations),
             failures=self.failures,
             metric=goal.objective.metric,
             direction=goal.objective.direction,
-            leave_one_out=model.leave_one_out(),
-            exact=goal.exact.first is not None,
-            modelled_metric=goal.modelled.metric,
+            leave_one_out=self.shown.leave_one_out(),
             limit=self._limit(index),
             outliers=self._outliers(),
             plain=plain,
@@ -318,10 +306,11 @@ class Choice:
         )
 
     def _rock_row(self, instance: Instance, index: int) -> RockRow:
-        sign, candidate = self.goal.modelled.sign, self.candidates[index]
-        outcomes = [o.outcome for o in candidate.missions if o.instance == instance and o.outcome is not None]
+        sign, candidate = self.goal.shown.sign, self.candidates[index]
+        here = [o for o in self.goal.as_shown(candidate.missions) if o.instance == instance]
+        outcomes = [o.outcome for o in here if o.outcome is not None]
         observed = sign * float(sum(outcomes)) / len(outcomes) if outcomes else None
-        predicted = sign * self.model.predict_mission(candidate.values, instance)[0]
+        predicted = sign * self.shown.predict_mission(candidate.values, instance)[0]
         return RockRow(instance.rock, len(outcomes), observed, predicted, instance.condition)
 
     def _limit(self, index: int) -> Limit | None:
@@ -338,7 +327,6 @@ class Choice:
             direction=second.direction,
             limit=limit,
             kept=self.candidates[index].keeps,
-            exact=isinstance(constraint.model, DeterministicOutcome),
             mean=mean,
             sd=sd,
             interval_95=interval_95(mean, sd),
@@ -349,8 +337,8 @@ class Choice:
 
     def _outliers(self) -> tuple[Outlier, ...]:
         """Return the missions left out, and those whose outcomes count as other numbers than measured."""
-        sign = self.goal.modelled.sign
-        moved = [(o, y) for o, y in zip(self.model.observations, self.model.winsorised) if o.outcome != y]
+        sign, model = self.goal.shown.sign, self.shown
+        moved = [(o, y) for o, y in zip(model.observations, model.winsorised) if o.outcome != y]
         counts_as = [*((o, None) for o in self.outliers), *((o, sign * y) for o, y in moved)]
         return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 

@@ -32,16 +32,12 @@ class RockRow:
 
 @dataclass(frozen=True)
 class Limit:
-    """The metric that has a limit, at the recommended configuration: means over the training instances, in its unit.
-
-    A deterministic metric (``exact``) has standard deviation 0 and intervals of no width.
-    """
+    """The metric that has a limit, at the recommended configuration: means over the training instances, in its unit."""
 
     metric: str
     direction: Direction
     limit: float
     kept: bool  # whether the recommendation can be taken to meet it; else no configuration that was run can
-    exact: bool
     mean: float
     sd: float
     interval_95: tuple[float, float]
@@ -60,7 +56,7 @@ class Limit:
 class BestPlain:
     """The best plain plan (a plain orbit, random views or the default), and what the recommendation gains over it.
 
-    The gain and its 95 % interval are of the modelled metric in its unit, positive where the recommendation is better.
+    The gain and its 95 % interval are of the objective in its unit, positive where the recommendation is better.
     """
 
     strategy: str
@@ -75,7 +71,7 @@ class Outlier:
     """A mission whose outcome was winsorised, or that was left out."""
 
     mission: int  # from 0
-    measured: float  # of the modelled metric, in its unit
+    measured: float  # of `Goal.shown`, in its unit
     counts_as: float | None  # None: all others contradict it, and the recommendation was made without it
 
 
@@ -92,9 +88,8 @@ class Recommendation:
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
     (``tuner.surrogate.posterior``).
 
-    An objective that is a deterministic metric (``exact``) has no uncertainty: standard deviations are 0, intervals have no
-    width. The second objective is then the one that is modelled, ``modelled_metric``: ``per_rock``, ``noise_sd`` and ``leave_one_out``
-    are of that.
+    ``per_rock``, ``noise_sd``, ``leave_one_out`` and ``outliers`` are of `Goal.shown`: of the quality where the objective is a
+    number of photographs.
     """
 
     values: dict[str, Any]
@@ -113,8 +108,6 @@ class Recommendation:
     metric: str
     direction: str
     leave_one_out: dict[str, float]
-    exact: bool  # whether the objective is a deterministic metric
-    modelled_metric: str  # the objective's, or the second one's where the objective is deterministic
     limit: Limit | None = None  # of the second objective
     outliers: tuple[Outlier, ...] = ()
     plain: str = ""  # the plain plan that it is, as a strategy; empty where it is none

@@ -228,22 +228,19 @@ def value_text(values: Mapping[str, Any], path: str) -> str:
 def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """The recommendation's outcome on the training rocks, and how far the model can be trusted."""
     word, label = s.problem.instance_word, metric_label(best.metric)
-    alone = best.keep_default and not best.exact
-    subject = _subject(label) if best.exact else f"By the model, {_subject(label).replace('The ', 'the ')}"
-    said = f"{subject} is {mean_text(label, best.mean, best.sd, best.interval_95 if alone else None)}"
-    if not best.keep_default:
-        said += f" in place of {mean_text(label, best.default_mean, best.sd)}"
-    if not best.exact:
-        said += f" on the training {word}s"
-    if not best.exact and not best.keep_default:
-        said += f", {_gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)}"
+    said = f"By the model, {_subject(label).replace('The ', 'the ')} is "
+    if best.keep_default:
+        said += f"{mean_text(label, best.mean, best.sd, best.interval_95)} on the training {word}s"
+    else:
+        said += f"{mean_text(label, best.mean, best.sd)} in place of {mean_text(label, best.default_mean, best.sd)}"
+        said += f" on the training {word}s, {_gain(best.improvement, best.improvement_interval_95, best.improvement_sd, label)}"
         said += ", positive if lower" if best.direction == "minimise" else ""
-    lines = [f"{said} (brackets: 95 % interval)." if not best.exact else f"{said}."]
+    lines = [f"{said} (brackets: 95 % interval)."]
     if best.limit is not None:
         lines.append(_limit_sentence(best, best.limit))
     if len(s.rocks) == 1 and not s.problem.draws_rocks:
         lines.append(f"Only one {word} was run, so how {word}s differ is not known.")
-    lines += outlier_sentences(best)
+    lines += outlier_sentences(best, s.goal.shown.metric)
     if best.observations < MIN_MISSIONS_FOR_COVERAGE:
         missions = counted(best.observations, "successful mission")
         lines.append(
@@ -261,9 +258,9 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     return [*lines, OPTIMISM_NOTE]
 
 
-def outlier_sentences(best: Recommendation) -> list[str]:
+def outlier_sentences(best: Recommendation, metric: str) -> list[str]:
     """Which missions are outliers, and whether they are left out or count with another outcome."""
-    name, said = short_name(metric_label(best.modelled_metric)), []
+    name, said = short_name(metric_label(metric)), []
     for o in best.outliers[:FEW]:
         line = f"Mission #{o.mission:04d} measured {name} {number_text(o.measured)}, "
         if o.counts_as is None:
@@ -279,13 +276,11 @@ def outlier_sentences(best: Recommendation) -> list[str]:
 def _limit_sentence(best: Recommendation, limit: Limit) -> str:
     """Of the limited metric: its mean, and the probability that the constraint is met."""
     label, (_, bound_text) = metric_label(limit.metric), bound(limit.metric, limit.direction, limit.limit)
-    mean = mean_text(label, limit.mean, limit.sd, None if limit.exact else limit.interval_95)
-    said, default = f"{_subject(label)} is {mean}", mean_text(label, limit.default_mean, limit.sd)
-    if not limit.exact:
-        default += f", with probability {limit.default_probability:.2f}"
-    said += f"; the constraint is {bound_text}"
-    if not limit.exact:
-        said += f", met with probability {limit.probability:.2f}"
+    mean = mean_text(label, limit.mean, limit.sd, limit.interval_95)
+    default = (
+        f"{mean_text(label, limit.default_mean, limit.sd)}, with probability {limit.default_probability:.2f}"
+    )
+    said = f"{_subject(label)} is {mean}; the constraint is {bound_text}, met with probability {limit.probability:.2f}"
     return f"{said}." if best.keep_default else f"{said}; the default has {default}."
 
 
@@ -366,13 +361,13 @@ def changed_table(best: Recommendation) -> Table:
 
 def rock_table(best: Recommendation, campaign: Campaign) -> Table:
     """Instance by instance what the recommendation and the default had there, with the number of their missions."""
-    s, modelled, trials = campaign.settings, campaign.goal().modelled, campaign.trials()
-    label, digits = metric_label(modelled.metric), decimals_for(best.noise_sd)
+    s, trials, shown = campaign.settings, campaign.trials(), campaign.settings.goal.shown
+    label, digits = metric_label(shown.metric), decimals_for(best.noise_sd)
     rocks = dict(zip(s.rocks, short_names(s.rocks)))
 
     def measured(values: Mapping[str, Any], instance: Instance) -> str:
         here = [t for t in trials if t.instance == instance and t.values == values]
-        measurements = [t.raw if modelled == s.objective else t.measured(modelled) for t in here]
+        measurements = [t.raw if shown == s.objective else t.measured(shown) for t in here]
         known = [value for value in measurements if value is not None]
         return f"{format_number(statistics.fmean(known), digits)} ({len(known)})" if known else MISSING
 

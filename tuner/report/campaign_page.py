@@ -24,7 +24,6 @@ from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.comparison.advice import advice_of, next_step
 from tuner.comparison.result import all_results
 from tuner.missions.job import Trial
-from tuner.problem.deterministic_metrics import PHOTOGRAPHS
 from tuner.problem.instances import Instance
 from tuner.problem.objective import COUNTS
 from tuner.problem.search_space import Parameter
@@ -73,12 +72,12 @@ def write_campaign_report(campaign: Campaign) -> Path:
     if status.finished == 0:
         raise UserError(f"{directory} has no finished mission; run or resume the campaign first")
     # The recommendation after all finished missions, the same as in status, export and evaluation.
-    best, modelled = campaign.recommendation(save=False), campaign.goal().modelled
+    best = campaign.recommendation(save=False)
     advice = None if best is None else advice_of(campaign, best)
     advised = [f"Nothing yet: {campaign.nothing_yet()}."]
     if best is not None and advice is not None:
         advised = advice_lines(advice, best, s)
-    label, word = metric_label(modelled.metric), s.problem.instance_word
+    label, word = metric_label(s.goal.shown.metric), s.problem.instance_word
     names = _instance_names(s)
     measured = sorted(
         page.parent.name
@@ -274,7 +273,7 @@ def _outcome_figures(
     names: Mapping[Instance, str],
 ) -> list[str]:
     """Outcomes over the trials with the best so far and, where photographs are the objective, over their number."""
-    s, modelled = campaign.settings, campaign.goal().modelled
+    s, quality = campaign.settings, campaign.settings.goal.shown
     shown = [t for t in trials if t.state != "running"]
     marks = [(s.problem.default, "default"), *([] if best is None else [(best.values, "recommended")])]
 
@@ -282,25 +281,23 @@ def _outcome_figures(
         points: dict[str, list[tuple[float, float | None, str]]] = {}
         for t in shown:
             if (at := place(t)) is not None:
-                value = t.raw if modelled == s.objective else t.measured(modelled)
+                value = t.raw if quality == s.objective else t.measured(quality)
                 mark = next((mark for values, mark in reversed(marks) if t.values == values), "")
                 points.setdefault(names[t.instance], []).append((at, value, mark))
-        return draw_outcomes(points, metric_label(modelled.metric), x, sign)
+        return draw_outcomes(points, metric_label(quality.metric), x, sign)
 
-    figures = [figure("trial", lambda t: t.number, modelled.sign)]
-    if s.objective.metric == PHOTOGRAPHS and modelled != s.objective:
+    figures = [figure("trial", lambda t: t.number, quality.sign)]
+    if s.objective.metric in COUNTS and quality != s.objective:
         figures.append(figure("photographs", lambda t: t.raw, 0.0))
     return figures
 
 
 def _slices(campaign: Campaign, best: Recommendation) -> list[str]:
-    """What the surrogate behind the recommendation predicts; nothing where every metric that was asked for is deterministic."""
-    s, goal = campaign.settings, campaign.goal()
-    if s.second is None and goal.exact.first is not None:
-        return []
+    """What the surrogate predicts along each parameter."""
+    s, goal = campaign.settings, campaign.settings.goal
     model = campaign.surrogate_from([o for o in campaign.history() if o.feasible])
-    label = metric_label(goal.modelled.metric)
-    return draw_slices(model, s.space.parameters, best.values, label, goal.modelled.sign)
+    label = metric_label(goal.shown.metric)
+    return draw_slices(model, s.space.parameters, best.values, label, goal.shown.sign)
 
 
 # -- where it is from ------------------------------------------------------------------------------------------

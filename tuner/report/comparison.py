@@ -97,9 +97,6 @@ def verdict_text(verdict: Verdict, facts: ComparisonFacts) -> str:
         return f"{who} took the same photographs as {whom} in every mission."
     if gain is None:
         return f"{who}: no mission in common with {whom}."
-    if verdict.counts is not None:
-        ours, theirs = verdict.counts
-        return f"{label.name}: {ours:.4g}, and {theirs:.4g} for {whom}."
     if verdict.kind in (Kind.KEPT, Kind.PARTLY_KEPT, Kind.NOT_KEPT):
         least = "at least" if facts.goal.second and facts.goal.second.sign > 0 else "at most"
         on = f"{round(gain.mean * gain.rocks / 100)} of {counted(gain.rocks, word)}"

@@ -9,14 +9,11 @@ from typing import Any
 
 from tuner.acquisition.constrained import (
     Constraint,
-    ObjectiveModel,
     propose_constrained,
-    surrogate_of,
     two_models,
 )
 from tuner.acquisition.propose import propose
 from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.goal import Goal
 from tuner.problem.observations import Key, Observation, Proposal, configuration_key
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
@@ -34,8 +31,7 @@ from tuner.surrogate.model import InstanceMeanGP
 from tuner.surrogate.numerics import numerics
 
 MIN_FEASIBLE_FOR_MODEL = 2
-# Design points that violate a computed limit are replaced by later points of the sequence: from which on, how many.
-ASIDE, MOST_SKIPPED = 1000, 200
+ASIDE = 1000  # points of the sequence that the design does not reach
 # After so many trials in a row without a new photograph the next one is drawn from the whole space.
 REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
@@ -65,26 +61,25 @@ class GPSampler:
     ) -> list[Proposal]:
         """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn."""
         s, problem, proposals, running = self.settings, self.settings.problem, list[Proposal](), list(pending)
-        feasible = [o for o in history if o.feasible]
-        goal = s.goal.after(history)
-        both = goal.at_least is not None and (
+        feasible, at_least = [o for o in history if o.feasible], self.settings.goal.at_least
+        both = at_least is not None and (
             sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
         )
-        models: tuple[ObjectiveModel, ...] = ()
+        models: tuple[InstanceMeanGP, ...] = ()
         constraint: Constraint | None = None
         modelled, drawn = 0, list[Values]()
         while len(proposals) < count:
             number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._design(number, goal, history)
+                proposal = self._design(number, history)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
                 metadata = {"sampler": self.name, "phase": "exploration"}
                 proposal = Proposal(sobol_point(problem.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
-                if not models and both and goal.at_least is not None and goal.second is not None:
-                    models = two_models(problem, goal, history, self.sparse)
-                    constraint = Constraint(models[1], goal.at_least).within_reach()
+                if not models and both and at_least is not None:
+                    models = two_models(problem, history, self.sparse)
+                    constraint = Constraint(models[1], at_least)
                 elif not models:
                     models = (InstanceMeanGP(problem.space, history, problem.instances, sparse=self.sparse),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
@@ -93,7 +88,7 @@ class GPSampler:
                     drawn = drawn or thompson_configurations(models, constraint, count - len(proposals), seed)
                     values, gain = drawn.pop(), math.inf
                 elif constraint is None:
-                    values, gain = propose(surrogate_of(models), configurations, seed)
+                    values, gain = propose(models[0], configurations, seed)
                 else:
                     values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
@@ -107,7 +102,7 @@ class GPSampler:
 
     def _verified(
         self,
-        models: tuple[ObjectiveModel, ...],
+        models: tuple[InstanceMeanGP, ...],
         constraint: Constraint | None,
         history: Sequence[Observation],
         running: Sequence[Observation],
@@ -122,24 +117,16 @@ class GPSampler:
         replicates = min(problem.replicates, REPLICATES) if problem.draws_rocks else problem.replicates
         last = number >= s.budget - len(problem.rocks) * replicates
         return verification(
-            models, history, running, problem.replicates, gain, last=last, constraint=constraint
+            models[0], history, running, problem.replicates, gain, last=last, constraint=constraint
         )
 
-    def _design(self, number: int, goal: Goal, history: Sequence[Observation]) -> Proposal:
-        """Return a mission of the design; unless it is a plain plan's, none that is known to break the limit."""
-        if number < self.settings.first:
-            return initial_proposal(self.settings, number, self.name)
-        number -= self.settings.first - 1
-        limited, least = goal.exact.second, goal.at_least
-        for skipped in range(MOST_SKIPPED + 1):
-            proposal = self._design_point(number + 2 * ASIDE * skipped, history)
-            if limited is None or least is None or limited.outcome(proposal.values) >= least:
-                break
-        return proposal
-
-    def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
-        """Return point ``number`` of the design, which begins with 1 behind the plain plans."""
-        s, space, rank = self.settings, self.settings.problem.space, number // 2 - 1
+    def _design(self, number: int, history: Sequence[Observation]) -> Proposal:
+        """Return mission ``number`` of the design, which begins behind the plain plans."""
+        s, space = self.settings, self.settings.problem.space
+        if number < s.first:
+            return initial_proposal(s, number, self.name)
+        number -= s.first - 1
+        rank = number // 2 - 1
         length = s.initial - s.first + 1
         # Beginnings leave a place to the best earlier mission.
         begin = space.begin if s.earlier is None else space.begin[: max(0, length - 2)]

@@ -12,7 +12,6 @@ from nbv.errors import UserError
 from tuner.missions.external.mission_file import ExternalConfig, MissionFile, external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, code_of
 from tuner.problem.baselines import TUNED
-from tuner.problem.deterministic_metrics import DeterministicMetric, parameter_metric
 from tuner.problem.instances import instances_over
 from tuner.problem.objective import Objective, dotted
 from tuner.problem.problem import Evaluated, MissionProblem, Strategies
@@ -56,9 +55,6 @@ class MissionFileProblem(MissionProblem):
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> ExternalConfig:
         """Return the configuration at ``values``; a mission file has instances in place of conditions."""
         return external_config(self.mission, values)
-
-    def deterministic_metric(self, objective: Objective) -> DeterministicMetric | None:
-        return parameter_metric(self.mission.space, objective)
 
     def fidelity(self, name: str) -> str:
         if name not in (DEFAULT_FIDELITY, EXTERNAL):
