@@ -1,17 +1,8 @@
-import dataclasses
-import functools
-from typing import Any
-
-import fake_campaigns
 import pytest
 
-from nbv.config import preset
 from nbv.errors import UserError
-from tuner.problem.deterministic_metrics import DeterministicMetric, DeterministicMetrics, photographs_metric
 from tuner.problem.goal import parse_goal
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
-from tuner.problem.space_files import load_search_space, space_from_dict
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 
@@ -45,43 +36,3 @@ def test_what_is_no_objective_is_said_in_one_line(text: str, says: str) -> None:
     with pytest.raises(UserError, match=says) as error:
         parse_goal(text)
     assert "\n" not in str(error.value)
-
-
-SPACE = load_search_space("photographs")
-
-
-def photographs(**base: Any) -> DeterministicMetric | None:
-    fixed = {name.replace("__", "."): value for name, value in base.items()}
-    space = dataclasses.replace(SPACE, base={**SPACE.base, **fixed})
-    asked = fake_campaigns.settings(space=space, objective=PHOTOGRAPHS, second=Objective(), limit=98.0)
-    return asked.goal.exact.first
-
-
-def test_photographs_are_seeds_and_planned_views() -> None:
-    found = photographs()
-    assert found is not None and found.paths == ("seed.count", "stop.adaptive_budget")
-    values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.5}
-    assert found.of(values) == 26.0 and found.outcome(values) == -26.0
-    assert found.of({**values, "seed.count": 20, "stop.adaptive_budget": 0}) == 20.0
-    cut = photographs(stop__max_photographs=30)
-    most = {**values, "seed.count": 24}
-    assert cut is not None and cut.of(values) == 26.0 and cut.of(most) == 30.0
-
-
-def test_what_a_mission_may_cut_short_and_flight_time_are_not_known() -> None:
-    assert photographs(stop__criterion="both") is None is photographs(stop__criterion="predicted")
-    stop = {"stop.criterion": {"kind": "categorical", "choices": ["budget", "both"]}}
-    rule = space_from_dict({"name": "rule", "base": {"gate.kind": "hyb-h"}, "parameters": stop}, "test")
-    base = preset("campaign")
-    for space, objective in ((rule, PHOTOGRAPHS), (SPACE, Objective("costs.flight_time_s", "minimise"))):
-        make = functools.partial(space.config, base)
-        assert photographs_metric(space, make, space.default(base), objective) is None
-
-
-def test_a_mission_that_ran_out_of_views_says_otherwise() -> None:
-    found = photographs()
-    values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.5}
-    history = [Observation(0, values, "r0", 0, -26.0, second=99.0)]
-    assert DeterministicMetrics(found).confirmed_by(history).first is found
-    short = Observation(1, values, "r1", 0, -23.0, second=97.0)
-    assert DeterministicMetrics(found).confirmed_by([*history, short]).first is None

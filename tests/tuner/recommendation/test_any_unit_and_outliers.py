@@ -81,7 +81,7 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
     best = on_a_line({where: outcome})
     assert abs(best.values["x"] - 0.3) <= 0.05
     assert -0.5 < best.default_mean <= best.mean <= 0.0
-    (said,) = outlier_sentences(best)
+    (said,) = outlier_sentences(best, "q")
     assert said.startswith(
         f"Mission #{where:04d} measured Q {number_text(outcome)}, which all others contradict"
     )

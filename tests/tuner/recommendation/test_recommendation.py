@@ -143,5 +143,5 @@ def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int
         for rock, k in itertools.product(ROCKS, (0, 1)):
             images, y = values["seed.count"] + values["stop.adaptive_budget"], score + 0.5 * rng.normal()
             history.append(Observation(len(history), values, rock, k, -images, images, second=y))
-    best = recommend(s.problem, s.goal.after(history), history)
+    best = recommend(s.problem, s.goal, history)
     assert best.values == sure and best.limit.kept

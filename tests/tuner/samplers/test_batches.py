@@ -14,7 +14,6 @@ from botorch.sampling import SobolQMCNormalSampler
 from tuner.acquisition.constrained import Constraint, two_models
 from tuner.acquisition.propose import LogNoisyImprovement, propose
 from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
@@ -95,7 +94,7 @@ def two_objectives(count: int) -> list[Observation]:
 
 
 def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
-    models = two_models(synthetic.PROBLEM, Goal(), two_objectives(40))
+    models = two_models(synthetic.PROBLEM, two_objectives(40))
     drawn = thompson_configurations(models, Constraint(models[1], 0.5), 12, 0)
     first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
     assert (first < 0.6).all()  # 0.5 and what the model leaves open

@@ -17,7 +17,6 @@ from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.surrogate.posterior import DeterministicOutcome
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 VARIED = {
@@ -60,7 +59,7 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     rng = np.random.default_rng(0)
     history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
     for i in range(8, 16):
-        models = two_models(PROBLEM, Goal(), history)
+        models = two_models(PROBLEM, history)
         values, _ = propose_constrained(models[0], Constraint(models[1], -30.5), [], i)
         history.append(run_missions(i, values, rng))
     searched = [24 + o.values["stop.adaptive_budget"] for o in history[8:]]
@@ -82,18 +81,6 @@ def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
     assert never.limit is not None and not never.limit.kept and never.limit.probability < 0.05
 
 
-def test_the_most_expensive_configuration_is_one_that_can_run() -> None:
-    """30 seeds and at most 20 photographs exclude one another; 30 and 8 are the most."""
-    varied = {
-        "seed.count": {"kind": "int", "low": 16, "high": 30, "default": 16},
-        "stop.max_photographs": {"kind": "int", "low": 20, "high": 40, "default": 32},
-    }
-    base = {**FIXED, "seed.layout": "turn", "sparse.ground_features": 2000}
-    space = space_from_dict({"name": "most", "base": base, "parameters": varied}, "test")
-    cost = settings(space=space, objective=PHOTOGRAPHS, second=Objective(), limit=97.0).goal.exact.first
-    assert cost is not None and DeterministicOutcome(space, cost).worst() == -38.0
-
-
 def test_a_proposal_within_a_modelled_limit_is_a_function_of_the_ledger() -> None:
     """BoTorch draws from torch's global state where no point in flight may keep the limit."""
     rng, history = np.random.default_rng(5), list[Observation]()
@@ -101,7 +88,7 @@ def test_a_proposal_within_a_modelled_limit_is_a_function_of_the_ledger() -> Non
         y = float(90 - 5 * np.mean((u - 0.4) ** 2) + 0.3 * rng.normal())
         second = float(50 - 10 * u[1] + 0.5 * rng.normal())
         history.append(Observation(i, SPACE.from_unit(u), f"r{i % 2}", i // 2 % 2, y, y, second=second))
-    models = two_models(PROBLEM, Goal(), history)
+    models = two_models(PROBLEM, history)
     running, found = [SPACE.from_unit(np.array([0.3, 0.2]))], []
     for state in (1, 2):
         torch.manual_seed(state)

@@ -31,13 +31,13 @@ def model_of(history: list[Observation]) -> InstanceMeanGP:
 
 def test_favourite_flies_every_block_it_has_not_seen() -> None:
     history = a_clear_favourite()
-    proposal = verification([model_of(history)], history, [], 2, expected_gain=0.0)
+    proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.metadata["phase"] == "verification"
     # Replicate 0 of r1 has been run once, 1 never.
     assert (proposal.instance, proposal.replicate) == (("r1", "ideal"), 1)
     blocks = [("r0", 0)]
     running: list[Observation] = []
-    while (proposal := verification([model_of(history)], history, running, 2, expected_gain=0.0)) is not None:
+    while (proposal := verification(model_of(history), history, running, 2, expected_gain=0.0)) is not None:
         blocks.append((proposal.instance.rock, proposal.replicate))
         running.append(Observation(4 + len(running), GOOD, *blocks[-1]))
     assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
@@ -60,8 +60,8 @@ def test_among_drawn_rocks_only_the_last_missions_are_the_favourites_in_any_case
 def test_nothing_to_verify_while_exploring_promises_more() -> None:
     history = a_clear_favourite()
     model = model_of(history)
-    assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd) is None
-    assert verification([model], history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
-    assert verification([model], history, [], 1, expected_gain=0.5 * model.noise_sd) is not None
-    drawn = verification([model], history, [], 1, expected_gain=math.inf, last=True)
+    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is None
+    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
+    assert verification(model, history, [], 1, expected_gain=0.5 * model.noise_sd) is not None
+    drawn = verification(model, history, [], 1, expected_gain=math.inf, last=True)
     assert drawn is not None and "expected_gain" not in drawn.metadata
