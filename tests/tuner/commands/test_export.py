@@ -5,6 +5,7 @@ import json
 import fake_campaigns
 import pytest
 import yaml
+from tuner.report.answer import use_sentence, value_text
 
 from nbv.config import config_from_dict, preset
 from nbv.geometric import run_geometric_mission
@@ -12,7 +13,6 @@ from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring
 from tuner.problem.observations import short
 from tuner.problem.space_files import load_search_space
-from tuner.report.answer import use_sentence, value_text
 from tuner.report.campaign_page import write_campaign_report
 
 

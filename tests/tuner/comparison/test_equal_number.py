@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from photographed_ball import write_set
 from scene_helpers import around
+from tuner.report.answer import plan_words
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.campaign.mission_problem import where_photographed
@@ -19,7 +20,6 @@ from tuner.problem.baselines import (
     tuned_configs,
 )
 from tuner.problem.space_files import load_search_space
-from tuner.report.answer import plan_words
 from tuner.report.figures import plan_figure
 
 BASE = preset("campaign")

@@ -7,6 +7,7 @@ import pytest
 import synthetic
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tuner.report.answer import outlier_sentences
 
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
@@ -17,7 +18,6 @@ from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.answer import outlier_sentences
 from tuner.report.labels import decimals_for, format_number, number_text
 from tuner.samplers.registry import make_sampler
 
