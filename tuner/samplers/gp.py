@@ -15,6 +15,7 @@ from tuner.acquisition.constrained import (
 from tuner.acquisition.propose import propose
 from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.observations import Observation, Proposal
+from tuner.problem.regions import Region
 from tuner.problem.search_space import Values
 from tuner.recommendation.choose import REPLICATES
 from tuner.samplers.base import (
@@ -80,7 +81,7 @@ class GPSampler:
                 proposal = Proposal(sobol_point(problem.space, s.seed, ASIDE + number), metadata)
             else:
                 seed = derived_seed(s.seed, number)
-                region = problem.answers[number % len(problem.answers)]
+                region = self._region(number)
                 if not models and both and goal.at_least is not None:
                     models = two_models(problem, history, self.sparse)
                     constraint = Constraint(models[1], goal.at_least)
@@ -103,6 +104,11 @@ class GPSampler:
             proposals.append(proposal)
             running.append(in_flight(s, history, running, proposal))
         return proposals
+
+    def _region(self, number: int) -> Region:
+        """Return whose turn it is; another one's with every round over the instances, so that each meets all of them."""
+        problem = self.settings.problem
+        return problem.answers[(number + number // len(problem.instances)) % len(problem.answers)]
 
     def _verified(
         self,
@@ -157,9 +163,9 @@ class GPSampler:
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
-        region = problem.answers[number % len(problem.answers)]
+        region = self._region(number)
         values = sobol_point(space, s.seed, number - 1)
-        if stays_near_default(space.dimension, s.trusted_default) and number // len(problem.answers) % 2 == 0:
+        if len(problem.answers) == 1 and stays_near_default(space.dimension, s.trusted_default) and number % 2 == 1:
             values = near_default(space, problem.default, s.seed, number)
             metadata["near"] = "default"
         return Proposal(
