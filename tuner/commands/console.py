@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
@@ -62,7 +62,7 @@ LOADING_ROCKS = "loading rocks; one that is used for the first time is made and 
 
 
 _SLOW_S, _PER_SECOND = 1.5, 2.0
-_SPEED_PERIOD_S = 3600.0  # of the missions by whose pace the time left is estimated
+_ENOUGH = 6  # missions from which on the time left is estimated
 _NAMED = 2  # missions in flight that a line names
 
 
@@ -129,16 +129,14 @@ class MissionProgress(Progress):
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             BarColumn(16),
             TimeElapsedColumn(),
-            TextColumn("elapsed,"),
-            TimeRemainingColumn(),
-            TextColumn("left"),
+            TextColumn("elapsed{task.fields[left]}"),
             console=output,
             refresh_per_second=_PER_SECOND,
-            speed_estimate_period=_SPEED_PERIOD_S,
         )
+        self._first: int | None = None  # missions that had finished before this session
         self._running: dict[str, tuple[str, Path | None]] = {}
         self._counts = ""
-        self._missions = self.add_task("", total=total)
+        self._missions = self.add_task("", total=total, left="")
 
     def launched(self, key: str, label: str, directory: Path | None = None) -> None:
         self._running[key] = label, directory
@@ -149,7 +147,15 @@ class MissionProgress(Progress):
 
     def reached(self, finished: int, total: int, counts: str) -> None:
         self._counts = counts
-        self.update(self._missions, completed=finished, total=total, description=self.said())
+        self._first = finished if self._first is None else self._first
+        here, elapsed_s = finished - self._first, self.tasks[0].elapsed or 0.0
+        # The first missions make rocks and fill the store, so few of them say little.
+        left = (
+            f", {duration(elapsed_s / here * (total - finished))} left"
+            if here >= _ENOUGH and finished < total
+            else ""
+        )
+        self.update(self._missions, completed=finished, total=total, description=self.said(), left=left)
 
     def said(self) -> str:
         """``3/9, runs slab r0 (photograph 12/32), fin r1 (photograph 3/32) and 6 more``."""

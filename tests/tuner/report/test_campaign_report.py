@@ -15,7 +15,8 @@ from tuner.cli import app
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report
-from tuner.report.answer import use_sentence, worth_sentences
+from tuner.answer.answer import answer_of
+from tuner.report import words
 from tuner.report.campaign_page import reproduce_command
 
 evaluated = functools.partial(
@@ -34,18 +35,19 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     campaign = evaluated(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
     page = write_campaign_report(campaign)
     assert page == tmp_path / "run" / "report.html"
-    best = campaign.recommendation(save=False)
     source, text = page.read_text(), text_of(page)
-    assert use_sentence(best, campaign.settings) in text
-    assert all(sentence in text for sentence in worth_sentences(best, campaign.settings))
-    first_screen = text[: text.index("missions finished")].lower()
+    answer = answer_of(campaign)
+    for sentence in [*words.sentences(answer), words.chosen_text(answer.chosen_by)]:
+        assert sentence.replace("\u00a0", " ") in text.replace("\u00a0", " ")
+    first_screen = text[: text.index("What did tuning earn")].lower()
     assert not [word for word in ("surrogate", "calibrated", "eligible", "posterior") if word in first_screen]
     assert html.unescape(reproduce_command(campaign)) in text
     failed = [t for t in campaign.trials() if t.state == "failed"]
-    assert failed[0].reason in text and "no seed model" in text and "9 of 9 missions finished" in text
+    assert failed[0].reason in text and "no seed model" in text and "9 missions:" in text
 
     figures = re.findall(r'<img [^>]*src="data:image/svg\+xml', source)
-    assert len(figures) == 2 + campaign.settings.space.dimension
+    # The plan, the outcomes, a contour of the thresholds, the best so far, and a slice for each parameter.
+    assert len(figures) == 4 + campaign.settings.space.dimension
     assert not re.search(r"src=[\"'](?!data:)", source)  # self-contained
     assert "url(" not in source and "<script src" not in source and "@import" not in source
     addresses = re.findall(r"href=\"(?!data:|#)([^\"]+)\"", source)
@@ -93,6 +95,6 @@ def test_a_campaign_that_is_there_is_not_run_with_other_settings(
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     page = write_campaign_report(evaluated(tmp_path / "run", rocks=("fail",), budget=20))
     text = text_of(page)
-    assert "Nothing yet: none of the 8 finished missions succeeded." in text
+    assert "none of the 8 finished missions succeeded" in text
     assert "Stopped after 8 failures in a row" in text and "seed_model_failed" in text
-    assert 'id="recommendation"' not in page.read_text()
+    assert 'id="tuned-1"' not in page.read_text()
