@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from tuner.comparison.objective import objective as objective
     from tuner.comparison.run import EvaluationRun as EvaluationRun
     from tuner.jobs import evaluate as evaluate
-    from tuner.jobs import frame as frame
     from tuner.jobs import reproduce as reproduce
     from tuner.jobs import tune as tune
     from tuner.recommendation.recommendation import Recommendation as Recommendation
@@ -34,6 +33,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "comparison.objective": ["objective"],
         "comparison.run": ["EvaluationRun"],
         "recommendation.recommendation": ["Recommendation"],
-        "jobs": ["evaluate", "frame", "reproduce", "tune"],
+        "jobs": ["evaluate", "reproduce", "tune"],
     },
 )

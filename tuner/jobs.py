@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
@@ -26,14 +26,10 @@ from tuner.comparison.of_campaign import (
     require_comparable,
 )
 from tuner.comparison.run import EvaluationEvent, EvaluationRun
-from tuner.export.records import records_of
 from tuner.missions.executors import Executor, local_executor
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["evaluate", "frame", "reproduce", "tune"]
+__all__ = ["evaluate", "reproduce", "tune"]
 
 
 def tune(
@@ -190,18 +186,3 @@ def reproduce(
     comparison = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
     with comparison.executor(workers, timeout_s) as executor:
         return comparison.run(executor, out=Path(directory))
-
-
-def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
-    """A campaign's or an evaluation's missions as a pandas frame, one row each (`tuner.export.records.records_of`).
-
-    Raises
-    ------
-    UserError
-        pandas is missing (extra ``frames``).
-    """
-    try:
-        import pandas  # noqa: PLC0415  an extra
-    except ImportError as error:
-        raise UserError("a frame needs pandas; run: pip install 'gatetune[frames]'") from error
-    return pandas.DataFrame(records_of(source))

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from nbv.errors import MissionFailure, UserError
-from nbv.safe_files import open_to_write
 
 DEVICES = Path("/dev")
 _POLL_S = 0.2
@@ -107,7 +106,7 @@ def free_card() -> Iterator[Card]:
     with contextlib.ExitStack() as stack:
         folder = Path(tempfile.gettempdir())
         locks = [
-            stack.enter_context(open_to_write(folder / f"gatetune-{os.getuid()}-card-{card.id}.lock", 0))
+            stack.enter_context((folder / f"gatetune-{os.getuid()}-card-{card.id}.lock").open("ab"))
             for card in present
         ]
         while True:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nbv.errors import UserError
 from nbv.safe_files import read_npz, write_atomic
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
@@ -23,29 +23,7 @@ _ARRAYS = (
 )
 _SCALARS = ("n_seeds", "vehicle_heading_rad", "captures_used", "adaptive_budget", "d95_m", "iteration")
 _POOL = ("ids", "positions_m", "headings_rad", "azimuths_deg", "elevations_deg", "bands")
-_PLACES = ("points_m", "depth_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
-_FARTHEST_M = 1e5
-_MOST_CAPTURES = 10_000
-_LAYOUT = {
-    "points_m": "f n 3",
-    "reprojection_error_px": "f n",
-    "track_offsets": "iu _",
-    "track_cameras": "iu _ <c",
-    "camera_centers_m": "f c 3",
-    "depth_m": "f k 3",
-    "depth_cameras": "iu k <c",
-    "camera_names": "U c",
-    "alignment_m": "f 2",
-    "visited_m": "f v 3",
-    "vehicle_m": "f 3",
-    "scalars": "f 6",
-    "pool_ids": "U p",
-    "pool_positions_m": "f p 3",
-    "pool_headings_rad": "f p",
-    "pool_azimuths_deg": "f p",
-    "pool_elevations_deg": "f p",
-    "pool_bands": "U p",
-}
+_STATE = (*_ARRAYS, "camera_names", "alignment_m", "visited_m", "vehicle_m", "scalars")
 
 
 def arrays_of(model: SparseModel) -> dict[str, np.ndarray]:
@@ -56,7 +34,7 @@ def arrays_of(model: SparseModel) -> dict[str, np.ndarray]:
     }
 
 
-def model_of(arrays: dict[str, np.ndarray]) -> SparseModel:
+def model_of(arrays: Mapping[str, np.ndarray]) -> SparseModel:
     """The sparse model that `arrays_of` took apart."""
     return SparseModel(
         **{name: arrays[name] for name in _ARRAYS},
@@ -84,8 +62,7 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
 
     `UserError` where the file is missing or is not a planning state; as `nbv.safe_files.read_npz`.
     """
-    data = read_npz(path, _LAYOUT)
-    _check(data, path)
+    data = read_npz(path, (*_STATE, *(f"pool_{name}" for name in _POOL)))
     scalars = dict(zip(_SCALARS, data["scalars"].tolist()))
     counts = {name: int(scalars[name]) for name in scalars if name not in ("vehicle_heading_rad", "d95_m")}
     state = PlanningState(
@@ -97,22 +74,3 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     pool: dict[str, Any] = {name: data[f"pool_{name}"] for name in _POOL}
     names = {name: tuple(pool[name].tolist()) for name in ("ids", "bands")}
     return state, CandidatePool(**{**pool, **names})
-
-
-def _check(data: dict[str, np.ndarray], path: Path) -> None:
-    """`UserError` where values do not fit each other: their indices go into compiled code."""
-    n_seeds, *counts = data["scalars"][[0, 2, 3, 5]]
-    wrong = [name for name in _PLACES if not np.all(np.abs(data[name]) < _FARTHEST_M)]  # no NaN either
-    offsets, ends = data["track_offsets"].astype(np.int64), [0, len(data["track_cameras"])]
-    if (
-        len(offsets) != len(data["points_m"]) + 1
-        or offsets[[0, -1]].tolist() != ends
-        or (np.diff(offsets) < 0).any()
-    ):
-        wrong.append("track_offsets")
-    if not (0 <= n_seeds <= len(data["visited_m"]) and all(0 <= count < _MOST_CAPTURES for count in counts)):
-        wrong.append("scalars")
-    if wrong:
-        raise UserError(
-            f"{path} is not a planning state: {wrong[0]} does not fit; name one that a mission saved"
-        )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from nbv.checksums import with_checksum
 from nbv.config import IDEAL
 from nbv.convert import json_ready
 from nbv.errors import UserError
@@ -83,14 +82,14 @@ class MissionResult:
         return float(value)
 
     def to_json(self) -> str:
-        """JSON text with a checksum; non-finite numbers become null."""
-        return json.dumps(with_checksum(json_ready(self)), indent=1)
+        """JSON text; non-finite numbers become null."""
+        return json.dumps(json_ready(self), indent=1)
 
     @staticmethod
     def load(run: str | Path) -> MissionResult:
         """What the mission in the directory ``run`` left.
 
-        `UserError` for what is no mission result, one of another schema version, or changed since it was written.
+        `UserError` for what is no mission result, or one of another schema version.
         """
         run = Path(run)
         if not (run / RESULT).is_file():

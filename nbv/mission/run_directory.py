@@ -20,21 +20,16 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nbv.checksums import require_checksum
 from nbv.convert import json_ready
 from nbv.errors import UserError
 from nbv.safe_files import (
     RESULT_BYTES,
-    RESULT_NODES,
-    open_to_write,
-    parse_json,
-    read_text,
+    read_json,
     remove,
     require_whole,
     to_yaml,
@@ -92,7 +87,7 @@ class RunDirectory:
 
     def append(self, name: str, line: str) -> None:
         """Add one line to a file at once, so that a killed mission leaves its history."""
-        with open_to_write(self.root / name, os.O_APPEND) as file:
+        with (self.root / name).open("ab") as file:
             file.write(line.encode() + b"\n")
 
     @property
@@ -109,14 +104,13 @@ def state_files(run: Path) -> list[Path]:
     return sorted((run / STATES).glob("iter_*.npz"), key=lambda path: (len(path.name), path.name))
 
 
-def read_result(run: Path, *, follow: bool = True) -> dict[str, Any]:
+def read_result(run: Path) -> dict[str, Any]:
     """The tree in a mission's ``mission.json``, whichever kind of mission wrote it.
 
-    ``follow``: a link there is followed. `UserError` where the file cannot be read, is no mapping, or was changed since it was written.
+    `UserError` where the file cannot be read, or is no mapping.
     """
     file = run / RESULT
-    tree = parse_json(read_text(file, RESULT_BYTES, follow=follow), str(file), RESULT_NODES)
-    require_checksum(tree, str(file))
+    tree = read_json(file, RESULT_BYTES)
     if not isinstance(tree, dict):
         raise UserError(f"{file} is not a mission result; restore it")
     return tree

@@ -25,7 +25,6 @@ from nbv.photographs.folder import shrunk_size
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.model_files import read_model
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
-from nbv.safe_files import open_to_write
 from nbv.sparse.colmap import files_of, model_of, pipeline_options
 from nbv.sparse.features import extract_features
 from nbv.sparse.matching import match_pair
@@ -260,7 +259,7 @@ class _Images:
                 stored = store.root / "photograph-matches" / key[:2] / key
                 with suppress(OSError):  # nobody may write there
                     stored.parent.mkdir(parents=True, exist_ok=True)
-                    lock = stack.enter_context(open_to_write(stored.with_name(f".{key}.lock"), 0))
+                    lock = stack.enter_context(stored.with_name(f".{key}.lock").open("ab"))
                     try:
                         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     except BlockingIOError:

@@ -20,7 +20,7 @@ from nbv.geometry.frames import invert_rigid
 from nbv.photographs.folder import MIRRORED, files_of_photographs
 from nbv.photographs.import_source import SAME_RATIO, ImportSource
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, expanded, is_file, read_bytes, read_json
+from nbv.safe_files import RESULT_BYTES, expanded, is_file, read_bytes, read_json
 
 _MAX_MODEL_BYTES = 2 * 2**30
 _MAX_LINE_BYTES = 10 * 2**20  # of a text, which COLMAP unpacks seventyfold
@@ -52,7 +52,7 @@ def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, Impo
         raise UserError(f"there is no model {path}; check --model")
     if path.suffix.lower() in (".bin", ".txt"):
         return _of_photographs(_colmap(path.parent), path.parent, source)
-    tree = read_json(path, RESULT_BYTES, RESULT_NODES) if path.suffix.lower() == ".json" else None
+    tree = read_json(path, RESULT_BYTES) if path.suffix.lower() == ".json" else None
     if not isinstance(tree, dict) or "frames" not in tree:
         raise UserError(
             f"{path} is neither transforms.json nor a COLMAP model; export one and give its folder (Metashape: File > "

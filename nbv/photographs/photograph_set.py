@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from nbv.cache import home
-from nbv.checksums import require_checksum, with_checksum
 from nbv.config import CameraConfig
 from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.geometry.frames import azimuths_elevations_deg, camera_centers_m
 from nbv.rocks.catalogue import check_name
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text, write_atomic
+from nbv.safe_files import RESULT_BYTES, parse_json, read_bytes, read_text, write_atomic
 from nbv.types import Bools, Floats
 
 FORMAT = 1
@@ -218,7 +217,7 @@ class PhotographSet:
         """Write ``set.json`` into ``folder``; the other files are the import's to write."""
         tree = msgspec.to_builtins(self, enc_hook=lambda v: str(v) if isinstance(v, Path) else v.tolist())
         del tree["folder"]
-        write_atomic(folder / SET_FILE, json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
+        write_atomic(folder / SET_FILE, json.dumps({"format": FORMAT, **tree}, indent=1))
 
 
 def sets_folder() -> Path:
@@ -240,8 +239,7 @@ def list_sets() -> list[str]:
 def read_set(folder: Path) -> PhotographSet:
     """The set in ``folder``; `UserError` where its ``set.json`` is damaged or of another format."""
     path = folder / SET_FILE
-    tree = parse_json(read_text(path, RESULT_BYTES), str(path), RESULT_NODES, finite=True)
-    require_checksum(tree, str(path))
+    tree = parse_json(read_text(path, RESULT_BYTES), str(path), finite=True)
     try:
         if tree["format"] != FORMAT:
             raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")

@@ -1,6 +1,6 @@
 """The rocks one can name: the procedural ones, the user's imported ones, and any mesh file.
 
-Imported rocks are kept by name, one file each, with a checksum. They are the user's data and no cache: nothing here is
+Imported rocks are kept by name, one file each. They are the user's data and no cache: nothing here is
 made anew or removed unless the user says so.
 """
 
@@ -11,6 +11,7 @@ import io
 import logging
 import os
 import re
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -30,16 +31,8 @@ log = logging.getLogger(__name__)
 
 KEPT = ".npz"  # of a rock as this program keeps it
 _FORMAT = 1
-_LABELS = {"split": "U", "difficulty": "U"}
-_CONTENT = {
-    "format": "iu",
-    "name": "U",
-    "vertices_m": "f n 3",
-    "faces": "iu _ 3 <n",
-    "albedo": "fu n 3",
-    "notes": "U _",
-    "sha256": "U",
-}
+_LABELS = ("split", "difficulty")
+_CONTENT = ("format", "name", "vertices_m", "faces", "albedo", "notes", "sha256")
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 LOADED: Recent[Rock] = Recent(16)  # in this process's memory; about 25 MB each
 
@@ -160,7 +153,7 @@ def write_rock(rock: Rock, path: Path) -> None:
 def read_rock(path: Path) -> Rock:
     """Read a rock back; `UserError` where there is none, or one that is not as it was written."""
     try:
-        data = read_npz(path, {**_LABELS, **_CONTENT})
+        data = read_npz(path, (*_LABELS, *_CONTENT))
         if int(data["format"]) != _FORMAT:
             raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
         rock = make_rock(
@@ -179,7 +172,7 @@ def read_rock(path: Path) -> Rock:
         raise UserError(f"{error}; import the rock again with --force") from error
 
 
-def _split(path: Path, data: dict[str, np.ndarray]) -> Split:
+def _split(path: Path, data: Mapping[str, np.ndarray]) -> Split:
     split = str(data["split"])
     if split not in SPLITS:
         raise UserError(f"{path} has the unknown split {split[:40]!r}")

@@ -35,7 +35,7 @@ def checked_gltf(
         start, end = 20, 20 + int.from_bytes(content[12:16], "little")
     require(end - start, MAX_HEADER_BYTES, f"the size of the header of {source} in bytes")
     try:
-        header = parse_json(content[start:end].decode("utf-8-sig"), source, MAX_VALUES)
+        header = parse_json(content[start:end].decode("utf-8-sig"), source)
         primitives = [p for mesh in header.get("meshes", ()) for p in mesh["primitives"]]
         _check_shape(header, primitives, source, notes)
         materials = [header["materials"][p["material"]] for p in primitives if "material" in p]

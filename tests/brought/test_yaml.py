@@ -9,7 +9,7 @@ from nbv.errors import UserError
 from nbv.safe_files import parse_yaml, to_yaml
 from tuner.commands.console import parse_overrides
 
-TEXTS = ["no", "yes", "on", "off", "y", "n", "No", "YES", "1_000", "12:30", "2001-09-09", "0b1", "=", ".5."]
+TEXTS = ["no", "yes", "on", "off", "y", "n", "No", "YES", "a_1", "12:30", "2001-09-09", "0b1", "=", ".5."]
 VALUES = {
     "1e-6": 1e-6,
     "1E3": 1e3,
@@ -26,12 +26,15 @@ VALUES = {
     "Null": None,
     "'1e-6'": "1e-6",
     "<<": "<<",
+    "'1_000'": "1_000",
 }
 REFUSED = {
     "a: !!binary aGk=": "line 1: the tag !!binary is not read; give a plain value without it",
     "a: 1\nb: !!timestamp 2001-01-01": "line 2: the tag !!timestamp is not read",
     "a: !!python/object:os.system x": "the tag !!python/object:os.system is not read",
     "a: !mine 3": "the tag !mine is not read",
+    "a: 1_0": "line 1: 1_0 is a number in YAML 1.1 and a text in 1.2; write 10, or quote it",
+    "a: [2, -1_000.5]": "write -1000.5, or quote it",
     "<<: 3": "line 1: the key << takes in another mapping (<<: *NAME), and no mapping follows",
 }
 

@@ -5,22 +5,20 @@ It holds what was asked for, where that stands, and the objectives' values; what
 user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial is written once as
 running and told once, with the attribute ``end``; finished trials are never changed. A failed mission is a trial in
 state FAIL, without a value. A limit on the second objective is the trial's constraint, as Optuna has them: ``study.best_trial`` is
-the best single mission that kept it, on one rock. One checksum per trial, of all that is known of it, and the missions' directories show that a
-ledger was changed outside.
+the best single mission that kept it, on one rock. The missions' directories show that the end of a ledger was lost.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import optuna
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, open_journal
 from tuner.missions.job import Record, Trial
@@ -32,7 +30,7 @@ from tuner.samplers.optuna import distributions
 
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
-_ENDING = ("status", "message", "rock_sha256", "checksum", "photographs", "switched")  # of it, as in `Record`
+_ENDING = ("status", "message", "rock_sha256", "photographs", "switched")  # of it, as in `Record`
 
 
 class Ledger:
@@ -132,7 +130,6 @@ class Ledger:
             name: kind.to_external_repr(float(kind.to_internal_repr(proposal.values[name])))
             for name, kind in self._distributions.items()
         }
-        entry[CHECKSUM] = self._checksum(number, params, entry)
         trial = create_trial(
             state=TrialState.RUNNING, params=params, distributions=self._distributions, user_attrs=entry
         )
@@ -156,7 +153,6 @@ class Ledger:
         end: dict[str, Any] = {name: getattr(ended.record, name) for name in _ENDING}
         end |= {"wall_s": round(ended.record.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")
-        end["of_trial"] = self._checksum(number, frozen.params, frozen.user_attrs, value, end)
         told = optuna.trial.Trial(self._study, number)  # a journal of one study counts its trials from 0
         if told.number != number:
             raise UserError(
@@ -168,12 +164,6 @@ class Ledger:
         told.set_user_attr(_END, end)
         self._study.tell(number, value, TrialState.FAIL if value is None else TrialState.COMPLETE)
         return self._trial(self._study.get_trials(deepcopy=False)[number])
-
-    def _checksum(
-        self, number: int, params: Mapping[str, Any], entry: Mapping[str, Any], *ending: Any
-    ) -> str:
-        facts = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
-        return checksum_of([self._campaign_id, number, params, facts, *ending])
 
     def trials(self) -> list[Trial]:
         if self._alone:
@@ -198,10 +188,6 @@ class Ledger:
         value = row.value if row.state == TrialState.COMPLETE else None
         end = dict(entry.get(_END) or {}) if finished else {}
         try:
-            known = end.pop("of_trial") if finished else entry[CHECKSUM]
-            ending = (value, end) if finished else ()
-            if known != self._checksum(row.number, row.params, entry, *ending):
-                raise KeyError
             instance, replicate = Instance(entry["rock"], entry["condition"]), int(entry["replicate"])
             if instance not in self._instances:
                 raise KeyError

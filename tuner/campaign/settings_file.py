@@ -11,12 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from nbv.checksums import require_checksum, with_checksum
 from nbv.config.declaration import declared, leaves
 from nbv.dense import with_best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import PREDICTED, all_metrics
-from nbv.safe_files import read_yaml, require_plain, to_yaml, write_atomic
+from nbv.safe_files import read_yaml, to_yaml, write_atomic
 from tuner.campaign.rock_choice import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind, usual_preset
@@ -109,10 +108,9 @@ def _with_paths_from(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
     """Return ``(settings, identity, digest of the base configuration)`` of the campaign in ``directory``.
 
-    Raises `UserError`: there is none, or one of another version; there is a link in the directory.
+    Raises `UserError`: there is none, or one of another version.
     """
     path = directory / SETTINGS_FILE
-    require_plain(directory, 2)
     if not path.is_file():
         raise UserError(
             f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"
@@ -122,16 +120,14 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
         if not isinstance(tree, Mapping):
             raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
-        require_checksum(tree, str(path), always=True)
         return _checked(tree["settings"], str(path)), tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
 
 
 def write_settings(directory: Path, tree: Mapping[str, Any]) -> None:
-    """Write ``campaign.yaml`` with a checksum; ``OSError`` where it cannot be written."""
-    text = to_yaml(with_checksum(tree), allow_unicode=True)
-    write_atomic(directory / SETTINGS_FILE, text)
+    """Write ``campaign.yaml``; ``OSError`` where it cannot be written."""
+    write_atomic(directory / SETTINGS_FILE, to_yaml(dict(tree), allow_unicode=True))
 
 
 def _check_format(tree: Mapping[str, Any], path: Path) -> None:

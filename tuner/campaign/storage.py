@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import sys
+import os
 from pathlib import Path
 
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 
 from nbv.errors import UserError
-from nbv.safe_files import open_to_write, read_bytes, write_atomic
 
 JOURNAL_FILE = "study.journal"
 
@@ -31,8 +29,7 @@ class _JournalLock(JournalFileSymlinkLock):
 def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True) -> JournalStorage:
     """Open the journal of the campaign in ``directory``.
 
-    ``must_exist``: whether the file has to be there already. ``heal``: whether to cut off a last line that is torn or
-    damaged.
+    ``must_exist``: whether the file has to be there already. ``heal``: whether to cut off a last line that is torn.
 
     Raises `UserError`: the file is missing, damaged, or cannot be read.
     """
@@ -55,23 +52,17 @@ def open_journal(directory: Path, *, must_exist: bool = False, heal: bool = True
 
 
 def _mend_end(path: Path) -> None:
-    """Cut off a last line that a killed process, a full disk or a flipped bit left damaged; ``ValueError`` where there are more.
+    """Cut off a last line that a killed process or a full disk left torn; ``ValueError`` where the one before is damaged, too.
 
-    Optuna skips such a line when reading, but would write the next record behind it. A journal with a second name, as a
-    copy made of hard links has it, becomes a file of its own.
+    Optuna skips such a line when reading, but would write the next record behind it.
     """
-    content = read_bytes(path, sys.maxsize, follow=False)
-    if path.stat().st_nlink > 1:
-        write_atomic(path, content)
+    content = path.read_bytes()
     begin = content.rfind(b"\n", 0, -1) + 1
     last = content[begin:]
     if last and not _is_record(last):
         if begin and not _is_record(content[content.rfind(b"\n", 0, begin - 1) + 1 : begin]):
             raise ValueError("more than its last line")
-        with contextlib.suppress(OSError):
-            write_atomic(path.with_name(path.name + ".torn"), last)
-        with open_to_write(path, 0) as file:
-            file.truncate(begin)
+        os.truncate(path, begin)
 
 
 def _is_record(line: bytes) -> bool:

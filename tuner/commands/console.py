@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console, ConsoleOptions, RenderableType
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -34,7 +33,7 @@ from nbv.dense import patchmatch_runs, with_best_dense_stage
 from nbv.dense.card import cards
 from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
-from nbv.safe_files import parse_yaml, printable
+from nbv.safe_files import parse_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
@@ -43,18 +42,9 @@ from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance
 from tuner.report.labels import duration, number_text
 
-
-class _Console(Console):
-    """Prints control characters visibly: names, messages and metrics may come from files of others."""
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        for segment in super().render(renderable, options):
-            yield segment if segment.control else segment._replace(text=printable(segment.text))
-
-
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
-output = _Console(markup=False, emoji=False)
-errors = _Console(stderr=True, markup=False, emoji=False)
+output = Console(markup=False, emoji=False)
+errors = Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
 LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"

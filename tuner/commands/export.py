@@ -14,7 +14,7 @@ import typer
 from nbv.config import MissionConfig, under
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from nbv.safe_files import printable, write_atomic
+from nbv.safe_files import write_atomic
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import Answer, answer_of
 from tuner.campaign.campaign import Campaign
@@ -24,10 +24,10 @@ from tuner.commands.console import AsJson, answer_json, output
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.export.mission_files import mission_config, read_flight
-from tuner.export.records import write_csv
 from tuner.export.route import Home, qgc_plan
+from tuner.export.table import write_missions
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
-from tuner.problem.baselines import ANSWERS, base_name, baseline, is_ablation
+from tuner.problem.baselines import ANSWERS, base_name, baseline, gate_in_words, is_ablation
 from tuner.problem.baselines import label as strategy_label
 from tuner.report.words import sentences
 
@@ -51,10 +51,6 @@ def export(
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="File to write (default: in RUN, under its usual name).")
-    ] = None,
-    onto: Annotated[
-        Path | None,
-        typer.Option(help="A file of the authors' kind whose other keys are kept (default: as published)."),
     ] = None,
     home: Annotated[
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
@@ -81,7 +77,7 @@ def export(
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
     output.print(f"reading {run}", soft_wrap=True)
     if to is Format.csv:
-        return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
+        return _wrote(write_missions(_missions(run), out or run / "missions.csv"))
     if to is Format.plan and not (run / SETTINGS_FILE).is_file():
         return _write_plan(run, run, _place(home), out)
     campaign = Campaign.open(run, read_only=True)
@@ -89,32 +85,36 @@ def export(
     answer = answer_of(campaign)
     if to is not None:
         _require_limit_kept(answer, anyway)
-    for line in sentences(answer):
-        _say(line)
     exported = _exported(campaign, answer, strategy)
+    if answer.fly is not None and exported.strategy == answer.fly.strategy:
+        for line in sentences(answer):
+            _say(line)
     if to is Format.plan:
         return _export_plan(exported, rock, _place(home), out)
-    files = vehicle_files(exported, {to.value: onto} if to and onto else None)
-    options = ["--to", files[0].name, *(() if strategy is None else ("--strategy", strategy))]
-    limits = [each.limit for each in answer.recommended.values() if each.limit is not None]
-    options += ["--anyway"] if any(not limit.kept for limit in limits) else []
-    first = shlex.join(["gatetune", "export", str(run), *options])
+    changes = ", ".join(map(exported.change, exported.values)) or "the default"
+    _say(f"{strategy_label(exported.strategy)}: {changes}")
+    if gate := gate_in_words(exported.config):
+        _say(gate)
+    files = {file.name: file for file in vehicle_files(exported)}
     if to is None:
-        changes = ", ".join(map(exported.change, exported.values))
-        _say(f"{strategy_label(exported.strategy)}: {changes or 'the default'}")
         others = [name for name in answer.configs if not is_ablation(name) and name != exported.strategy]
         _say(f"--strategy writes another one: {', '.join(others)}")
-        for f in files:
-            _say(f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else ""))
+        for f in files.values():
+            _say(f"{f.name} carries {f.share}" if f.text else f.remarks[0])
+        most = max(files.values(), key=lambda f: (f.name != OURS and bool(f.carried), len(f.carried)))
+        options = ["--to", most.name, *(() if strategy is None else ("--strategy", strategy))]
+        limits = [each.limit for each in answer.recommended.values() if each.limit is not None]
+        options += ["--anyway"] if any(not limit.kept for limit in limits) else []
+        first = shlex.join(["gatetune", "export", str(run), *options])
         _say(f"write the first: {first}")
-        listed = [{"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files]
+        listed = [
+            {"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks}
+            for f in files.values()
+        ]
         return answer_json({"values": exported.values, "files": listed, "write": first})
-    file = next(file for file in files if file.name == to.value)
-    if not file.useful:
-        why = f": {file.remarks[0]}" if not file.text else ""
-        raise UserError(
-            f"{file.name} carries none of the changes ({', '.join(file.lost)}){why}; run: {first}"
-        )
+    file = files[to.value]
+    if not file.text:
+        raise UserError(f"{file.remarks[0]}; gatetune.yaml has all: --to gatetune.yaml")
     said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
     _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
 
@@ -136,7 +136,7 @@ def _say(line: str) -> None:
 def _write(path: Path, text: str) -> Path:
     if not path.parent.is_dir():
         raise UserError(f"{path.parent} is not a folder; make it first")
-    write_atomic(path, printable(text))
+    write_atomic(path, text)
     return path
 
 

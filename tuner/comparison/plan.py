@@ -25,7 +25,7 @@ from nbv.config import (
 )
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from nbv.safe_files import read_yaml, require, require_plain
+from nbv.safe_files import read_yaml, require
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES, kind_on
 from tuner.problem.instances import Instance, require_rocks
@@ -96,9 +96,8 @@ class EvaluationPlan:
 
     @staticmethod
     def load(directory: Path) -> EvaluationPlan:
-        """The plan of an evaluation's directory; ``UserError`` if there is none, or a link is in it."""
+        """The plan of an evaluation's directory; ``UserError`` if there is none."""
         path = directory / PLAN_FILE
-        require_plain(directory, 3)
         if not path.is_file():
             raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
         try:

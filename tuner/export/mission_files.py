@@ -14,7 +14,7 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import CONFIG, FLIGHT, LOCATED, state_files
 from nbv.rocks import Rock
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml, require_plain
+from nbv.safe_files import RESULT_BYTES, read_json, read_yaml
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.missions.registry import mission_kind
 
@@ -37,7 +37,6 @@ class Flight:
 
 def mission_config(run: Path) -> MissionConfig:
     """The configuration of a mission's directory; ``UserError`` if it is not there."""
-    require_plain(run, 4)
     file = run / CONFIG
     if not file.is_file():
         raise UserError(f"{run} holds no {CONFIG}; name a directory that `gatetune mission run` wrote")
@@ -46,7 +45,6 @@ def mission_config(run: Path) -> MissionConfig:
 
 def planned_config(run: Path) -> MissionConfig:
     """The configuration that the mission planned with: with the target as the vehicle knew it."""
-    require_plain(run, 4)
     return config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else mission_config(run)
 
 
@@ -57,7 +55,7 @@ def read_flight(run: Path) -> Flight:
         raise UserError(
             f"{run} holds no flight; name a mission that was run with all files kept (gatetune mission run, or --keep all)"
         )
-    tree = read_json(file, RESULT_BYTES, RESULT_NODES)
+    tree = read_json(file, RESULT_BYTES)
     try:
         samples = np.array([row[:4] for row in tree["samples"]], dtype=float).reshape(-1, 4)
         events = [(str(e["name"]), float(e["start_s"]), float(e["duration_s"])) for e in tree["events"]]

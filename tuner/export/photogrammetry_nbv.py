@@ -11,13 +11,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig
-from nbv.config.declaration import nearest
 from nbv.errors import UserError
-from nbv.safe_files import read_yaml, to_yaml
+from nbv.safe_files import to_yaml
 
 Values = dict[str, Any]
 COLMAP_UNITS = "it is in COLMAP's units there, whose length in metres is unknown before the flight"
@@ -157,6 +155,18 @@ FILES = {
     "unified_mission.yaml": (("/**", "ros__parameters"), MISSION),
 }
 
+# What each file has a place for: parameters that are keys themselves, and those that the code below converts.
+PARAMETERS = {
+    "scoring.yaml": {
+        *(key.parameter for key in SCORING if key.parameter),
+        *("gate.kind", *(f"b_aware.weights.{name}" for name in ("main", *_SHARED))),
+    },
+    "unified_mission.yaml": {
+        *(key.parameter for key in MISSION if key.parameter),
+        *("seed.count", "seed.layout", "seed.lowest_deg", "seed.span_deg", "seed.upper_share", "target_m"),
+        *("flight.home_m", "pool.min_altitude_m", "pool.max_altitude_m", "stop.max_photographs"),
+    },
+}
 # Their distance scales are never less than this, whatever the file says.
 LEAST_SCALE_M = 1.0
 SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "travel_distance_scale_m"}
@@ -164,30 +174,6 @@ SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "
 # What chooses views there, by scorer name or by gate mode of the hybrid, and here.
 SCORER_OF_GATE = {"covis": "covisibility", "b-aware": BASELINE_AWARE}
 MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle"}
-
-
-# -- files, as flat dictionaries by dotted path ---------------------------------------------------------------
-
-
-def read_file(path: Path, kind: str) -> dict[str, Any]:
-    """Return the values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
-
-    Raises `UserError`: not a readable file of that kind, or an unknown key.
-    """
-    if not path.is_file():
-        raise UserError(f"{path} is not a file; name a {kind} of photogrammetry_nbv")
-    tree = read_yaml(path)
-    prefix, keys = FILES[kind]
-    for part in prefix:
-        tree = tree.get(part) if isinstance(tree, dict) else None
-    if not isinstance(tree, dict):
-        raise UserError(f"{path} has no mapping {'/'.join(prefix)}; is it a {kind}?")
-    values = _flat(tree, "", {key.path for key in keys})
-    known = [key.path for key in keys]
-    for name in values:
-        if name not in known:
-            raise UserError(f"{path}: unknown key {name!r}; {nearest(name, known)}")
-    return values
 
 
 def write_text(values: Mapping[str, Any], kind: str) -> str:
@@ -205,29 +191,16 @@ def write_text(values: Mapping[str, Any], kind: str) -> str:
     return to_yaml(tree, default_flow_style=None, width=100)
 
 
-def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name, value in tree.items():
-        path = f"{prefix}{name}"
-        if isinstance(value, dict) and path not in known:
-            values |= _flat(value, f"{path}.", known)
-        else:
-            values[path] = value
-    return values
-
-
 # -- values ----------------------------------------------------------------------------------------------------
 
 
-def write_scoring(
-    config: MissionConfig, theirs: Mapping[str, Any] | None = None
-) -> tuple[Values, list[Remark]]:
-    """Return a ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``.
+def write_scoring(config: MissionConfig) -> tuple[Values, list[Remark]]:
+    """Return a ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as published.
 
     Raises `UserError`: the gate, or a scorer, does not exist there.
     """
     config = _with_weights_of_selected_scorer(config)
-    values, remarks = _direct(config, SCORING, theirs), list[Remark]()
+    values, remarks = _direct(config, SCORING), list[Remark]()
     values["name"], mode = _scorer(config)
     if mode is not None:
         values["hybrid.gate_mode"] = mode
@@ -306,11 +279,9 @@ def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
     ]
 
 
-def write_mission(
-    config: MissionConfig, theirs: Mapping[str, Any] | None = None
-) -> tuple[Values, list[Remark]]:
-    """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``."""
-    values, seed, stop = _direct(config, MISSION, theirs), config.seed, config.stop
+def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
+    """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as published."""
+    values, seed, stop = _direct(config, MISSION), config.seed, config.stop
     values["ring_image_count"] = seed.total
     values["seed_azimuth_counts"] = list(seed.ring_counts)
     if seed.count and seed.layout == "turn":
@@ -329,7 +300,7 @@ def write_mission(
         ("stop.knn_threshold_m", by_distance, _not_written(values, "knn_distance_threshold")),
         (
             "stop.criterion",
-            by_distance and values["stopping_criterion"] != "both",
+            by_distance,
             f"both asks for that distance, so stopping_criterion stays {values['stopping_criterion']}",
         ),
     )
@@ -341,8 +312,6 @@ def write_mission(
     # Down is positive there: the upper limit of height is the lower one of z, and the other way round.
     values["min_altitude_ned"] = -config.pool.max_altitude_m
     values["max_altitude_ned"] = -config.pool.min_altitude_m
-    if not by_distance:
-        values["stopping_criterion"] = "image_budget"
     values["position_tolerance_z"] = values["position_tolerance_xy"]
     values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
     return {key.path: values[key.path] for key in MISSION}, remarks
@@ -358,8 +327,8 @@ def _remarks(*about: tuple[str, bool, str]) -> list[Remark]:
     return [Remark(path, text) for path, holds, text in about if holds]
 
 
-def _direct(config: MissionConfig, keys: Sequence[Key], theirs: Mapping[str, Any] | None) -> Values:
-    values: Values = {key.path: key.default for key in keys} | dict(theirs or {})
+def _direct(config: MissionConfig, keys: Sequence[Key]) -> Values:
+    values: Values = {key.path: key.default for key in keys}
     for key in keys:
         if key.parameter is not None:
             value = attrgetter(key.parameter)(config)

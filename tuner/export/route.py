@@ -23,8 +23,16 @@ from nbv.geometry.frames import heading_to
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
-WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = 16, 20, 22, 1000, 2000
+WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF, CHANGE_SPEED, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = (
+    16,
+    20,
+    22,
+    178,
+    1000,
+    2000,
+)
 GLOBAL_RELATIVE_ALTITUDE, NO_POSITION = 3, 2  # frames
+GROUND_SPEED, SAME_THROTTLE = 1, -1  # of CHANGE_SPEED
 PX4, MULTIROTOR = 12, 2
 
 
@@ -41,6 +49,10 @@ class Home:
             raise UserError(
                 f"home {self.latitude_deg:g}, {self.longitude_deg:g} is not on the map; give latitude (-89 to 89) and "
                 "longitude (-180 to 180) in degrees"
+            )
+        if not math.isfinite(self.altitude_m):
+            raise UserError(
+                f"the altitude of home is {self.altitude_m:g}; give metres above mean sea level, or leave it out"
             )
 
     def place(self, east_m: float, north_m: float) -> tuple[float, float]:
@@ -95,18 +107,24 @@ def _items(
     target = np.array(config.target_m)
     above_home = pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
     yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
+    # `cruiseSpeed` and `hoverSpeed` of the plan only serve to estimate its duration.
+    speed = [GROUND_SPEED, config.flight.max_speed_m_s, SAME_THROTTLE, 0, 0, 0, 0]
+    yield {"command": CHANGE_SPEED, "frame": NO_POSITION, "params": speed}
     for view in views:
         end = _pose(view.position_m, target)
         legs = space.route(pose, end)
         yield from _passed(legs[:-1], config, home)  # the corners of a detour
-        yield _at(
-            WAYPOINT, (config.flight.settle_s, config.flight.arrival_tolerance_m, 0.0), end, config, home
-        )
+        # Before the waypoint, whose hover then waits for the gimbal, too: an order without a place is carried out on the way.
+        east_m, north_m, up_m = target - end.position_m
+        pitch_deg = math.degrees(math.atan2(up_m, math.hypot(east_m, north_m)))
         yield {
             "command": GIMBAL_PITCHYAW,
             "frame": NO_POSITION,
-            "params": [-view.elevation_deg, 0, 0, 0, 0, 0, 0],
+            "params": [pitch_deg, 0, 0, 0, 0, 0, 0],
         }
+        yield _at(
+            WAYPOINT, (config.flight.settle_s, config.flight.arrival_tolerance_m, 0.0), end, config, home
+        )
         yield {"command": TAKE_PHOTOGRAPH, "frame": NO_POSITION, "params": [0, 0, 1, 0, 0, 0, 0]}
         pose = end
     # The command alone goes straight home, through the target where that lies between.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from nbv.config import PRESETS, Declaration, MissionConfig, parameter, under
@@ -13,7 +12,7 @@ from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
-from tuner.export.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
+from tuner.export.photogrammetry_nbv import PARAMETERS, write_mission, write_scoring, write_text
 from tuner.problem.baselines import label as strategy_label
 from tuner.problem.objective import dotted
 from tuner.problem.observations import changes, short
@@ -46,7 +45,7 @@ class Exported:
 
     def change(self, path: str) -> str:
         """``seed.count 14 (default 24)``."""
-        return f"{path} {short(self.values[path])} (default {short(value_at(self.default, path))})"
+        return f"{path} {_shown(self.config, path)} (default {_shown(self.default, path)})"
 
 
 def _flat(config: MissionConfig) -> dict[str, Any]:
@@ -54,79 +53,50 @@ def _flat(config: MissionConfig) -> dict[str, Any]:
     return {path: value_at(config, path) for path in dotted(config.to_dict(), of=object)}
 
 
+def _shown(config: MissionConfig, path: str) -> str:
+    """A value as text; the number of seeds where 0 stands for that of the rings."""
+    return short(config.seed.total if path == "seed.count" else value_at(config, path))
+
+
 @dataclass(frozen=True)
 class VehicleFile:
     name: str
-    text: str
-    carried: tuple[str, ...]  # changed parameters that it carries
-    lost: tuple[str, ...]  # those that it does not
+    text: str  # empty: what is exported does not exist there
+    carried: tuple[str, ...]  # changed parameters that it has a place for
+    lost: tuple[str, ...]  # those that it has not
     remarks: tuple[str, ...] = ()  # what cannot be said there, a line each
-
-    @property
-    def useful(self) -> bool:
-        """Whether it carries a change, or there is none to carry."""
-        return bool(self.carried) or not self.lost
 
     @property
     def share(self) -> str:
         """``2 of 3 changes, not pool.max_altitude_m``."""
-        if not self.useful:
-            return "none of the changes"
-        if not self.carried:
-            return "the default"
         lost = f", not {', '.join(self.lost)}" if self.lost else ""
         return f"{len(self.carried)} of {len(self.carried) + len(self.lost)} changes{lost}"
 
 
-def vehicle_files(exported: Exported, onto: Mapping[str, Path] | None = None) -> list[VehicleFile]:
-    """The configuration as every file there is: the authors' by what they carry, gatetune's, those that carry nothing.
-
-    ``onto``: by name a file of the authors' kind whose other keys are kept; others are as published.
-
-    Raises `UserError`: a file of ``onto`` cannot be read.
-    """
+def vehicle_files(exported: Exported) -> list[VehicleFile]:
+    """The configuration as every file there is: the authors' two and gatetune's; of the authors' one without text where it does not exist there."""
     config, conditions = exported.config, exported.campaign.settings.conditions
     lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
     changed = tuple(exported.values)
     ours = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
-    theirs = sorted(
-        (_their_file(name, exported, config, (onto or {}).get(name)) for name in WRITERS),
-        key=lambda file: -len(file.carried),
-    )
-    return [*(f for f in theirs if f.useful), ours, *(f for f in theirs if not f.useful)]
+    return [*(_their_file(name, exported) for name in WRITERS), ours]
 
 
-def _their_file(name: str, exported: Exported, config: MissionConfig, onto: Path | None) -> VehicleFile:
-    theirs = read_file(onto, name) if onto is not None else None
+def _their_file(name: str, exported: Exported) -> VehicleFile:
     changed = tuple(exported.values)
     try:
-        values, remarks = WRITERS[name](config, theirs)
-        carried = [path for path in changed if _carries(name, config, exported.default, path)]
+        values, remarks = WRITERS[name](exported.config)
     except UserError as error:  # the gate does not exist there
-        return VehicleFile(name, "", (), changed or ("gate.kind",), (str(error),))
+        return VehicleFile(name, "", (), changed, (str(error),))
+    missing = {remark.key for remark in remarks if not remark.partly}
+    carried = tuple(path for path in changed if path in PARAMETERS[name] and path not in missing)
     said = tuple(str(remark) for remark in remarks)
     header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in said)]
-    lost = tuple(path for path in changed if path not in carried)
     text = "\n".join((*header, write_text(values, name)))
-    return VehicleFile(name, text, tuple(carried), lost, said)
+    return VehicleFile(name, text, carried, tuple(path for path in changed if path not in carried), said)
 
 
-def _carries(name: str, config: MissionConfig, default: MissionConfig, path: str) -> bool:
-    """Whether a file carries one of the changes: without it the file would say something else.
-
-    The change is taken out of ``config``; where the rest is no valid configuration, it is put into the default.
-    """
-    try:
-        with_it, without = config, config.with_values({path: value_at(default, path)})
-    except UserError:
-        with_it, without = default.with_values({path: value_at(config, path)}), default
-    (values, remarks), (before, remarks_before) = WRITERS[name](with_it), WRITERS[name](without)
-    if path in {remark.key for remark in remarks if not remark.partly}:
-        return False
-    return values != before or path in {remark.key for remark in remarks_before}
-
-
-def _header(exported: Exported, carried: Sequence[str]) -> list[str]:
+def _header(exported: Exported, carried: tuple[str, ...]) -> list[str]:
     """Comment lines: where a file is from, which changes it carries, and what they were worth where it carries all of them."""
     s, best, changed = exported.campaign.settings, exported.best, exported.values
     lines = [

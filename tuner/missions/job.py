@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv import plugins
-from nbv.checksums import CHECKSUM
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates.external import bring
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
-from nbv.safe_files import remove, remove_links, write_atomic
+from nbv.safe_files import remove, write_atomic
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
@@ -114,7 +113,6 @@ class Record:
     job_id: str = ""
     config_digest: str = ""
     rock_sha256: str = ""  # of the rock that was run, where the mission says so
-    checksum: str = ""  # of its mission.json
     photographs: str = ""  # `photographs_key`
     switched: bool | None = None  # whether its views are of more than one scorer; None where none was planned
     # In a campaign:
@@ -157,13 +155,11 @@ class Trial(Observation):
 
     @functools.cached_property
     def _document(self) -> Mapping[str, Any]:
-        """What ``mission.json`` says was measured; nothing where it is gone or not the one that the mission left."""
+        """What ``mission.json`` says was measured; nothing where it is gone."""
         if self.record.measured is not None:
             return self.record.measured
         tree = _result_in(self.record.directory) if self.record.status else None
-        if tree is None or (self.record.checksum and tree.get(CHECKSUM) != self.record.checksum):
-            return {}
-        return {key: tree.get(key) or {} for key in _MEASURED}
+        return {key: tree.get(key) or {} for key in _MEASURED} if tree else {}
 
     @property
     def metrics(self) -> Mapping[str, Any]:
@@ -243,8 +239,7 @@ def line_in_log(job: MissionJob) -> str:
 def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     """Return how a job ended, as its directory tells; None when the mission did not finish.
 
-    A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
-    since it was written.
+    A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's.
     """
     tree = _result_in(job.directory)
     if tree is None or not _is_of(tree, job):
@@ -257,7 +252,6 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
         message=tree.get("message") or "",
         wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
         rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
-        checksum=str(tree.get(CHECKSUM) or ""),
         photographs="" if tree.get("status") == "failed" else photographs_key(job.config, chosen),
         switched=len(scorers) > 1 if scorers else None,
         measured={key: tree.get(key) or {} for key in _MEASURED},
@@ -294,8 +288,7 @@ def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
 
 
 def remove_earlier_result(job: MissionJob) -> None:
-    """Remove the result that an earlier, unfinished attempt at this job may have left, and links that lead elsewhere."""
-    remove_links(job.directory)
+    """Remove the result that an earlier, unfinished attempt at this job may have left."""
     remove(job.directory / RESULT)
 
 
@@ -316,5 +309,5 @@ def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
 
 def _result_in(directory: Path) -> dict[str, Any] | None:
     with contextlib.suppress(UserError):
-        return read_result(directory, follow=False)
+        return read_result(directory)
     return None

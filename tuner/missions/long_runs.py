@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TypeVar
 
 from nbv.errors import UserError
-from nbv.safe_files import open_to_write
 
 LOCK_FILE = "run.lock"
 T = TypeVar("T")
@@ -21,10 +20,10 @@ T = TypeVar("T")
 def exclusive(directory: Path) -> Iterator[None]:
     """Hold the directory's lock; the kernel frees it when the process dies, however it dies.
 
-    Raises `UserError`: another process holds it, or the directory cannot be written; a link is there.
+    Raises `UserError`: another process holds it, or the directory cannot be written.
     """
     try:
-        lock = open_to_write(directory / LOCK_FILE, 0)
+        lock = (directory / LOCK_FILE).open("ab")
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; make it writable") from error
     with lock as file:

@@ -32,7 +32,7 @@ from nbv.cache import Store, code_digest
 from nbv.errors import UserError
 from nbv.mission.run_directory import WORKER_LOG
 from nbv.provenance import provenance
-from nbv.safe_files import expanded, open_to_write
+from nbv.safe_files import expanded
 from nbv.threads import single_thread_environment
 from tuner.missions.job import DUMP_SIGNAL
 from tuner.missions.keeper import adopt_orphans, end_children, keep
@@ -118,7 +118,7 @@ class MissionServer:
 
     def _start(self, job: dict[str, Any]) -> int:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
-        with open_to_write(Path(job["directory"]) / WORKER_LOG, os.O_APPEND) as log:
+        with (Path(job["directory"]) / WORKER_LOG).open("ab") as log:
             server, pid = os.getpid(), os.fork()
             if not pid:
                 self._become_keeper(job, log.fileno(), server)

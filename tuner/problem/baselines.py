@@ -190,6 +190,9 @@ _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in 
 # views lie apart, so that the later finds all it needs.
 COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "b-aware", "hyb-o")
 
+COARSEST_M = (
+    1.0  # d95 of the sparse cloud is 0.15 to 0.5 m in flight; where it is infinite the gate asks for repair
+)
 PLANNER = ("gate", "covis", "b_aware", "predicted", "shared", "plugins")  # sections that choose views
 PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
 
@@ -207,6 +210,20 @@ def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
             "a plug-in must be installed, or named with gatetune --plugin"
         )
     return BASELINES[name]
+
+
+def gate_in_words(config: MissionConfig) -> str:
+    """Of a Hyb-H gate whose thresholds never switch: the scorer that chooses every view; empty of any other."""
+    gate = config.gate
+    if gate.kind != "hyb-h" or not config.adaptive_budget:
+        return ""
+    at = f"gate.budget_fraction {gate.budget_fraction:g} and gate.d95_m {gate.d95_m:g} m"
+    if gate.budget_fraction == 0 and gate.d95_m >= COARSEST_M:
+        return f"at {at} the gate never switches: Covis alone chooses every view"
+    if gate.budget_fraction == 1 or gate.d95_m == 0:
+        scorer = label(gate.geometry_scorer)
+        return f"at {at} the gate never switches: {scorer} alone chooses every view"
+    return ""
 
 
 def reference_of(configs: Collection[str], usual: str) -> str:

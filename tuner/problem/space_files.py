@@ -130,6 +130,9 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
         choices = _choices(spec.get("choices"), where)
         return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)
     number = int if kind == "int" else float
+    for key in ("low", "high"):
+        if spec.get(key) is None:
+            raise UserError(f"{where}: {key!r} is missing; kind {kind} needs low and high")
     low, high = (coerce(number, spec.get(key), f"{where}: {key}") for key in ("low", "high"))
     if low >= high:
         raise UserError(f"{where}: low {low:g} is not below high {high:g}; swap or widen the bounds")

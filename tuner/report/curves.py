@@ -18,7 +18,7 @@ from nbv.safe_files import write_atomic
 from nbv.types import Floats
 from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, leaves_room, panels
 from tuner.comparison.verdict import Kind
-from tuner.export.records import write_rows
+from tuner.export.table import write_rows
 from tuner.problem.intervals import Interval
 from tuner.report import style
 from tuner.report.labels import MISSING, ceiling_text, counted, difference_text

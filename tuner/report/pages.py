@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 from nbv.errors import UserError
 from nbv.mission.run_directory import read_result
 from nbv.provenance import git_revision, versions
-from nbv.safe_files import printable, write_atomic
+from nbv.safe_files import write_atomic
 from tuner.report.table import Table
 
 MOST_READ = 200  # missions whose documents are read
@@ -51,7 +51,6 @@ def write_page(path: Path, template: str, **facts: Any) -> Path:
     Raises `UserError`: the file cannot be written.
     """
     text = _environment().get_template(template).render(version=versions().get("gatetune", ""), **facts)
-    text = printable(text)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text)

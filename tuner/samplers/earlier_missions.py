@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nbv.config import IDEAL
-from nbv.safe_files import RESULT_NODES, parse_json
+from nbv.safe_files import parse_json
 from nbv.types import Floats
 from tuner.problem.instances import conditions_of, instances_over
 from tuner.problem.observations import Observation, distinct_configurations
@@ -69,7 +69,7 @@ class EarlierMissions:
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> EarlierMissions:
         """Return the inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
-        tree = parse_json(text, "the missions learned from", RESULT_NODES)
+        tree = parse_json(text, "the missions learned from")
         observations = [
             Observation(i, v, r, k, y, y, condition=condition[0] if condition else IDEAL)
             for i, (v, r, y, k, *condition) in enumerate(tree["missions"])

@@ -167,3 +167,9 @@ def test_what_was_made_is_read_back_and_a_stale_entry_is_not(tmp_path):
     for _ in range(2):
         assert cached_json(store, "values", lambda: value, code="nbv.geometry", inputs=[]) == value
     assert [(kind.kind, kind.entries) for kind in store.info()] == [("things", 3), ("values", 1)]
+
+
+def test_a_store_keeps_its_size_whoever_puts(tmp_path: Path) -> None:
+    for number in range(60):
+        Store(tmp_path, 200_000).put("kind", f"{number:04d}", {"a": np.zeros(20_000, np.uint8)})
+    assert 100_000 < sum(kind.size_bytes for kind in Store(tmp_path).info()) <= 200_000

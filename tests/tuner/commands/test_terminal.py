@@ -1,4 +1,8 @@
 import json
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -81,3 +85,20 @@ def test_every_command_shows_an_example() -> None:
         return [] if f"Example: {path}" in str(command.help) else [path]
 
     assert leaves(typer.main.get_command(app), "gatetune") == []
+
+
+def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import time; print('loading', flush=True); time.sleep(60)")
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    command = subprocess.Popen(
+        [sys.executable, "-m", "tuner.cli", "doctor"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        # A shell's background job, such as `make test &`, ignores it, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert command.stdout is not None and command.stdout.readline() == "loading\n"
+    command.send_signal(signal.SIGINT)
+    assert command.communicate(timeout=60) == ("", "") and command.returncode == -signal.SIGINT
