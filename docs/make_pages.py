@@ -33,8 +33,6 @@ COMMAND_ORDER = (
     "photographs",
     "plugin",
     "config",
-    "metrics",
-    "cache",
     "doctor",
 )
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14

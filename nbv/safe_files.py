@@ -26,6 +26,7 @@ LIMITS_VARIABLE = "GATETUNE_LIMITS"  # a factor on every limit
 TEXT_BYTES = 1 * MIB
 RESULT_BYTES = 64 * MIB
 NPZ_BYTES = 256 * MIB
+TREE_DEPTH = 40  # of YAML: some thousand levels end the process in the C loader
 _SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 # What a plain scalar is by YAML 1.2's core schema (section 10.3.2), and the characters that it may begin with. Merge keys (`<<`) are
@@ -207,6 +208,13 @@ def parse_yaml(text: str, source: str) -> Any:
     """
     require(len(text), TEXT_BYTES, f"the size of {source} in characters")
     try:
+        depth = 0
+        for event in yaml.parse(text, Loader=_SafeLoader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+                require(depth, TREE_DEPTH, f"{source}: the depth")
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
         return yaml.load(text, Loader=CoreLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

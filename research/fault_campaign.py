@@ -111,9 +111,6 @@ class Flight:
         self.verdicts: Counter[str] = Counter()
         self.told: list[str] = []
         self.aborted: set[str] = set()  # missions that were ended by a signal as of their own
-        self.damaged: set[str] = (
-            set()
-        )  # missions whose results were taken away from the campaign: those run again
         self._sessions = 0
 
     def start(
@@ -286,7 +283,7 @@ class Flight:
         ended, evaluated = set(), set()
         for event, where, score, when in events:
             name = self._name(where, trials)
-            again = event == "began" and name in ended and name not in self.damaged
+            again = event == "began" and name in ended
             if again and on_cluster:  # its worker may have been lost before the campaign had it
                 finished = known[name].finished if name in known else None
                 again = finished is not None and float(when) > finished.timestamp()

@@ -8,7 +8,6 @@ import importlib.util
 import os
 import random
 import resource
-import shutil
 import signal
 import socket
 import subprocess
@@ -233,42 +232,21 @@ def two_coordinators(flight: Flight) -> None:
     flight.close(second, fault=False)
 
 
-def damaged_file(flight: Flight) -> None:
-    """Between two sessions a file is torn, flipped or emptied; what is named is restored from a copy, as the message asks."""
-    rng = flight.rng
+def torn_ledger(flight: Flight) -> None:
+    """Between two sessions the ledger's last record is torn, as a killed machine leaves it."""
     _fly_a_little(flight)
-    files = [p for p in flight.run.rglob("*") if p.is_file() and p.stat().st_size and "cloud" not in p.name]
-    ours = [p for p in files if p.name in ("study.journal", "campaign.yaml")]
-    if not files:
+    path = flight.run / "study.journal"
+    if not path.is_file():
         return
-    path = rng.choice(ours) if ours and rng.random() < 0.6 else rng.choice(files)
-    copy = flight.place / "copy"
-    shutil.copy(path, copy)
-    data = bytearray(path.read_bytes())
+    data = path.read_bytes()
     end_of_last = data.rstrip(b"\n").rfind(b"\n") + 1
-    ways = (
-        ["flip", "tear", "empty"]
-        if path.name != "study.journal"
-        else ["flip", "flip", "torn end", "torn end", "half"]
-    )
-    way = rng.choice(ways)
-    if way == "flip":
-        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    elif way == "torn end":  # as a killed machine leaves it
-        del data[rng.randrange(end_of_last, len(data)) :]
-    else:
-        del data[0 if way == "empty" else rng.randrange(len(data)) :]
-    path.write_bytes(data)
+    path.write_bytes(data[: flight.rng.randrange(end_of_last, len(data))])
     flight.faults += 1
-    if path.name == "mission.json":
-        flight.damaged.add(path.parent.name)
     session, lines = flight.start(), flight.lines()
-    flight.wait(session, 60, stop=lambda: flight.lines() > lines)  # it names the damage, or runs
+    flight.wait(session, 60, stop=lambda: flight.lines() > lines)
     flight.moment(session, 4)
     send(None if session.ended() else session.pid, signal.SIGKILL)
     flight.close(session)
-    if session.status not in (0, -signal.SIGKILL):
-        copy.replace(path)
 
 
 def store_entry(flight: Flight) -> None:
@@ -382,7 +360,7 @@ KINDS: dict[str, Callable[[Flight], None]] = {
     "memory limit": memory,
     "clock": clock,
     "two coordinators": two_coordinators,
-    "damaged file": damaged_file,
+    "torn ledger": torn_ledger,
     "store entry": store_entry,
     "cluster cut off": cluster_cut_off,
 }

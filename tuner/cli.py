@@ -23,7 +23,6 @@ from nbv.cache import home  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from nbv.gates.external import bring  # noqa: E402
 from tuner.commands import (  # noqa: E402
-    cache,
     campaign,
     compare,
     config,
@@ -82,7 +81,6 @@ for command in (
     evaluate.evaluate,
     compare.compare,
     evaluate.confirm,
-    config.metrics,
     evaluate.reproduce,
     export.export,
     doctor.doctor,
@@ -94,11 +92,6 @@ app.add_typer(
     photographs.app, name="photographs", help="Import sets of real photographs; find how few are enough."
 )
 app.add_typer(plugin.app, name="plugin", help="List the plug-ins of other packages; write one of your own.")
-app.add_typer(
-    cache.app,
-    name="cache",
-    help="Inspect or shrink the store of photographs, features, matches and seed models.",
-)
 app.add_typer(config.app, name="config", help="Print a preset's complete configuration.")
 
 

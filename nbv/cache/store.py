@@ -18,9 +18,7 @@ import os
 import re
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -44,15 +42,6 @@ def home() -> Path:
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "gatetune"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gatetune"
-
-
-@dataclass(frozen=True)
-class KindInfo:
-    """Entries of one kind."""
-
-    kind: str
-    entries: int
-    size_bytes: int
 
 
 class Store:
@@ -114,14 +103,6 @@ class Store:
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, data)
-
-    def info(self) -> list[KindInfo]:
-        """Number and size of the entries, by kind."""
-        sizes: dict[str, list[int]] = defaultdict(list)
-        for path in self._entries():
-            with contextlib.suppress(FileNotFoundError):  # another process pruned it
-                sizes[path.relative_to(self.root).parts[0]].append(path.stat().st_size)
-        return [KindInfo(kind, len(items), sum(items)) for kind, items in sorted(sizes.items())]
 
     def prune(self, max_bytes: int) -> tuple[int, int]:
         """Remove least recently used entries until at most ``max_bytes`` are left: (entries, bytes) removed.

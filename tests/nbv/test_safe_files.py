@@ -19,6 +19,7 @@ from nbv.mission.planning_state import load_state, save_state
     [
         ("a: &a [*a]", "recursive"),
         ("a: *b", "alias"),
+        ("[" * 100_000, "the depth is 41; the limit is 40 (GATETUNE_LIMITS=10 raises"),
         ("x: " + "1" * 5000, "not YAML"),
         ("x: 99999999999999999999", "beyond 64 bits"),
         ("base: {1: 2}", "it line 1: the key 1 is not a text; quote it"),

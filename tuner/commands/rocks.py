@@ -1,8 +1,7 @@
-"""``gatetune rocks list|show|import|planning``."""
+"""``gatetune rocks list|show|import``."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -89,28 +88,3 @@ def import_(
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")
-
-
-@app.command()
-def planning(
-    rock: Annotated[str, typer.Argument(help="Path of a mesh, or a name as for rocks show.")],
-    photographs: Annotated[int, typer.Option(help="Photographs of every plan.", min=14)] = 24,
-    as_json: AsJson = False,
-) -> None:
-    """Does planning pay on this object? A planner that sees the true surface against the best plain plan, geometrically.
-
-    Example: gatetune rocks planning part.stl
-    """
-    output.print(f"flying geometric missions on {rock}")
-    from tuner.comparison.ceiling import ceiling
-
-    result = ceiling(rock, photographs)
-    needs = "more than 48" if result.orbit_needs is None else result.orbit_needs
-    rows = [
-        (f"best plain plan of {photographs}", f"{result.best_plain}, {result.plain_percent:.1f} %"),
-        ("greedy oracle", f"{result.oracle_percent:.1f} %"),
-        ("two rings reach 98 % with", f"{needs} photographs"),
-    ]
-    show_table(("fact", "value"), rows, rock)
-    output.print(result.verdict)
-    answer_json({**dataclasses.asdict(result), "verdict": result.verdict})

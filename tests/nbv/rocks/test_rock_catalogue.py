@@ -47,7 +47,7 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     np.testing.assert_array_equal(again.albedo, first.albedo)
     assert (again.name, again.split, again.difficulty) == ("waist", first.split, first.difficulty)
     assert again.faces.dtype == first.faces.dtype and not again.vertices_m.flags.writeable
-    assert [kind.kind for kind in Store().info()] == ["rocks"]
+    assert [path.name for path in Store().root.iterdir()] == ["rocks"]
 
 
 def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypatch):
