@@ -233,14 +233,14 @@ def two_coordinators(flight: Flight) -> None:
 
 
 def torn_ledger(flight: Flight) -> None:
-    """Between two sessions the ledger's last record is torn, as a killed machine leaves it."""
+    """Between two sessions a part of a record stands at the ledger's end, as a killed process leaves it."""
     _fly_a_little(flight)
     path = flight.run / "study.journal"
     if not path.is_file():
         return
     data = path.read_bytes()
-    end_of_last = data.rstrip(b"\n").rfind(b"\n") + 1
-    path.write_bytes(data[: flight.rng.randrange(end_of_last, len(data))])
+    last = data.splitlines()[-1]
+    path.write_bytes(data + last[: flight.rng.randrange(1, len(last))])
     flight.faults += 1
     session, lines = flight.start(), flight.lines()
     flight.wait(session, 60, stop=lambda: flight.lines() > lines)

@@ -23,6 +23,7 @@ from tuner.export.photogrammetry_nbv import (
     write_text,
 )
 from tuner.export.route import Home, qgc_plan
+from tuner.problem.baselines import gate_in_words
 
 # Their rock stands 8 m east of the take-off point; our world is turned, so that it lies north of it there.
 PAPER_CODE = preset("paper-code").with_values({"flight.home_m": [-8.0, 0.0, 0.0]})
@@ -261,3 +262,18 @@ def test_a_home_that_is_not_on_the_map_is_refused(place):
 def test_a_home_at_no_altitude_is_refused(altitude_m):
     with pytest.raises(UserError, match="altitude of home"):
         Home(46.0, 7.0, altitude_m)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"gate.budget_fraction": 0.0, "gate.d95_m": 1.0}, "Covis alone"),
+        ({"gate.budget_fraction": 1.0, "gate.d95_m": 0.2}, "B-aware alone"),
+        ({"gate.budget_fraction": 0.0, "gate.d95_m": 0.2}, ""),
+        ({"gate.budget_fraction": 0.1, "gate.d95_m": 1.0}, ""),
+        ({"gate.budget_fraction": 0.0, "gate.d95_m": 1.0, "gate.kind": "hyb-o"}, ""),
+    ],
+)
+def test_a_gate_that_cannot_switch_is_named_as_the_scorer_that_it_is(values, says):
+    text = gate_in_words(CONFIG.with_values(values))
+    assert says in text and bool(says) == bool(text)
