@@ -27,7 +27,7 @@ from tuner.comparison.of_campaign import (
 )
 from tuner.comparison.run import EvaluationEvent, EvaluationRun
 from tuner.export.records import records_of
-from tuner.missions.executors import Executor, local_executor
+from tuner.missions.pool import Executor, local_pool
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def tune(
         resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         require_comparable(resolved)
         campaign = begin_campaign(where, resolved)
-    with local_executor(campaign.settings.fidelity, workers, timeout_s) as executor:
+    with local_pool(campaign.settings.fidelity, workers, timeout_s) as executor:
         run_to_end(campaign, executor, on_event)
     _write_answer(campaign)
     return campaign
