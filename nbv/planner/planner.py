@@ -113,6 +113,4 @@ class Planner:
             return Plan(state, converged, pool, end="converged" if converged else "no candidate left")
         rankings = Rankings(state, pool, self.config, prediction)
         decision = self.gate.decide(state, pool, rankings)
-        if self.config.plugins_used:
-            self._require_own(pool.viewpoint(decision.ranking.top), state)
         return Plan(state, False, pool, rankings, decision)

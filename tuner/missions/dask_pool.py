@@ -212,15 +212,15 @@ def run_order(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
 
 
 @functools.cache
-def _pool(timeout_s: float) -> MissionPool:
+def _pool(fidelity: str, timeout_s: float) -> MissionPool:
     multiprocessing.current_process().daemon = False  # Dask's workers are, and those may not have processes
-    return MissionPool(MAX_WORKERS, timeout_s)
+    return MissionPool(MAX_WORKERS, timeout_s, fidelity)
 
 
 def _run(job: MissionJob, timeout_s: float) -> Trial:
     """Run a mission until it ends, or the coordinator no longer waits for it: Dask does not stop a task that runs."""
     task = distributed.get_worker().get_current_task()
-    mission = _pool(timeout_s).submit(job)
+    mission = _pool(job.fidelity, timeout_s).submit(job)
     while not futures.wait([mission], _POLL_S).done:
         state = distributed.get_worker().state.tasks.get(task)
         if state is None or state.state not in ("executing", "long-running"):
