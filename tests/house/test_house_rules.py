@@ -16,8 +16,6 @@ OWN_WORDS = {
     "nbv/safe_files.py",
     "tuner/campaign/ledger.py",
     "tuner/campaign/storage.py",
-    "tuner/missions/executors.py",
-    "tuner/missions/server.py",
 }
 
 

@@ -127,7 +127,7 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
         summary = run_campaign(campaign, executor)
     assert summary.stopped == "budget"
     assert summary.status.complete == 2 and summary.status.failed == 8
-    expected = ("", "worker_died: signal 6", "mission_error", "seed_model_failed", "timeout")
+    expected = ("", "worker_died: SIGABRT", "mission_error", "seed_model_failed", "timeout")
     assert {t.rock: t.reason for t in campaign.trials()} == dict(zip(rocks, expected))
     assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
     assert "an exception nobody expected" in campaign.trials()[2].record.message

@@ -29,7 +29,7 @@ from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import run_evaluation
 from tuner.missions.job import MissionJob
 from tuner.missions.long_runs import exclusive
-from tuner.missions.run_job import _reason
+from tuner.missions.pool import _reason
 
 FIDELITY = fake_campaigns.FIDELITY
 FIRST = "missions/0000_a_r0"
