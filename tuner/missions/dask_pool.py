@@ -175,7 +175,7 @@ def identity(job: MissionJob) -> dict[str, str]:
     names = ("python", "gatetune", *MISSION_LIBRARIES)
     facts = {name: installed[name] for name in names if name in installed}
     facts[f"the code of {job.fidelity}"] = code_of(job.fidelity)[:12]
-    for plugin in getattr(job.config, "plugins_used", ()):
+    for plugin in job.config.plugins_used:
         facts[f"the code of {plugin.label}"] = plugin.source[:12]
     return facts
 
