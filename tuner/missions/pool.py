@@ -36,6 +36,7 @@ from tuner.missions.job import MissionJob, Trial, load_trial, record_failure, re
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, modules_of
 
 MAX_WORKERS = 256
+MAX_TIMEOUT_S = 2e6  # 23 days: the system waits no longer
 _MISSIONS_OF_A_PROCESS = 20  # then another takes its place: libraries keep memory
 _DUMP_S = 0.5  # in which a mission that takes too long writes into its log where it is
 _MEMORY_SCORE = "800"  # of 1000: where memory runs out the system ends a mission, not the coordinator
@@ -60,8 +61,10 @@ class Executor(abc.ABC):
     """
 
     def __init__(self, timeout_s: float) -> None:
-        if not timeout_s > 0:
-            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        if not 0 < timeout_s <= MAX_TIMEOUT_S:
+            raise UserError(
+                f"the limit of a mission is {timeout_s:g} s; it must be positive, at most {MAX_TIMEOUT_S:g}"
+            )
         self._timeout_s = timeout_s
 
     @property
@@ -134,7 +137,7 @@ class MissionPool(Executor):
             return job.failed("not_started", f"no process could be started ({error or type(error).__name__})")
         self._busy.add(worker)
         future.add_done_callback(lambda done: worker.kill() if done.cancelled() else None)
-        wall_s, status = worker.run(order, self._timeout_s)
+        status, wall_s = worker.run(order, self._timeout_s)
         self._busy.discard(worker)
         trial = load_trial(job, wall_s) if wall_s <= self._timeout_s else None
         code = None
@@ -163,6 +166,8 @@ class MissionPool(Executor):
             return "timeout", f"took longer than {self._timeout_s:g} s, the limit of a mission (--timeout-s)"
         if status == _NOT_WRITABLE:
             return "output_not_writable", "could not write to its directory, is the disk full?"
+        if status is not None:
+            return "no_result", "it left no result of this mission"
         if code == _SERVER_LOST:
             return "server_lost", "the process that starts missions was ended"
         if code is not None and code < 0:
@@ -184,24 +189,24 @@ class _Worker:
             _start_server(fidelity)
             self._process.start()
 
-    def run(self, order: dict[str, Any], timeout_s: float) -> tuple[float, int | None]:
-        """Run a mission; how long it took, and the status of `run_job`: None where there is no answer."""
+    def run(self, order: dict[str, Any], timeout_s: float) -> tuple[int | None, float]:
+        """Run a mission; the status of `run_job`, None where there is no answer, and how long it took."""
         self.missions += 1
         began = time.monotonic()
         with contextlib.suppress(OSError, EOFError):
             self._connection.send((order, dict(os.environ), timeout_s))
             wait([self._connection, self._process.sentinel], timeout_s + _DUMP_S)
             if self._connection.poll():
-                status: int = self._connection.recv()
-                return time.monotonic() - began, status
-        return time.monotonic() - began, None
+                answer: tuple[int, float] = self._connection.recv()
+                return answer  # by the worker's clock: this process may have been stopped meanwhile
+        return None, time.monotonic() - began
 
     def kill(self) -> None:
         """Kill it, with all that it has started."""
+        assert self._process.pid, "it has been started"
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid or 0, signal.SIGKILL)
-        with contextlib.suppress(ValueError):  # `end` was here
-            self._process.kill()  # where it leads no group yet
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()  # where it leads no group yet
 
     def end(self) -> int | None:
         """Kill it, and return its exit code: its own where it had ended before."""
@@ -253,7 +258,8 @@ def _work(orders: Connection) -> None:
         while True:
             order, environment, timeout_s = orders.recv()
             os.environ.update({**environment, **ONE_THREAD})
-            orders.send(_run_logged(order, timeout_s))
+            began = time.monotonic()
+            orders.send((_run_logged(order, timeout_s), time.monotonic() - began))
 
 
 def _end_with_coordinator() -> None:
@@ -321,10 +327,8 @@ def _reason(error: BaseException) -> tuple[str, str]:
         kind = "machine_error" if error.errno in _MACHINE_ERRORS else "os_error"
         return "disk_full" if error.errno in _FULL else f"{kind}: {code}", str(error)
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return (
-        "mission_error",
-        f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})",
-    )
+    where = f"{Path(last.filename).name}, line {last.lineno}"
+    return "mission_error", f"{type(error).__name__}: {error} ({where})"
 
 
 def local_pool(fidelity: str, workers: int | None, timeout_s: float) -> MissionPool:

@@ -65,7 +65,7 @@ def test_a_mission_that_ends_badly_fails_alone_with_its_reason(
 ) -> None:
     """Beside one that goes well in the other process, and before one that does in its own."""
     jobs = [job(tmp_path, rock, 0), job(tmp_path, "slow", 1), job(tmp_path, "a", 2)]
-    with pool(2, timeout_s=1.5) as executor:
+    with pool(2, timeout_s=2.5) as executor:
         ended = run_jobs(executor, jobs)
     assert [ended[f"000{n}"].record.status for n in (1, 2)] == ["ok", "ok"]
     assert (ended["0000"].record.status, ended["0000"].reason) == ("failed", reason)
