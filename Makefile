@@ -14,8 +14,7 @@ help:
 	@echo "make test        set up, check the code, run all tests"
 	@echo "make fast-test   the tests that take less than a second or two each"
 	@echo "make fuzz        MINUTES=5 of damaged files through every parser, and the command line; runs/fuzz/fuzz.csv"
-	@echo "make faults      MINUTES=5 or COUNT=1000 of kills, stops and failing disks in campaigns; runs/faults/faults.csv"
-	@echo "make hostile     unfinished and hostile planners beside sound ones, about 15 minutes; runs/hostile/planners.csv"
+	@echo "make faults      MINUTES=5 or COUNT=1000 of kills and failing disks in campaigns; runs/faults/faults.csv"
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
 	@echo "make wheel-test  build sdist and wheel; run the three jobs and every command of the pages from the wheel"
@@ -45,9 +44,6 @@ fuzz: setup
 
 faults: setup
 	$(BIN)/python -m research.faults
-
-hostile: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m research.hostile_planners
 
 lint: setup
 	$(BIN)/ruff check .

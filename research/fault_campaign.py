@@ -54,13 +54,16 @@ class Session:
         return self.status is not None
 
     def server(self) -> int | None:
-        """The mission server's process."""
-        return next(iter(children(self.pid)), None)
+        """The process that missions' processes are forked from."""
+        for pid in children(self.pid):
+            with contextlib.suppress(OSError):
+                if b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    return pid
+        return None
 
     def worker(self) -> int | None:
-        """A mission's process, the child of its keeper."""
-        keepers = children(self.server() or 0)
-        return next((mission for keeper in keepers for mission in children(keeper)), None)
+        """A process that takes missions."""
+        return next(iter(children(self.server() or 0)), None)
 
     def verdict(self) -> str:
         text = self.output.read_text(errors="replace")
@@ -152,12 +155,6 @@ class Flight:
                 os.dup2(descriptor, number)
             faulthandler.register(signal.SIGUSR1)  # of a hang
             os.environ["FAULTS_RECORD"] = str(self.record)
-            import tuner.missions.executors as executors
-
-            executors._START_GRACE_S = 30.0  # a server may be stopped while it starts
-            executors._SILENCE_LIMIT_S = executors._SILENCE_LIMIT_AFTER_KILL_S = (
-                3.0  # a minute: too long to wait for here
-            )
             import tuner.campaign.campaign as looked_at
 
             looked_at.recommend = lambda *_, **__: None  # the model takes longer than all the rest

@@ -38,28 +38,22 @@ def coordinator(flight: Flight) -> None:
 
 
 def _met(flight: Flight, session: Session, find: Callable[[], int | None]) -> None:
-    """Signals to what ``find`` finds, now and then until the session ends."""
-    rng = flight.rng
+    """Deadly signals to what ``find`` finds, now and then until the session ends."""
     while not session.ended() and time.monotonic() - session.began < 60:
         flight.moment(session, 6)
-        pid, number = find(), rng.choice([*_DEADLY, signal.SIGSTOP, signal.SIGSTOP])
-        aborts = number in (signal.SIGABRT, signal.SIGSEGV) and pid != session.server()
-        if aborts and _aborted_before(flight, pid):
-            continue  # twice the same end of its own is the configuration's by design
-        if send(pid, number):
+        pid = find()
+        if pid != session.server() and _ended_before(flight, pid):
+            continue  # twice the same end is the configuration's by design
+        if send(pid, flight.rng.choice(_DEADLY)):
             flight.faults += 1
             flight.verdicts["went_on"] += 1
-            if number == signal.SIGSTOP and rng.random() < 0.7:  # else it stays so
-                flight.wait(session, rng.uniform(0.05, 1.0))
-                send(pid, signal.SIGCONT)
     flight.close(session, fault=False)
 
 
-def _aborted_before(flight: Flight, pid: int | None) -> bool:
+def _ended_before(flight: Flight, pid: int | None) -> bool:
     """Or nobody knows which mission it is: it has just been started."""
     with contextlib.suppress(OSError):
-        keeper = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1]
-        log = str(Path(f"/proc/{keeper}/fd/1").readlink())
+        log = str(Path(f"/proc/{pid}/fd/1").readlink())
         if log.endswith("worker.log") and log not in flight.aborted:
             flight.aborted.add(log)
             return False
@@ -67,25 +61,15 @@ def _aborted_before(flight: Flight, pid: int | None) -> bool:
 
 
 def server(flight: Flight) -> None:
-    """Killed, aborted or stopped, for a while or for good."""
+    """The process that missions' processes are forked from is killed or aborted."""
     session = flight.start()
     _met(flight, session, session.server)
 
 
 def worker(flight: Flight) -> None:
-    """Killed, aborted or stopped, for a while or for good."""
+    """A mission's process is killed or aborted."""
     session = flight.start()
     _met(flight, session, session.worker)
-
-
-def stopped_server_and_killed_coordinator(flight: Flight) -> None:
-    """Nobody is left to end the missions, and the next coordinator begins at once."""
-    session = flight.start()
-    flight.wait(session, 30, stop=lambda: session.worker() is not None)
-    flight.wait(session, flight.rng.uniform(0, 0.3))
-    if send(session.server(), signal.SIGSTOP):
-        flight.faults += send(session.pid, signal.SIGKILL)
-    flight.close(session)
 
 
 def _failing(flight: Flight, *, lasting: bool, everywhere: bool) -> None:
@@ -165,12 +149,12 @@ def _fly_a_little(flight: Flight) -> None:
 
 
 def memory(flight: Flight) -> None:
-    """Coordinator or mission may not grow any more (what the server may not, no mission after it may)."""
+    """Coordinator or mission may not grow any more."""
     rng, session, limited = flight.rng, flight.start(), set[int]()
     while not session.ended():
         flight.moment(session)
         pid = session.pid if rng.random() < 0.3 else session.worker()
-        if pid != session.pid and _aborted_before(flight, pid):
+        if pid != session.pid and _ended_before(flight, pid):
             continue
         with contextlib.suppress(OSError):
             if pid is not None and pid not in limited:
@@ -351,7 +335,6 @@ KINDS: dict[str, Callable[[Flight], None]] = {
     "coordinator": coordinator,
     "server": server,
     "worker": worker,
-    "server stopped, coordinator killed": stopped_server_and_killed_coordinator,
     "coordinator's Nth write": coordinator_cannot_write_once,
     "coordinator's writes from the Nth on": coordinator_cannot_write,
     "anybody's Nth write": anybody_cannot_write,

@@ -21,7 +21,6 @@ from rich.text import Text  # noqa: E402
 from nbv import plugins  # noqa: E402
 from nbv.cache import home  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
-from nbv.gates.external import bring  # noqa: E402
 from tuner.commands import (  # noqa: E402
     campaign,
     compare,
@@ -66,14 +65,14 @@ def options(
     plugin: Annotated[
         list[str] | None,
         typer.Option(
-            help="Module or file that registers plug-ins, or NAME=COMMAND, a planner in another process; repeatable."
+            help="Module or file that registers plug-ins, named again to resume or view what uses them; repeatable."
         ),
     ] = None,
 ) -> None:
     """Tune hybrid next-best-view planning with Bayesian optimisation on simulated photogrammetry missions."""
     only_json(False)
-    for text in plugin or []:
-        bring(text)
+    for spec in plugin or []:
+        plugins.use(spec)
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and inspect tuning campaigns.")
@@ -135,9 +134,7 @@ def main() -> None:
             sys.exit(2)
         log = _keep_traceback()
         where = f"; the details are in {log}" if log else ""
-        failure = plugins.failure_of(error)
-        said = failure.message if failure else f"unexpected {type(error).__name__}: {error}"
-        _say(f"{said}{where}")
+        _say(f"unexpected {type(error).__name__}: {error}{where}")
         sys.exit(EXIT_UNEXPECTED)
     finally:
         for line in plugins.left_out():

@@ -26,7 +26,12 @@ from tuner.comparison.of_campaign import (
     require_comparable,
 )
 from tuner.comparison.run import EvaluationEvent, EvaluationRun
+<<<<<<< HEAD
 from tuner.missions.executors import Executor, local_executor
+=======
+from tuner.export.records import records_of
+from tuner.missions.pool import Executor, local_pool
+>>>>>>> cut-c/cut-c
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 
 __all__ = ["evaluate", "reproduce", "tune"]
@@ -68,7 +73,7 @@ def tune(
         resolved = resolved_settings({"name": where.resolve().name, **given}, "tune()")
         require_comparable(resolved)
         campaign = begin_campaign(where, resolved)
-    with local_executor(campaign.settings.fidelity, workers, timeout_s) as executor:
+    with local_pool(campaign.settings.fidelity, workers, timeout_s) as executor:
         run_to_end(campaign, executor, on_event)
     _write_answer(campaign)
     return campaign

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate
@@ -51,5 +49,5 @@ def make_gate(
     elif oracle is None:
         raise UserError(f"gate.kind {kind} needs the ground truth; give it an oracle, or choose another gate")
     if GATES.plugin(kind) is not None:
-        config, rock_sha256 = copy.deepcopy(config), ""
+        rock_sha256 = ""
     return gate(config, rock_sha256, replicate, oracle)

@@ -23,7 +23,7 @@ from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import FLIGHT, LOCATED, PROGRESS, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
-from nbv.plugins import failure_of, used
+from nbv.plugins import used
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.safe_files import write_atomic
@@ -200,10 +200,7 @@ class Fidelity(ABC):
             cloud = mission.run()
             mission.recorder.reconstructed(cloud)
             metrics = self.measure(cloud)
-        except (Exception, SystemExit) as error:  # another's planner raises what it likes
-            failure = failure_of(error) or error
-            if not isinstance(failure, MissionFailure):
-                raise
+        except MissionFailure as failure:
             return Outcome("failed", failure.reason, failure.message)
         notes = mission.recorder.notes
         if not notes:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nbv.config import MissionConfig, config_from_dict
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.safe_files import read_yaml
@@ -113,16 +113,4 @@ class Planner:
             return Plan(state, converged, pool, end="converged" if converged else "no candidate left")
         rankings = Rankings(state, pool, self.config, prediction)
         decision = self.gate.decide(state, pool, rankings)
-        if self.config.plugins_used:
-            self._require_own(pool.viewpoint(decision.ranking.top), state)
         return Plan(state, False, pool, rankings, decision)
-
-    def _require_own(self, view: Viewpoint, state: PlanningState) -> None:
-        """`MissionFailure` unless the candidates, made again, hold ``view``: nothing that another's code has moved is flown to."""
-        again = self.viewpoints.candidates(
-            self.config, state.vehicle_position_m, state.visited_m, state.n_seeds
-        )
-        if view not in map(again.viewpoint, range(len(again))):
-            raise MissionFailure(
-                "plugin_failed", f"the planner moved {view.id} to {view.position_m}, out of the pool"
-            )

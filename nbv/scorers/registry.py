@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from nbv.config import SCORERS, MissionConfig
-from nbv.plugins import read_only
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
 from nbv.scorers.predicted import PREDICTED
@@ -35,5 +34,5 @@ class Rankings(dict[str, Ranking]):
 
     def __missing__(self, name: str) -> Ranking:
         scorer = SCORERS.load(name, BUILT_IN)
-        ranking = self[name] = read_only(scorer.rank(self._terms, self._pool, self._config))
+        ranking = self[name] = scorer.rank(self._terms, self._pool, self._config)
         return ranking

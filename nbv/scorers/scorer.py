@@ -67,7 +67,11 @@ class Scorer:
 
 
 def argsort_descending(scores: Floats) -> Ints:
-    """(C,) candidates, best first; ties keep pool order."""
+    """(C,) candidates, best first; ties keep pool order. `MissionFailure` where a score is NaN or infinite, as a plug-in's may be."""
+    if not np.isfinite(scores).all():
+        raise MissionFailure(
+            "scores_not_finite", "a scorer or gate gave a candidate the score NaN or infinity"
+        )
     # Symmetric candidates tie up to rounding, which differs between processors: 1e-12 is no preference.
     return np.argsort(-np.round(scores, 12), kind="stable").astype(np.int64)
 

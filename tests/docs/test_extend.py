@@ -34,8 +34,8 @@ def test_an_example_works_as_one_file(heading, blocks, tmp_path, monkeypatch):
     (new_file, code), (trial, check) = blocks
     assert trial == "try it" and "assert" in check
     (tmp_path / new_file).write_text(code)
-    monkeypatch.setattr(plugins.registry, "_registered", {})
-    monkeypatch.setattr(plugins.registry, "_used", {})
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     plugins.use(str(tmp_path / new_file))
     exec(compile(check, f"extend.md, {heading}", "exec"), {})

@@ -33,8 +33,8 @@ trimesh.PointCloud(seen).export(folder / "dense.ply")
 def fly(tmp_path, monkeypatch):
     (tmp_path / "scan.py").write_text(PROGRAM)
     monkeypatch.setenv("MISSION_PROGRAM", f"{sys.executable} {tmp_path / 'scan.py'}")
-    monkeypatch.setattr(plugins.registry, "_registered", {})
-    monkeypatch.setattr(plugins.registry, "_used", {})
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     plugins.use(str(EXAMPLE))
     yield lambda values, replicate=0: _run(tmp_path / f"{replicate}-{values}", values, replicate)
@@ -43,10 +43,8 @@ def fly(tmp_path, monkeypatch):
 
 def _run(directory, values, replicate):
     config = preset("campaign").with_values(values)
-    executor = InProcessExecutor()
-    executor.submit(MissionJob("a", config, "slab", replicate, directory, fidelity="external-program"))
-    (trial,) = executor.wait_any(0.0)
-    return trial
+    job = MissionJob("a", config, "slab", replicate, directory, fidelity="external-program")
+    return InProcessExecutor().submit(job).result()
 
 
 @pytest.mark.slow

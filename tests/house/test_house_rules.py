@@ -15,8 +15,6 @@ OWN_WORDS = {
     "nbv/safe_files.py",
     "tuner/campaign/ledger.py",
     "tuner/campaign/storage.py",
-    "tuner/missions/executors.py",
-    "tuner/missions/server.py",
 }
 
 

@@ -1,14 +1,17 @@
 """A mission function that takes no time: a smooth known function, rock shifts, noise, accidents.
 
-The first letters of a rock's name choose its behaviour: ``abort``, ``kill``, ``stop``, ``raise``, ``fail``, ``hang``,
-``full``, ``slow``, ``user``, ``blind``, ``once-...`` (so at the first flight only); any other rock is plain.
+The first letters of a rock's name choose its behaviour: ``abort``, ``exit``, ``kill``, ``stop``, ``raise``, ``fail``,
+``hang``, ``start`` (a process, and hang), ``late`` (a result, and hang), ``hog`` (all memory that it may have), ``full``, ``slow``,
+``user``, ``blind``, ``once-...`` (so at the first flight only); any other rock is plain.
 """
 
 import dataclasses
 import hashlib
 import math
 import os
+import resource
 import signal
+import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -83,8 +86,16 @@ def fake_mission(
         raise MissionFailure("seed_model_failed", "no seed model")
     if rock.startswith("full"):
         raise OSError(28, "No space left on device")
-    if rock.startswith("hang"):
+    if rock.startswith("exit"):
+        os._exit(3)
+    if rock.startswith("start") and directory is not None:
+        started = subprocess.Popen(["sleep", "600"])
+        (directory / "started.txt").write_text(str(started.pid))
+    if rock.startswith(("hang", "start")):
         time.sleep(600)
+    if rock.startswith("hog"):
+        resource.setrlimit(resource.RLIMIT_AS, (2**33, resource.RLIM_INFINITY))
+        np.ones(2**31)  # 16 GiB
     if rock.startswith("slow"):
         time.sleep(0.25)
     offset, scale = rock_shift(rock)
@@ -101,6 +112,9 @@ def fake_mission(
         "whole": {"completeness_48mm": score},
     }
     result = well_flown(config, rock, replicate, metrics, float(config.seed.total + config.adaptive_budget))
+    if rock.startswith("late") and directory is not None:
+        (directory / "mission.json").write_text(result.to_json())
+        time.sleep(600)
     if rock.startswith("blind"):  # two planned photographs, of which none registers
         record = IterationRecord(0, {}, 0.1, 100, 5, 0.0, "covis", "", {}, {}, "cand_000", False, "")
         result = dataclasses.replace(result, trace=[record, record])

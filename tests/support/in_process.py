@@ -1,11 +1,10 @@
 """An executor for tests: missions in this very process."""
 
-import collections
 import time
+from concurrent.futures import Future
 
-from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
-from tuner.missions.run_job import run_job
+from tuner.missions.pool import Executor, run_job
 
 
 class InProcessExecutor(Executor):
@@ -14,23 +13,16 @@ class InProcessExecutor(Executor):
     capacity = 1
 
     def __init__(self) -> None:
-        self._queue: collections.deque[MissionJob] = collections.deque()
+        super().__init__(60.0)
 
-    def submit(self, job: MissionJob) -> None:
-        """Queue ``job``."""
-        self._queue.append(job)
-
-    def wait_any(self, timeout_s: float) -> list[Trial]:
-        """Run the oldest job, however long it takes."""
-        if not self._queue:
-            return []
-        job = self._queue.popleft()
+    def submit(self, job: MissionJob) -> Future[Trial]:
+        """Run it, however long it takes."""
         remove_earlier_result(job)
-        started = time.monotonic()
+        started, future = time.monotonic(), Future()
         run_job(job.to_dict())
         trial = load_trial(job, time.monotonic() - started)
-        return [trial or job.failed("no_result", f"nothing was written to {job.directory}")]
+        future.set_result(trial or job.failed("no_result", f"nothing was written to {job.directory}"))
+        return future
 
-    def cancel_all(self) -> None:
-        """Forget what has not started."""
-        self._queue.clear()
+    def close(self) -> None:
+        """Nothing runs."""

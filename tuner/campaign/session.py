@@ -16,9 +16,9 @@ from nbv.mission.run_directory import RESULT
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.campaign.simplify import simplified
-from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.long_runs import Stop, long_run
+from tuner.missions.pool import Executor
 from tuner.missions.run_jobs import run_jobs
 from tuner.problem.instances import family_of
 from tuner.problem.observations import Proposal, next_block

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.padding import Padding
 
+from nbv import plugins
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.safe_files import read_json
@@ -50,13 +51,12 @@ from tuner.commands.options import (
     Executor,
     Scheduler,
     Timeout,
-    Unencrypted,
     Workers,
     with_settings,
 )
 from tuner.comparison.of_campaign import PlannedComparison, require_comparable
 from tuner.jobs import run_to_end
-from tuner.missions import executors
+from tuner.missions import pool
 from tuner.missions.registry import mission_kind
 from tuner.report import words
 from tuner.report.labels import duration
@@ -85,7 +85,6 @@ def run(
     timeout_s: Timeout = 3600.0,
     executor: Executor = "local",
     scheduler: Scheduler = None,
-    unencrypted: Unencrypted = False,
     out: Annotated[
         Path | None, typer.Option(help="Run directory (default: runs/NAME).", rich_help_panel=EXECUTION)
     ] = None,
@@ -111,7 +110,7 @@ def run(
     named = str(fields["name"])
     if out is None and (named in (".", "..") or Path(named).name != named):
         raise UserError(f"--name {named!r} must be a folder name without '/'; --out names a folder elsewhere")
-    directory, where = out or RUNS / named, (executor, scheduler, unencrypted)
+    directory, where = out or RUNS / named, (executor, scheduler)
     output.print(f"campaign {fields['name']} in {directory}")
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         asked = merged_settings(settings, given, quick=False) if settings or given else {}
@@ -143,7 +142,6 @@ def resume(
     timeout_s: Timeout = 3600.0,
     executor: Executor = "local",
     scheduler: Scheduler = None,
-    unencrypted: Unencrypted = False,
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
     ] = False,
@@ -158,7 +156,7 @@ def resume(
     # The same number is given again where a resume was refused.
     if missions is not None and missions != campaign.settings.budget:
         campaign = extend_campaign(campaign, missions)
-    ready = executor_at((executor, scheduler, unencrypted), campaign.settings, workers, timeout_s)
+    ready = executor_at((executor, scheduler), campaign.settings, workers, timeout_s)
     run_and_report(campaign, ready, accept_changes=accept_changes)
 
 
@@ -258,7 +256,7 @@ def _row(directory: Path) -> dict[str, Any]:
 
 def run_and_report(
     campaign: Campaign,
-    executor: executors.Executor,
+    executor: pool.Executor,
     *,
     accept_changes: bool = False,
     show_pair: bool = False,
@@ -294,8 +292,10 @@ def run_and_report(
             shown.close()
             if summary.stopped == "interrupted":  # and the prompt is back at once
                 where = shlex.quote(str(campaign.directory))
-                output.print(f"resume with: gatetune campaign resume {where}", soft_wrap=True)
-                output.print(f"write its report so far: gatetune mission view {where}", soft_wrap=True)
+                named = [word for spec in plugins.plugin_specs() for word in ("--plugin", spec)]
+                program = shlex.join(["gatetune", *named])
+                output.print(f"resume with: {program} campaign resume {where}", soft_wrap=True)
+                output.print(f"write its report so far: {program} mission view {where}", soft_wrap=True)
                 raise typer.Exit(130)
             output.print(
                 f"{summary.message}; {duration(summary.elapsed_s)}, of which the sampler {duration(summary.ask_s)}"
@@ -321,7 +321,7 @@ def run_and_report(
         raise typer.Exit(1)
 
 
-def run_planned(campaign: Campaign, planned: PlannedComparison, executor: executors.Executor) -> None:
+def run_planned(campaign: Campaign, planned: PlannedComparison, executor: pool.Executor) -> None:
     """Run the tuned configurations, the paper's strategies and the controls on held-out targets; what has run is not run again."""
     plan = planned.plan
     output.print(
@@ -333,7 +333,7 @@ def run_planned(campaign: Campaign, planned: PlannedComparison, executor: execut
     )
 
 
-def write_pages(campaign: Campaign, answer: Answer, pair: executors.Executor | None) -> None:
+def write_pages(campaign: Campaign, answer: Answer, pair: pool.Executor | None) -> None:
     """Write the report; with the executor ``pair`` first run the default and the tuned mission with all files kept."""
     from tuner.report.campaign_page import write_campaign_report, write_showcase_page
 

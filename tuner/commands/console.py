@@ -6,7 +6,6 @@ import contextlib
 import functools
 import importlib
 import json
-import os
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -37,7 +36,7 @@ from nbv.safe_files import parse_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
-from tuner.missions.executors import Executor, local_executor
+from tuner.missions.pool import Executor, local_pool
 from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance
 from tuner.report.labels import duration, number_text
@@ -208,7 +207,7 @@ def run_plans(
     for plan in plans.values():
         plan.require_runnable()
     runs = list[EvaluationRun]()
-    with local_executor(next(iter(plans.values())).fidelity, workers, timeout_s) as executor:
+    with local_pool(next(iter(plans.values())).fidelity, workers, timeout_s) as executor:
         for folder, plan in plans.items():
             with ComparisonProgress(metric) as show:
                 runs.append(run_evaluation(plan, out / folder, executor, show))
@@ -273,28 +272,28 @@ def under_conditions(conditions: Sequence[Condition]) -> str:
 
 
 def executor_at(
-    where: tuple[str, str | None, bool], settings: CampaignSettings, workers: int | None, timeout_s: float
+    where: tuple[str, str | None], settings: CampaignSettings, workers: int | None, timeout_s: float
 ) -> Executor:
-    """Processes here, or workers of a Dask scheduler, which is started where none is named, for a campaign's missions.
+    """Processes here, or the workers of a Dask scheduler, for a campaign's missions.
 
-    ``where``: the options executor, scheduler and unencrypted. ``workers``: missions in parallel; by default one per core.
+    ``where``: the options executor and scheduler. ``workers``: missions in parallel here; by default one per core.
 
-    Raises `UserError`: the extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
+    Raises `UserError`: the extra is not installed; as `tuner.missions.dask_pool.DaskPool`.
     """
-    kind, scheduler, unencrypted = where
-    if kind == "local" and scheduler is None:
-        return local_executor(settings.fidelity, workers, timeout_s)
-    kind = "dask" if kind == "local" else kind
+    kind, scheduler = where
+    if kind not in ("local", "dask"):
+        raise UserError(f"unknown executor {kind!r}; there are local and dask")
+    if scheduler is None:
+        if kind == "dask":
+            raise UserError("--executor dask needs --scheduler, an address or the file that it writes")
+        return local_pool(settings.fidelity, workers, timeout_s)
     try:
-        from tuner.missions.cluster.connect import WHERE, dask_executor
+        from tuner.missions.dask_pool import DaskPool
     except ImportError as error:
         raise UserError(
-            f"--executor {kind} needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
+            f"--executor dask needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
         ) from error
-    if kind not in WHERE:
-        raise UserError(f"unknown executor {kind!r}; there are local, {', '.join(WHERE)}")
-    count = workers or len(os.sched_getaffinity(0))
-    return dask_executor(kind, scheduler, count, timeout_s, unencrypted=unencrypted)
+    return DaskPool(scheduler, timeout_s)
 
 
 def workers_text(executor: Executor) -> str:

@@ -39,7 +39,7 @@ from tuner.commands.options import (
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.comparison.result import ComparisonFacts
 from tuner.comparison.run import EvaluationRun
-from tuner.missions.executors import Executor
+from tuner.missions.pool import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration
 

@@ -25,7 +25,7 @@ from tuner.commands.console import (
     AsJson,
     answer_json,
     load,
-    local_executor,
+    local_pool,
     mission_config,
     note_dense_stage,
     output,
@@ -171,5 +171,5 @@ def _view_campaign(directory: Path) -> None:
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: running the missions that its page still needs", soft_wrap=True)
     s = campaign.settings
-    with local_executor(s.fidelity, None, 3600.0) as executor:
+    with local_pool(s.fidelity, None, 3600.0) as executor:
         write_pages(campaign, answer_of(campaign), executor)

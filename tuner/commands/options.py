@@ -52,21 +52,15 @@ Timeout = Annotated[
 Executor = Annotated[
     str,
     typer.Option(
-        help="Where missions run: local (processes of this machine), dask, or jobs of slurm or pbs.",
+        help="Where missions run: local (processes of this machine), or dask.",
         rich_help_panel=EXECUTION,
     ),
 ]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="For --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT (default: workers on this machine).",
+        help="For --executor dask: the scheduler's address, tcp://HOST:8786 or tls://HOST:8786, or the file that it writes.",
         rich_help_panel=EXECUTION,
-    ),
-]
-Unencrypted = Annotated[
-    bool,
-    typer.Option(
-        "--unencrypted", help="Allow workers on other machines without TLS.", rich_help_panel=EXECUTION
     ),
 ]
 

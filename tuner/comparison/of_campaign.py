@@ -18,7 +18,7 @@ from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
-from tuner.missions.executors import Executor, LocalProcessExecutor, local_executor
+from tuner.missions.pool import Executor, MissionPool, local_pool
 from tuner.missions.registry import DEFAULT_FIDELITY, mission_kind
 from tuner.problem.baselines import (
     ANSWERS,
@@ -49,9 +49,9 @@ class PlannedComparison:
     goal: Goal = TABLE_I
     source: Campaign | None = None  # None: the paper's Table I
 
-    def executor(self, workers: int | None, timeout_s: float) -> LocalProcessExecutor:
+    def executor(self, workers: int | None, timeout_s: float) -> MissionPool:
         """Return processes of this machine for its missions."""
-        return local_executor(self.plan.fidelity, workers, timeout_s)
+        return local_pool(self.plan.fidelity, workers, timeout_s)
 
     def not_counted(self, out: Path | None) -> str:
         """Return why what runs in ``out`` (None: in ``usual``) adds nothing to its campaign's answer; empty where it does."""

@@ -11,9 +11,9 @@ from pathlib import Path
 from nbv.errors import UserError
 from nbv.safe_files import to_yaml, write_atomic
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.missions.executors import Executor, LocalProcessExecutor
 from tuner.missions.job import MissionJob, Trial
 from tuner.missions.long_runs import long_run
+from tuner.missions.pool import Executor, MissionPool
 from tuner.missions.registry import mission_kind
 from tuner.missions.run_jobs import JobList, run_jobs
 
@@ -73,7 +73,7 @@ def run_evaluation(
             on_event(EvaluationEvent(job, trial, len(jobs) - evaluated.open, len(jobs)))
 
     evaluated = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.record.job_id], trial))
-    if evaluated.open and isinstance(executor, LocalProcessExecutor):
+    if evaluated.open and isinstance(executor, MissionPool):
         for config in plan.strategies.values():
             mission_kind(plan.fidelity).require_dense_stage(config)
     _claim(plan, directory)

@@ -7,8 +7,6 @@ import dataclasses
 import datetime
 import functools
 import os
-import re
-import signal
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +15,15 @@ from typing import Any, Literal
 from nbv import plugins
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.gates.external import bring
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
+<<<<<<< HEAD
 from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
 from nbv.safe_files import remove, write_atomic
+=======
+from nbv.mission.run_directory import RESULT, read_result
+from nbv.safe_files import remove, remove_links, write_atomic
+>>>>>>> cut-c/cut-c
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective
@@ -34,11 +36,8 @@ _INFRASTRUCTURE_FAILURES = {
     "not_started",
     "output_not_writable",
     "server_lost",
-    "worker_killed",
-    "worker_stopped",
+    "worker_lost",
 }
-DUMP_SIGNAL = signal.SIGUSR1  # asks a mission where it is
-LOST = ("server_lost", "not_started")  # with the server, perhaps not by their own doing
 _POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
 _MEASURED = ("metrics", "costs")  # what of a mission.json is kept in memory
 
@@ -55,27 +54,21 @@ class MissionJob:
     keep: Keep = "summary"
     fidelity: str = DEFAULT_FIDELITY
 
-    @property
-    def planners(self) -> list[plugins.Plugin]:
-        """Other people's code that plans, renders or reconstructs in this mission."""
-        return list(self.config.plugins_used)
-
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form for a worker, whose working directory a planner may change."""
+        """Return the JSON form for a worker, which imports the plug-ins that were named to this process."""
         return {
             **vars(self),
             "config": self.config.to_dict(),
             "directory": str(self.directory.absolute()),
-            "plugins": plugins.plugin_specs(self.planners),
+            "plugins": plugins.plugin_specs(),
             "identity": {"config_digest": self.config.digest(), "condition": self.config.condition},
-            "planners": [plugin.label for plugin in self.planners],
         }
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        for text in tree["plugins"]:
-            bring(text)
+        for spec in tree["plugins"]:
+            plugins.use(spec)
         fields = {field.name: tree[field.name] for field in dataclasses.fields(MissionJob)}
         config, directory = config_from_dict(tree["config"]), Path(tree["directory"])
         return MissionJob(**{**fields, "config": config, "directory": directory})
@@ -203,39 +196,6 @@ def should_retry(attempts: Sequence[Trial]) -> bool:
     return last.possibly_machine_fault and not any(trial.possibly_machine_fault for trial in earlier)
 
 
-def blamed(job: MissionJob, attempts: Sequence[Trial]) -> Trial:
-    """Return the last of ``attempts``; where another's code plans the mission its end is recorded as that code's failure.
-
-    What ended it every time may look like the machine's doing, but the missions of others end well.
-    """
-    last = attempts[-1]
-    if not job.planners or not (last.infrastructure_failure or last.possibly_machine_fault):
-        return last
-    plugin = job.planners[0]
-    where = line_in_log(job) or (f" in {plugin.file}" if plugin.file else "")
-    message = (
-        f"{plugin.label} came to no end in {len(attempts)} attempts{where} ({last.reason}: {last.record.message}); "
-        f"remove {job.directory} to try again"
-    )
-    with contextlib.suppress(OSError):
-        record_failure(job.to_dict(), "plugin_failed", message)
-    return job.failed("plugin_failed", message, last.record.wall_s)
-
-
-def line_in_log(job: MissionJob) -> str:
-    """`` at mine.py, line 12``: where a planner's code was in the last dump of its log; empty where it was not running, or is unknown."""
-    try:
-        _, dumped, dump = (
-            (job.directory / WORKER_LOG).read_text(errors="replace").rpartition("(most recent call first)")
-        )
-    except OSError:
-        return ""
-    for plugin in job.planners if dumped else ():
-        if plugin.file and (match := re.search(rf'File "[^"\n]*{re.escape(plugin.file)}", line (\d+)', dump)):
-            return f" at {plugin.file}, line {match[1]}"
-    return ""
-
-
 def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     """Return how a job ended, as its directory tells; None when the mission did not finish.
 
@@ -283,7 +243,7 @@ def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
         **tree["identity"],
     )
     directory = Path(tree["directory"])
-    directory.mkdir(parents=True, exist_ok=True)  # a planner may have removed it
+    directory.mkdir(parents=True, exist_ok=True)
     write_atomic(directory / RESULT, result.to_json())
 
 

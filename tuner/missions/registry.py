@@ -40,7 +40,7 @@ class MissionKind:
     refuses: str = ""  # "module:function" that is given a configuration, and raises `UserError`
     numbers_are: str = ""  # how its numbers come about; empty: the fidelity's name says enough
     note: str = ""  # what somebody who runs it must know
-    loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, and a server before it forks
+    loads: tuple[str, ...] = ()  # libraries that a mission imports on its way, so that a worker has them
 
     @property
     def function(self) -> Callable[..., MissionResult | Mapping[str, Any]]:
@@ -198,10 +198,8 @@ def uses_store(fidelity: str) -> bool:
 
 
 def modules_of(fidelity: str) -> tuple[str, ...]:
-    """The modules that a worker imports to run ``fidelity``: its own, then libraries. Another's code is not imported for this."""
-    if (plugin := FIDELITIES.plugin(fidelity)) is not None:
-        return (plugin.module,)
-    kind = BUILT_IN[fidelity]
+    """The modules that every worker imports to run ``fidelity``: its own, then libraries; of a plug-in's what it may well build on."""
+    kind = BUILT_IN.get(fidelity, _GEOMETRIC)
     return str(kind.runs).partition(":")[0], *kind.loads
 
 

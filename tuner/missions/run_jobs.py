@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Protocol
 
 from nbv.errors import UserError
-from tuner.missions.executors import Executor
-from tuner.missions.job import LOST, MissionJob, Trial, blamed, should_retry
+from tuner.missions.job import MissionJob, Trial, should_retry
 from tuner.missions.long_runs import Stop
+from tuner.missions.pool import Executor
 
 _POLL_S = 0.5
 
@@ -58,26 +59,20 @@ class JobList:
 def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     """Run what ``source`` hands out until there is no more, it gives up, or somebody asks for a stop.
 
-    What the machine ends (somebody kills or stops a process, no process can be started, the disk is full) says nothing
-    about the mission: it is run again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`; of one that another's
-    code plans that is the planner's failure. Missions that were lost together are run again one at a time and nothing beside
-    them, and the loss is not counted: one of them may have ended the others. The executor is left open; missions still in
-    flight at the end are killed.
+    What the machine ends (no process can be started, the disk is full, a worker is lost) says nothing about the mission: it is run
+    again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`; what may be the machine's doing is run again once
+    (`should_retry`). The executor is left open; missions still in flight at the end are ended.
 
     Raises `UserError`: a mission met a user's mistake, which every other one would meet too.
     """
-    running: dict[str, tuple[MissionJob, list[Trial]]] = {}  # with the attempts that have ended
-    suspects: list[tuple[MissionJob, list[Trial]]] = []  # to be run again alone; the first may be running
+    running: dict[Future[Trial], tuple[MissionJob, list[Trial]]] = {}  # with the attempts that have ended
 
     def submit(job: MissionJob, attempts: list[Trial]) -> None:
-        executor.submit(job)
-        running[job.id] = job, attempts
+        running[executor.submit(job)] = job, attempts
 
     try:
         while not stop.is_set() and not source.cancelled:
-            if suspects and not running:
-                submit(*suspects[0])
-            free = 0 if suspects else executor.capacity - len(running)
+            free = executor.capacity - len(running)
             while free > 0 and (jobs := source.next_jobs(free)):
                 for job in jobs:
                     submit(job, [])
@@ -85,22 +80,18 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
                 free = executor.capacity - len(running)
             if not running:
                 return
+            done, _ = wait(running, _POLL_S, FIRST_COMPLETED)
             ended = []
-            trials = executor.wait_any(_POLL_S)
-            lost = [trial for trial in trials if trial.reason in LOST]
-            for trial in trials:
-                job, attempts = running.pop(trial.record.job_id)
-                suspects = [suspect for suspect in suspects if suspect[0] is not job]
-                if trial.reason == "user_error":
-                    raise UserError(trial.record.message)
-                together = trial in lost and len(lost) > 1
-                counted = attempts if together else [*attempts, trial]
-                if not together and not should_retry(counted):
-                    ended.append(blamed(job, counted))
-                elif trial in lost:
-                    suspects.append((job, counted))
+            for future in [future for future in running if future in done]:  # in the order of their start
+                job, earlier = running.pop(future)
+                attempts = [*earlier, future.result()]
+                if attempts[-1].reason == "user_error":
+                    raise UserError(attempts[-1].record.message)
+                if should_retry(attempts):
+                    submit(job, attempts)
                 else:
-                    submit(job, counted)
+                    ended.append(attempts[-1])
             source.ended(ended)
     finally:
-        executor.cancel_all()
+        for future in running:
+            future.cancel()

@@ -59,7 +59,7 @@ def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pyte
         def __post_init__(self) -> None:
             self.truth  # noqa: B018
 
-    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins, "_registered", {})
     plugins.register("gates", "peeking", Peeking)
     with pytest.raises(ValueError, match="sees_ground_truth = True"):
         make_gate(config("peeking"), oracle=object())  # type: ignore[arg-type]

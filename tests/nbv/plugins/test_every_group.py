@@ -27,8 +27,8 @@ def installed(tmp_path, monkeypatch):
     """The file of the parts."""
     file = every_part.install(tmp_path / "site")
     monkeypatch.syspath_prepend(tmp_path / "site")
-    monkeypatch.setattr(plugins.registry, "_registered", {})
-    monkeypatch.setattr(plugins.registry, "_used", {})
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(plugins, "_used", {})
     plugins.installed.cache_clear()
     yield file
     plugins.installed.cache_clear()

@@ -49,7 +49,7 @@ def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatc
     with pytest.raises(UserError, match="exists"):
         gatetune("plugin", "init", "mine", "--out", tmp_path)
     monkeypatch.setattr(metadata, "entry_points", lambda group: [])
-    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins, "_registered", {})
     plugins.installed.cache_clear()
     assert "no plug-in is installed" in gatetune("plugin", "list")
     plugins.installed.cache_clear()

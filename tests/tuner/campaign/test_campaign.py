@@ -22,7 +22,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.cli import app
-from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.pool import MissionPool
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
@@ -34,8 +34,8 @@ settings = functools.partial(
 run = functools.partial(fake_campaigns.run, space=load_search_space("gate"), budget=6, sampler="sobol")
 
 
-def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
-    return LocalProcessExecutor(count, timeout_s, preload=("fake",))
+def workers(count: int = 1, timeout_s: float = 60.0) -> MissionPool:
+    return MissionPool(count, timeout_s, fidelity="fake")
 
 
 def facts(campaign: Campaign) -> list[tuple]:
@@ -75,10 +75,10 @@ import fake_missions
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
-from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.pool import MissionPool
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]))
-    with LocalProcessExecutor(2, 60.0, preload=("fake",)) as executor:
+    with MissionPool(2, 60.0, fidelity="fake") as executor:
         run_campaign(campaign, executor, lambda event: print(event.kind, flush=True))
 """
 
@@ -127,7 +127,7 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
         summary = run_campaign(campaign, executor)
     assert summary.stopped == "budget"
     assert summary.status.complete == 2 and summary.status.failed == 8
-    expected = ("", "worker_died: signal 6", "mission_error", "seed_model_failed", "timeout")
+    expected = ("", "worker_died: SIGABRT", "mission_error", "seed_model_failed", "timeout")
     assert {t.rock: t.reason for t in campaign.trials()} == dict(zip(rocks, expected))
     assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
     assert "an exception nobody expected" in campaign.trials()[2].record.message

@@ -40,7 +40,7 @@ register("fidelities", "toy", toy)
 @pytest.fixture(autouse=True)
 def in_process(monkeypatch):
     monkeypatch.setattr("tuner.commands.campaign.executor_at", lambda *_: InProcessExecutor())
-    monkeypatch.setattr("tuner.comparison.of_campaign.local_executor", lambda *_: InProcessExecutor())
+    monkeypatch.setattr("tuner.comparison.of_campaign.local_pool", lambda *_: InProcessExecutor())
 
 
 def run(directory, **changes):

@@ -111,7 +111,7 @@ def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monk
         return dataclasses.replace(evaluated, provenance={"rock_sha256": content[0]})
 
     fidelity = dataclasses.replace(FIDELITIES.plugin("fake"), part=on_mesh)
-    monkeypatch.setitem(plugins.registry._registered, ("fidelities", "fake"), fidelity)
+    monkeypatch.setitem(plugins._registered, ("fidelities", "fake"), fidelity)
     directory = copy.parent / "meshes"
     begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=7))
 

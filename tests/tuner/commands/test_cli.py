@@ -130,7 +130,7 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "mine.yaml").write_text("fidelity: foreign\nrocks: [boulder]\n")
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     for arguments in (["run", "mine.yaml"], ["resume", "runs/campaign"], ["status", "runs/campaign"]):
-        monkeypatch.setattr(plugins.registry, "_registered", {})
+        monkeypatch.setattr(plugins, "_registered", {})
         sys.modules.pop("foreign", None)
         said = gatetune.refused("campaign", *arguments)
         assert "unknown fidelity 'foreign'" in said and "--plugin" in said

@@ -19,7 +19,7 @@ from tuner.comparison.statistics import (
     strategy_difference,
     values_of,
 )
-from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.pool import MissionPool
 from tuner.problem.baselines import BASELINES, PAPER_STRATEGIES, baseline_configs
 from tuner.problem.instances import Instance
 
@@ -60,7 +60,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     first = run_evaluation(plan(), tmp_path / "out", InProcessExecutor(), interrupt)
     assert not first.complete
     events: list[EvaluationEvent] = []
-    with LocalProcessExecutor(2, preload=("fake",)) as executor:
+    with MissionPool(2, fidelity="fake") as executor:
         second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
     assert second.complete and sum(e.trial is None for e in events) == 12 - 5
     assert all(file.read_text() == "run\n" for file in (tmp_path / "out").rglob("run.txt"))
@@ -69,7 +69,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
 
 
 def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake",)) as executor:
+    with MissionPool(1, fidelity="fake") as executor:
         result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
         assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
         table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", (F48,))

@@ -32,7 +32,7 @@ def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pyte
         refuses="test_fidelities:refused",
         numbers_are="drawn by hand",
     )
-    monkeypatch.setattr(plugins.registry, "_registered", {})
+    monkeypatch.setattr(plugins, "_registered", {})
     monkeypatch.setitem(globals(), "refused", refuse)
     plugins.register("fidelities", "sketch", sketch)
     suite = Suite(drawn_targets(2), fidelity="sketch")

@@ -1,17 +1,20 @@
-"""Every part by its group and name: those built in, those of installed packages, those registered in this process.
+"""Parts that other packages bring: scorers, gates, renderers, dense backends, metrics, samplers, fidelities and families.
 
-An installed package names its parts as entry points of the groups ``gatetune.GROUP``; `register` adds one in this process. Nothing
-is imported before its name is asked for.
+An installed package names its parts as entry points of the groups ``gatetune.GROUP``; `register` adds one in this process, as the file
+or module does that ``--plugin`` names. Nothing is imported before its name is asked for. Plug-ins are code that the user trusts; no file
+of a run says which is imported. This room lies below the configuration and knows no built-in part.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import importlib.util
 import pkgutil
 import sys
+import traceback
 import uuid
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,9 +22,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from nbv.errors import MissionFailure, UserError
-from nbv.plugins.guards import Guard
-from nbv.plugins.importing import error_text, imported, lines_of
+from nbv.errors import UserError
 
 # What one part of each group is called, and what it must have, in the words of Python.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -36,7 +37,6 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 INTERFACE = 1  # raised where what a part is given, or must return, changes
 CONFIGURED = ("scorers", "gates", "renderers", "dense")  # groups whose parts may have settings of their own
-PLANNERS = ("scorers", "gates")
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,8 @@ class Plugin:
 
     @property
     def origin(self) -> str:
-        """``mine 0.1.0``, or what registered it: a module, or ``NAME=COMMAND``."""
-        if self.distribution:
-            return f"{self.distribution} {self.version}"
-        return self.spec if "=" in self.spec else self.module
+        """``mine 0.1.0``, or the module that registered it."""
+        return f"{self.distribution} {self.version}" if self.distribution else self.module
 
     @property
     def label(self) -> str:
@@ -68,30 +66,19 @@ class Plugin:
     def module(self) -> str:
         return self.reference.partition(":")[0]
 
-    @property
-    def package(self) -> str:
-        """The outermost package of that module, or the module itself."""
-        return self.module.partition(".")[0]
-
-    @property
-    def file(self) -> str:
-        """Name of the file that it is in; empty for a program, and where that has not been imported."""
-        module = None if "=" in self.spec else sys.modules.get(self.module)
-        return Path(getattr(module, "__file__", None) or "").name
-
     @functools.cached_property
     def source(self) -> str:
-        """Digest of the Python files of its package, or of its module, and of the command of a program.
+        """Digest of the Python files of its package, or of its module.
 
         Of what was typed into a notebook, which has none, another in every process.
         """
-        package = self.package
+        package = self.module.partition(".")[0]
         module = sys.modules[package] if package == "__main__" else importlib.util.find_spec(package)
         roots = getattr(module, "submodule_search_locations", None) or ()
         files = [file for root in roots for file in sorted(Path(root).rglob("*.py"))]
         if not files and (file := getattr(module, "origin", None) or getattr(module, "__file__", None)):
             files = [Path(file)]
-        hasher = hashlib.sha256(getattr(self.part, "identity", "").encode())
+        hasher = hashlib.sha256()
         for file in files:
             hasher.update(file.read_bytes() if file.is_file() else b"")
         return hasher.hexdigest()[:32] if files else uuid.uuid4().hex
@@ -100,28 +87,24 @@ class Plugin:
     def facts(self) -> dict[str, str]:
         return {"distribution": self.distribution, "version": self.version, "source": self.source}
 
-    @functools.cached_property
+    @property
     def loaded(self) -> Any:
-        """The part; what a scorer or gate returns is checked. ``UserError`` where it cannot be imported or lacks its group's interface."""
+        """The part; ``UserError`` where it cannot be imported or lacks its group's interface."""
+        _used[self.group, self.name] = self
+        return self._checked
+
+    @functools.cached_property
+    def _checked(self) -> Any:
         part = self.part
         if self.rival:
             raise UserError(
                 f"two {self.group} are called {self.name!r}: {self.label} and {self.rival}; rename or uninstall one"
             )
         if part is None:
-            module = imported(self.module, self.label)
-            try:
+            with _one_line(self.label):
                 part = pkgutil.resolve_name(self.reference)
-            except Exception as error:
-                raise UserError(
-                    f"{self.label} cannot be imported: {error_text(error)} ({module.__file__})"
-                ) from error
         _require_interface(self, part)
-        _used[self.group, self.name] = self
-        guard = Guard(self.label, self.package)
-        if self.group == "scorers":
-            return guard.scorer(self.name, part)
-        return guard.gate(part) if self.group == "gates" else part
+        return part
 
 
 class Registry(Collection[str]):
@@ -151,7 +134,9 @@ class Registry(Collection[str]):
     def sources(self, *names: str) -> list[str]:
         """Source digests of the plug-ins among ``names``, for the cache keys of what they compute."""
         brought = self.plugins()
-        return [brought[name].source for name in names if name in brought]
+        used = [brought[name] for name in names if name in brought]
+        _used.update({(plugin.group, plugin.name): plugin for plugin in used})
+        return [plugin.source for plugin in used]
 
     def __contains__(self, name: object) -> bool:
         return name in self.built_in or name in self.plugins()
@@ -223,35 +208,39 @@ def use(spec: str) -> None:
             sys.path.append(folder)  # last: what lies beside it hides nothing
         name = file.stem
     is_known, before = name in sys.modules, len(_registered)
-    module = imported(name, f"plug-in {name}")
+    with _one_line(f"plug-in {name}"):
+        module = importlib.import_module(name)
     if file.suffix == ".py" and not (module.__file__ and file.samefile(module.__file__)):
         raise UserError(
             f"plug-in {file}: another module is called {name} ({module.__file__}); rename the file"
         )
-    packages = {plugin.package for group in GROUPS for plugin in installed(group)}
-    if not is_known and len(_registered) == before and name.partition(".")[0] not in packages:
+    if not is_known and len(_registered) == before:
         raise UserError(f"plug-in {name} registers nothing; call nbv.plugins.register in it")
 
 
-def plugin_specs(needed: Collection[Plugin] | None = None) -> list[str]:
-    """What ``--plugin`` would name in a worker; of planners those ``needed``, where it is to run their mission alone.
+def plugin_specs() -> list[str]:
+    """What ``--plugin`` names in another process that is to have the parts of this one.
 
     `UserError` where a part was registered in a script or notebook itself, which no worker can import.
     """
-    plugins = [p for p in _registered.values() if needed is None or p.group not in PLANNERS or p in needed]
-    for plugin in plugins:
+    for plugin in _registered.values():
         if not plugin.spec:
             raise UserError(
                 f"{GROUPS[plugin.group][0]} {plugin.name!r} was registered in a script or notebook itself, which workers "
                 "cannot import; write it to a module of its own and import that"
             )
-    return list(dict.fromkeys(plugin.spec for plugin in plugins))
+    return list(dict.fromkeys(plugin.spec for plugin in _registered.values()))
 
 
 def used() -> dict[str, dict[str, dict[str, str]]]:
-    """For the provenance, ``plugins``: distribution, version and source digest of what this process has loaded, by ``group/name``."""
+    """For the provenance, ``plugins``: distribution, version and source digest of what was used since `forget_used`, by ``group/name``."""
     facts = {f"{group}/{name}": plugin.facts for (group, name), plugin in sorted(_used.items())}
     return {"plugins": facts} if facts else {}
+
+
+def forget_used() -> None:
+    """Begin another mission in this process."""
+    _used.clear()
 
 
 def plugins(group: str) -> dict[str, Plugin]:
@@ -296,24 +285,17 @@ def settings_class(section: str) -> type | None:
     return None if named is None else getattr(named.loaded, "settings", None)
 
 
-def failure_of(error: BaseException) -> MissionFailure | None:
-    """How a mission ends in which a plug-in's code raised ``error``; None where none of it was running.
-
-    A `MissionFailure` is a plug-in's only where it raises it itself: one of ours may pass through its code. A fidelity is the
-    mission itself: what it raises is told as of a built-in one.
-    """
-    lines = lines_of(error)
-    if isinstance(error, MissionFailure) and next(reversed(lines), "") == "nbv":
-        return None
-    lines.pop("nbv", None)
-    plugin = next((p for p in _used.values() if p.package in lines and p.group != "fidelities"), None)
-    if plugin is None:
-        return None
-    hint = "; a plug-in must not change what it is given" if "read-only" in error_text(error) else ""
-    where = lines[plugin.package]
-    return MissionFailure(
-        "plugin_failed", f"plug-in {plugin.origin} raised {error_text(error)} ({where}){hint}"
-    )
+@contextlib.contextmanager
+def _one_line(label: str) -> Iterator[None]:
+    """Turn what an import raises into a `UserError` that names the plug-in, and the file and line where it has one."""
+    try:
+        yield
+    except UserError:  # of what it registers
+        raise
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(last.filename).name}, line {last.lineno}"
+        raise UserError(f"{label} cannot be imported: {type(error).__name__}: {error} ({where})") from error
 
 
 def _require_interface(plugin: Plugin, part: Any) -> None:
