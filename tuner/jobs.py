@@ -26,12 +26,7 @@ from tuner.comparison.of_campaign import (
     require_comparable,
 )
 from tuner.comparison.run import EvaluationEvent, EvaluationRun
-<<<<<<< HEAD
-from tuner.missions.executors import Executor, local_executor
-=======
-from tuner.export.records import records_of
 from tuner.missions.pool import Executor, local_pool
->>>>>>> cut-c/cut-c
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 
 __all__ = ["evaluate", "reproduce", "tune"]

@@ -11,8 +11,7 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
-from nbv.evaluation.floor import rock_floors
-from nbv.evaluation.ground_truth import GroundTruthSamples, ground_truth
+from nbv.evaluation.ground_truth import GroundTruthSamples, ground_truth, rock_floors
 from nbv.evaluation.registration import (
     COARSE_REACHES_M,
     REACHES_M,

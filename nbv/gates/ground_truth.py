@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
+from nbv.evaluation.ground_truth import measured_faces
 from nbv.geometry.frames import directions_from
 from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.raycasting import RayCaster
@@ -62,8 +63,9 @@ class GroundTruthOracle:
 
     def __init__(self, vertices_m: Floats, faces: NDArray[np.integer], config: MissionConfig) -> None:
         self.config = config
+        measured = measured_faces(vertices_m, np.asarray(faces, dtype=np.int64), config.evaluation)
         self.samples_m, self.normals = sample_surface(
-            vertices_m, np.asarray(faces, dtype=np.int64), config.gate.oracle_samples, SAMPLE_SEED
+            vertices_m, measured, config.gate.oracle_samples, SAMPLE_SEED
         )
         self._starts_m = self.samples_m + SURFACE_OFFSET_M * self.normals
         self._caster = RayCaster(vertices_m, faces)

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.config.sections_planning import SharedTermsConfig
-from nbv.evaluation.ground_truth import observable_mask
+from nbv.evaluation.ground_truth import measured_faces, observable_mask
 from nbv.geometry.mesh import vertex_normals
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
@@ -145,7 +145,7 @@ WORLDS: Recent[GeometricWorld] = Recent(16)  # in this process's memory: a campa
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
     """The rock's world: from memory, from the store, or made."""
     scale = (config.target_m, _near_m(config))
-    key = (rock.sha256, config.camera, config.scene, *scale)
+    key = (rock.sha256, config.camera, config.scene, config.evaluation, *scale)
     return WORLDS.get(key, lambda: _stored_world(rock, config, store))
 
 
@@ -158,6 +158,7 @@ def _stored_world(rock: Rock, config: MissionConfig, store: Store | None) -> Geo
         _near_m(config),
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         camera_shell(config),
+        config.evaluation,
     ]
 
     @cache
@@ -188,7 +189,8 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
     """Landmarks and samples of one rock, and which samples can be observed."""
     shade = _Shading(rock, config, caster)
 
-    samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)
+    measured = measured_faces(rock.vertices_m, rock.faces, config.evaluation)
+    samples, sample_normals = sample_surface(rock.vertices_m, measured, SURFACE_SAMPLES, 0)
     observable = observable_mask(caster, samples, sample_normals, camera_shell(config))
 
     on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)

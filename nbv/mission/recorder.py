@@ -7,10 +7,11 @@ import time
 
 from nbv.config import MissionConfig
 from nbv.convert import json_ready
+from nbv.geometry.ply import write_ply
 from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
-from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file, write_ply
+from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file
 from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport

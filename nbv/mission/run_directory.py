@@ -31,11 +31,9 @@ from nbv.safe_files import (
     RESULT_BYTES,
     read_json,
     remove,
-    require_whole,
     to_yaml,
     write_atomic,
 )
-from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED, RESULT = "config.yaml", "located.yaml", "mission.json"
 PROGRESS, TRACE, WORKER_LOG = "progress.txt", "trace.jsonl", "worker.log"
@@ -114,34 +112,3 @@ def read_result(run: Path) -> dict[str, Any]:
     if not isinstance(tree, dict):
         raise UserError(f"{file} is not a mission result; restore it")
     return tree
-
-
-def write_ply(path: Path, cloud: Cloud) -> None:
-    """Binary PLY with float32 positions, and normals and 8-bit colours where there are any."""
-    import open3d as o3d  # noqa: PLC0415  seconds to load
-
-    def tensor(values: np.ndarray, dtype: type) -> o3d.core.Tensor:
-        return o3d.core.Tensor.from_numpy(np.array(values, dtype, order="C"))
-
-    table = o3d.t.geometry.PointCloud(tensor(cloud.points_m, np.float32))
-    if cloud.normals is not None:
-        table.point.normals = tensor(cloud.normals, np.float32)
-    if cloud.colors is not None:
-        table.point.colors = tensor(cloud.colors, np.uint8)
-    o3d.t.io.write_point_cloud(path, table)
-    require_whole(path)
-
-
-def read_ply(path: Path) -> PointCloud:
-    """Read a point cloud that ``write_ply`` wrote (or any PLY that Open3D reads)."""
-    import open3d as o3d  # noqa: PLC0415  seconds to load
-
-    if not path.is_file():
-        raise UserError(f"{path} does not exist")
-    cloud = o3d.io.read_point_cloud(path)
-    colors = np.asarray(cloud.colors)
-    return PointCloud(
-        np.asarray(cloud.points, dtype=float),
-        (colors * 255 + 0.5).astype(np.uint8) if len(colors) else None,
-        np.asarray(cloud.normals, dtype=float) if cloud.has_normals() else None,
-    )

@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 from nbv.cache import cached_json
 from nbv.evaluation import Evaluation
 from nbv.evaluation.registry import METRIC_REGISTRY
+from nbv.geometry.ply import write_ply
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.run_directory import CLEANED, CLEANING, RunDirectory, write_ply
+from nbv.mission.run_directory import CLEANED, CLEANING, RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.threads import limit_threads
 from nbv.types import Cloud

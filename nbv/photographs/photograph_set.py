@@ -27,9 +27,10 @@ from nbv.config import CameraConfig
 from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.geometry.frames import azimuths_elevations_deg, camera_centers_m
+from nbv.geometry.ply import read_ply, write_ply
 from nbv.rocks.catalogue import check_name
 from nbv.safe_files import RESULT_BYTES, parse_json, read_bytes, read_text, write_atomic
-from nbv.types import Bools, Floats
+from nbv.types import Bools, Floats, PointCloud
 
 FORMAT = 1
 SET_FILE, IMAGES, MASKS = "set.json", "images", "masks"
@@ -38,17 +39,8 @@ REFERENCE_FILE, SURFACE_FILE = "reference.ply", "surface.npz"
 THRESHOLD_FRACTIONS = (0.01, 0.02, 0.03, 0.04, 0.05)  # of the object's height
 MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
 MAX_IMAGE_BYTES = 64 * 2**20
-MAX_REFERENCE_BYTES = 2**30
 MAX_PHOTOGRAPHS = 5000
 WIDE_GAP_DEG = 30.0  # between neighbours in azimuth: a step that SIFT rarely bridges
-_RECORD = np.dtype(
-    [
-        *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
-        *((name, "u1") for name in ("red", "green", "blue")),
-        ("error", "<f4"),
-    ]
-)
-_PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 ScaleSource = Literal["length", "control points", "gps", "none"]
 
 
@@ -92,30 +84,15 @@ class Reference:
 
     def write(self, path: Path) -> None:
         """Write a binary PLY, which viewers open."""
-        columns = np.column_stack([self.points_m, self.normals, self.colors, self.error_m])
-        write_atomic(path, _ply_header(len(self)) + np.rec.fromarrays(list(columns.T), _RECORD).tobytes())
+        write_ply(path, PointCloud(self.points_m, self.colors, self.normals), error=self.error_m)
 
     @staticmethod
     def read(path: Path) -> Reference:
         """A reference as `write` writes it; `UserError` for any other file."""
-        data = read_bytes(path, MAX_REFERENCE_BYTES)
-        start = data.find(b"end_header\n") + len(b"end_header\n")
-        count = (len(data) - start) // _RECORD.itemsize
-        if not count or data[:start] != _ply_header(count) or (len(data) - start) % _RECORD.itemsize:
+        cloud, more = read_ply(path)
+        if cloud.normals is None or cloud.colors is None or "error" not in more or not len(cloud.points_m):
             raise UserError(f"{path} is damaged; import the photographs again with --force")
-        records = np.frombuffer(data, _RECORD, offset=start)
-        columns = np.column_stack([records[name] for name in _RECORD.names or ()]).astype(float)
-        if not np.isfinite(columns).all():
-            raise UserError(
-                f"{path} holds numbers that are not finite; import the photographs again with --force"
-            )
-        return Reference(columns[:, :3], columns[:, 3:6], columns[:, 6:9].astype(np.uint8), columns[:, 9])
-
-
-def _ply_header(count: int) -> bytes:
-    names = _RECORD.names or ()
-    properties = "".join(f"property {_PLY_TYPES[_RECORD[name].str]} {name}\n" for name in names)
-    return f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n".encode()
+        return Reference(cloud.points_m, cloud.normals, np.asarray(cloud.colors), more["error"])
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
-"""Any mesh that trimesh reads, made into a rock: one object, upright, 1.6 m tall, resting on the ground."""
+"""A mesh file made into a rock: one object, upright, 1.6 m tall, resting on the ground."""
 
 from __future__ import annotations
 
-import contextlib
 import re
 import zlib
 from dataclasses import replace
@@ -12,14 +11,11 @@ from typing import Any
 import lazy_loader
 import numpy as np
 
-from nbv.cache import Store, cache_key, digest
+from nbv.cache import Arrays, Store, cached, digest
 from nbv.errors import UserError
 from nbv.geometry import mesh as meshes
-from nbv.geometry.frames import Similarity
 from nbv.rocks.albedo import procedural_albedo
-from nbv.rocks.bodies import kept_bodies
-from nbv.rocks.errors import UnusableMesh
-from nbv.rocks.mesh_file import GLTF, MAX_FILE_BYTES, FileMesh, read_mesh_file, read_side_file
+from nbv.rocks.mesh_file import GLTF, MAX_FILE_BYTES, FileMesh, UnusableMesh, read_mesh_file, side_files
 from nbv.rocks.rock import (
     DEFAULT_HEIGHT_M,
     SPLITS,
@@ -31,14 +27,15 @@ from nbv.rocks.rock import (
     rock_of,
 )
 from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
-from nbv.safe_files import expanded, read_bytes
-from nbv.types import Floats
+from nbv.safe_files import expanded, is_file, read_bytes
+from nbv.types import Floats, Ints
 
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
 SURELY = 1.2  # so many times the limit foretold, and subdivision passes it
 MAX_REACH_M = 3.0  # viewpoints are 3.5 m from the target
+MAX_LISTED = 8  # bodies, by size
 MAX_STEP, FAR = 0.002, 100.0  # of coordinates, and how far they are, in sizes of the body
 ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say nothing
 
@@ -59,16 +56,14 @@ def import_mesh(
     height_m: float = DEFAULT_HEIGHT_M,
     split: Split = "train",
     up: str = "auto",
-    side_files: list[str] | None = None,
-    keep: str = "auto",
+    body: int | None = None,
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, glTF, PLY, STL or OFF).
 
     It is subdivided until no edge is longer than 9 mm, so that vertices can carry the texture. The albedo is the mesh's own
-    texture or colours, else procedural. The rock's notes say all that was done. ``up`` is the file's upward axis: ``auto`` takes y
-    for glTF, as its standard says, and z for everything else. Of several bodies ``keep`` takes ``all``, the ``largest``, a number
-    of them, or with ``auto`` those that are the object: not specks, what lies far away or inside it, nor the ground, a plinth or a
-    wall. ``side_files`` gets the names of the files that the mesh file names.
+    texture or colours, else procedural. The rock's notes say all that was done, and list the bodies of the file: all together are the
+    target, or with ``body`` one of them, 1 the one of most surface. ``up`` is the file's upward axis: ``auto`` takes y for glTF, as its
+    standard says, and z for everything else.
 
     `UserError` where the file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
@@ -79,12 +74,21 @@ def import_mesh(
         raise UserError(f"split is {split!r}; allowed: {', '.join(SPLITS)}")
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
-    if keep not in ("auto", "all", "largest") and not (keep.isdecimal() and 1 <= int(keep) <= 10**6):
-        raise UserError(
-            f"keep is {keep!r}; allowed: auto, all, largest, or a number of bodies, the largest first"
-        )
+    if body is not None and body < 1:
+        raise UserError(f"body is {body}; the largest is 1")
+    if not path.is_file():
+        raise UserError(f"there is no mesh file {str(path)!r}; check the path")
     notes: list[str] = []
-    mesh, _ = _placed(path, height_m, up, keep, notes, [] if side_files is None else side_files)
+    axis = up if up != "auto" else "y" if path.suffix.lower() in GLTF else "z"
+    try:
+        mesh = _clean(read_mesh_file(path, notes), body, notes)
+        if axis != "z":
+            notes.append(
+                f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else "")
+            )
+        mesh = _upright(mesh, _UP[axis], height_m, notes)
+    except UnusableMesh as error:
+        raise UserError(f"mesh file {str(path)!r} {error}") from error
     area_m2 = float(meshes.face_areas(mesh.values[:, :3], mesh.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
     max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
@@ -112,8 +116,10 @@ def import_mesh(
         sums = np.stack([np.bincount(welded, weights=colors[:, c]) for c in range(3)], axis=1)
         albedo = (sums / np.bincount(welded)[:, None]).astype(np.float32)
     else:
-        reason = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
-        if any(note.startswith("not read") for note in notes):
+        reason = "the mesh has no texture, and one colour or none"
+        if path.suffix.lower() == ".off":
+            reason = "colours of OFF are not read"
+        elif any(note.startswith("not read") for note in notes):
             reason = "the mesh's own was not read"
         notes.append(f"albedo: procedural, since {reason}")
         coarse = np.unique(mesh.values[:, :3], axis=0)
@@ -141,49 +147,16 @@ def stored_import(path: Path, store: Store | None) -> Rock:
     """`import_mesh` with its defaults, from ``store`` where the mesh file and those that it names are as they were then."""
     if store is None or path.stat().st_size > MAX_FILE_BYTES:
         return import_mesh(path)
-    key = cache_key(__name__, path.name, digest(read_bytes(path, MAX_FILE_BYTES)))
-    entry = store.get("rocks", key)
-    if entry is None or _digests(path.parent, entry["beside"].tolist()) != entry["digests"].tolist():
-        side_files: list[str] = []
-        entry = rock_arrays(import_mesh(path, side_files=side_files))
-        beside = list(dict.fromkeys(side_files))
-        parts = {"beside": beside, "digests": _digests(path.parent, beside)}
-        entry |= {name: np.array(part, dtype=np.str_) for name, part in parts.items()}
-        store.put("rocks", key, entry)
-    return rock_of(entry)
+    files = [path, *(path.parent / name for name in side_files(path))]
+    digests = [digest(read_bytes(file, MAX_FILE_BYTES)) if is_file(file) else "" for file in files]
+
+    def make() -> Arrays:
+        return rock_arrays(import_mesh(path))
+
+    return rock_of(cached(store, "rocks", make, code=__name__, inputs=[path.name, *digests]))
 
 
-def _digests(folder: Path, names: list[str]) -> list[str]:
-    """What the files beside a mesh hold; "" where one cannot be read."""
-    digests = []
-    for name in names:
-        digests.append("")
-        with contextlib.suppress(UserError):
-            digests[-1] = digest(read_side_file(folder.resolve(), name))
-    return digests
-
-
-def _placed(
-    path: Path, height_m: float, up: str, keep: str, notes: list[str], side_files: list[str]
-) -> tuple[FileMesh, Similarity]:
-    """The file's object upright on the ground, and how it got there."""
-    if not path.is_file():
-        raise UserError(f"there is no mesh file {str(path)!r}; check the path")
-    axis = up
-    if up == "auto":
-        axis = "y" if path.suffix.lower() in GLTF else "z"
-    try:
-        mesh = _clean(read_mesh_file(path, notes, side_files), _UP[axis], keep, notes)
-        if axis != "z":
-            notes.append(
-                f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else "")
-            )
-        return _upright(mesh, _UP[axis], height_m, notes)
-    except UnusableMesh as error:
-        raise UserError(f"mesh file {str(path)!r} {error}") from error
-
-
-def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) -> tuple[FileMesh, Similarity]:
+def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) -> FileMesh:
     turned = mesh.values[:, :3] @ turn.T
     extents = np.ptp(turned, axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(turned.T)), 0))
@@ -194,18 +167,18 @@ def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) ->
     reach_m = float(np.linalg.norm(placed - (0, 0, height_m / 2), axis=1).max())
     if reach_m > MAX_REACH_M:
         raise UnusableMesh(
-            f"reaches {reach_m:.1f} m from its centre when {height_m:g} m tall, into the viewpoints 3.5 m away; choose "
-            "another up axis or a smaller height, or cut off what is no part of the object"
+            f"reaches {reach_m:.1f} m from its centre when {height_m:g} m tall, into the viewpoints 3.5 m away; choose another "
+            "up axis or a smaller height, or cut off what is no part of the object"
+            + "".join(f"; it has {note}" for note in notes if " bodies, " in note)
         )
     sideways_m = float(np.abs(placed[:, :2]).max())
     if sideways_m > 1.5:
         notes.append(f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
-    frame = Similarity(scale, turn, placed[0] - scale * turned[0])
-    return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]])), frame
+    return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]]))
 
 
-def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMesh:
-    """Put duplicate vertices in one place, drop collapsed and repeated faces and what is not kept, turn bodies outward."""
+def _clean(mesh: FileMesh, number: int | None, notes: list[str]) -> FileMesh:
+    """Put duplicate vertices in one place, drop collapsed and repeated faces and the other bodies, turn bodies outward."""
     values, faces = mesh.values, mesh.faces
     low, size = values[:, :3].min(axis=0), float(np.ptp(values[:, :3], axis=0).max())
     if size <= 0:
@@ -213,8 +186,6 @@ def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMes
     keys = np.round((values[:, :3] - low) / (1e-6 * size)).astype(np.int64)
     _, first, merged = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     merged = merged.reshape(-1)
-    if len(first) < len(values):
-        notes.append(f"merged {len(values) - len(first)} vertices with others at the same place")
     body = trimesh.Trimesh(values[first, :3], merged[faces], process=False)
     values[:, :3] = body.vertices[merged]
     good = body.unique_faces() & (body.faces != np.roll(body.faces, 1, axis=1)).all(axis=1)
@@ -222,10 +193,13 @@ def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMes
         notes.append(f"dropped {int((~good).sum())} collapsed or repeated faces")
     if body.area_faces[good].sum() <= 1e-12 * size * size:
         raise UnusableMesh("has no surface: all its faces have zero area")
-    labels = meshes.body_labels(body.faces[good])
-    kept = kept_bodies(body.vertices @ turn.T, body.faces[good], labels, keep, notes)[labels]
-    good[np.flatnonzero(good)[~kept]] = False
-    labels = np.unique(labels[kept], return_inverse=True)[1]
+    labels = _bodies(body.vertices, body.faces[good], notes)
+    if number is not None:
+        if number > labels.max() + 1:
+            raise UnusableMesh(f"has no body {number}; it has {labels.max() + 1}")
+        notes.append(f"took body {number}")
+        good[np.flatnonzero(good)[labels != number - 1]] = False
+        labels = np.zeros(int(good.sum()), dtype=np.int64)
     body.update_faces(good)
     body.remove_unreferenced_vertices()
     _check_step(mesh.step, body.vertices, notes)
@@ -250,14 +224,33 @@ def _clean(mesh: FileMesh, turn: Floats, keep: str, notes: list[str]) -> FileMes
     return replace(mesh, values=values, faces=faces)
 
 
+def _bodies(vertices: Floats, faces: Ints, notes: list[str]) -> Ints:
+    """(F,) the body of each face, 0 the one of most surface; ``notes`` lists them where there are several."""
+    labels = meshes.body_labels(faces)
+    areas = np.bincount(labels, weights=meshes.face_areas(vertices, faces))
+    order = np.argsort(-areas, kind="stable")
+    labels = np.argsort(order)[labels]
+    if len(order) > 1:
+        listed = []
+        for k in range(min(len(order), MAX_LISTED)):
+            size = " x ".join(f"{x:.3g}" for x in np.ptp(vertices[faces[labels == k]].reshape(-1, 3), axis=0))
+            listed.append(f"{k + 1}: {size}, {100 * areas[order[k]] / areas.sum():.1f} %")
+        more = f"; and {len(order) - MAX_LISTED} smaller ones" if len(order) > MAX_LISTED else ""
+        notes.append(
+            f"{len(order)} bodies, together the target (--body N takes one), with size in the file's unit and share of the "
+            f"surface: {'; '.join(listed)}{more}"
+        )
+    return labels
+
+
 def _check_step(step: float, vertices: Floats, notes: list[str]) -> None:
     """Tell of coordinates that were rounded; raise where it matters and is because they are far from the origin."""
     size = float(np.ptp(vertices, axis=0).max())
     steps = f"coordinates in steps of {step:.3g}, {100 * step / size:.2g} % of its size"
     if step > MAX_STEP * size and np.abs(vertices).max() > FAR * size:
         raise UnusableMesh(
-            f"has {steps}: they were rounded so far from the origin, as single precision does it; subtract an offset "
-            "before you export, or export in double precision"
+            f"has {steps}: they were rounded so far from the origin, as single precision does it (OBJ is read in it); "
+            "subtract an offset before you export, or export PLY in double precision"
         )
     if step > 0.05 * MAX_STEP * size:
         notes.append(f"has {steps}")

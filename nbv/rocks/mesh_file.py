@@ -1,4 +1,8 @@
-"""A mesh file, read: its triangles in one list, with the colours that they carry."""
+"""A mesh file, read: its triangles in one list, with the colours that they carry.
+
+Open3D's assimp reads what has materials, OBJ and glTF, and splits polygons of any shape. trimesh reads what has none, PLY, STL and OFF:
+Open3D's own readers of these end the process where a polygon names a vertex beyond the end.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +16,38 @@ from urllib.parse import unquote
 
 import lazy_loader
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
-from nbv.errors import UserError
 from nbv.geometry.mesh import drop_unused_vertices
-from nbv.rocks.errors import UnusableMesh
-from nbv.rocks.gltf import checked_gltf
 from nbv.rocks.texture import Linear, linear_from_srgb, linear_image
-from nbv.safe_files import read_bytes, require
+from nbv.safe_files import MIB, is_file, parse_json, read_bytes, require
 from nbv.types import Floats, Ints
 
 MAX_COORDINATE = 1e9  # a map's in millimetres are below
 MAX_FACES = 5_000_000
 MAX_FILE_BYTES = 2 * 1024**3
-MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
-MAX_MATERIALS = 1_000
-MAX_TOLD = 3  # files that are not read, by name
+MAX_TOLD = 3  # files that are missing, by name
+MAX_HEADER_BYTES, MAX_VALUES = 64 * MIB, 5_000_000  # of glTF
 GLTF = (".glb", ".gltf")
 trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands read no mesh
-_READ = (*GLTF, ".obj", ".ply", ".stl", ".off")
-_PACKED = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
+_WITH_MATERIALS, _WITHOUT = (*GLTF, ".obj"), (".ply", ".stl", ".off")
+_PACKED = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z", ".zip")
+_FLOAT, _REPEAT, _MOVED = 5126, 10497, "KHR_texture_transform"  # of glTF
+_PLAINLY, _UNPACK = (
+    "export it plainly, as from Blender",
+    "unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb",
+)
+# What changes shape or colours wherever a file uses it, and what helps.
+_UNREAD = {
+    "KHR_draco_mesh_compression": _UNPACK,
+    "EXT_meshopt_compression": _UNPACK,
+    "KHR_materials_pbrSpecularGlossiness": "convert it: npx @gltf-transform/cli metalrough IN.glb OUT.glb",
+}
+_READ = {_MOVED, "KHR_mesh_quantization", "EXT_texture_webp", "KHR_texture_basisu"}  # or seen from the result
+
+
+class UnusableMesh(Exception):
+    """Why a mesh file is no rock: what reads on after "mesh file NAME"."""
 
 
 @dataclass(frozen=True)
@@ -44,69 +60,43 @@ class FileMesh:
     step: float  # the coarsest, between neighbouring values of a coordinate, in the file's unit; 0 where there is none
 
 
-def read_mesh_file(path: Path, notes: list[str], side_files: list[str]) -> FileMesh:
-    """All triangles of the file's scene; ``notes`` gets what is out of the ordinary, and what was not read.
+def read_mesh_file(path: Path, notes: list[str]) -> FileMesh:
+    """All triangles of the file; ``notes`` gets what is out of the ordinary, and what was not read.
 
-    ``side_files`` gets the names of the files beside it that it names (materials, textures, buffers), also of missing ones.
-
-    `UnusableMesh` where the file is unreadable, empty, without faces, not finite or far too large; `UserError` for an archive or a
-    texture that is far too large.
+    `UnusableMesh` where the file is unreadable, empty, without faces, not finite, far too large, or has what is not read here;
+    `UserError` for a texture that is far too large.
     """
-    size = path.stat().st_size
+    size, kind = path.stat().st_size, path.suffix.lower()
     if size == 0:
         raise UnusableMesh("is empty")
     if size > MAX_FILE_BYTES:
         raise UnusableMesh(f"has {size / 1e9:.1f} GB; decimate it first")
-    if path.suffix.lower() not in (*_READ, *_PACKED, ".zip"):
+    if kind not in (*_WITH_MATERIALS, *_WITHOUT, *_PACKED):
         raise UnusableMesh("is not of a format that is read; export the mesh as GLB, OBJ, PLY, STL or OFF")
-    if path.suffix.lower() in _PACKED or zipfile.is_zipfile(path):
+    if kind in _PACKED or zipfile.is_zipfile(path):
         raise UnusableMesh("is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL")
-    scene, colors = _load(path, notes, side_files)
-    placed = [
-        (scene.geometry[name], transform)
-        for transform, name in map(scene.graph.get, scene.graph.nodes_geometry)
-    ]
-    parts = [(part, at) for part, at in placed if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    if not parts:
-        raise UnusableMesh("holds no faces in its scene; export a triangle mesh, not points or lines")
-    if left_out := len(scene.geometry) - len({id(part) for part, _ in placed}):
-        notes.append(f"{left_out} meshes are not read, which have no place in the file's scene")
-    count = sum(len(part.faces) for part, _ in parts)
-    if count > MAX_FACES:
+    values, faces, textures = (_with_materials if kind in _WITH_MATERIALS else _without)(path, kind, notes)
+    if not len(faces):
         raise UnusableMesh(
-            f"has {count / 1e6:.1f} million faces; decimate it to {MAX_FACES / 1e6:g} million or fewer"
+            "holds no faces that can be read: none at all, or some name vertices that it does not hold; export a mesh again, not "
+            "points or lines, as from Blender or MeshLab"
         )
-    values, faces = [], []
-    offset, step = 0, 0.0
-    for part, transform in parts:
-        corners, points = np.asarray(part.faces, dtype=np.int64), np.asarray(part.vertices, dtype=float)
-        if points.ndim != 2 or points.shape[1] != 3 or corners.min() < 0 or corners.max() >= len(points):
-            raise UnusableMesh("has faces that name vertices it does not hold; export it again")
-        if part.visual.kind == "face":
-            part.unmerge_vertices()
-            corners, points = part.faces, np.asarray(part.vertices, dtype=float)
-        determinant = float(np.linalg.det(transform[:3, :3]))
-        step = max(step, coarsest_step(points) * abs(determinant) ** (1 / 3))
-        points = points @ transform[:3, :3].T + transform[:3, 3]
-        if determinant < 0:  # a mirroring node turns faces inside out
-            corners = corners[:, ::-1]
-        values.append(np.hstack([points, colors.of_vertices(part)]))
-        faces.append(corners + offset)
-        offset += len(points)
-    if len(parts) > 1:
-        notes.append(f"joined {len(parts)} meshes of the file's scene")
-    whole = drop_unused_vertices(np.concatenate(values), np.concatenate(faces))
-    mesh = FileMesh(*whole, colors.textures, step)
-    bad = ~np.isfinite(mesh.values[:, :3]).all(axis=1)
+    if len(faces) > MAX_FACES:
+        raise UnusableMesh(
+            f"has {len(faces) / 1e6:.1f} million faces; decimate it to {MAX_FACES / 1e6:g} million or fewer"
+        )
+    if faces.min() < 0 or faces.max() >= len(values):
+        raise UnusableMesh("has faces that name vertices it does not hold; export it again")
+    values, faces = drop_unused_vertices(values, faces)
+    bad = ~np.isfinite(values[:, :3]).all(axis=1)
     if bad.any():
         raise UnusableMesh(f"has {bad.sum()} vertices that are not finite numbers; repair or re-export it")
-    reach = float(np.abs(mesh.values[:, :3]).max())
+    reach = float(np.abs(values[:, :3]).max())
     if reach > MAX_COORDINATE:
         raise UnusableMesh(
             f"has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
         )
-    notes[:] = dict.fromkeys(notes)
-    return mesh
+    return FileMesh(values, faces, textures, coarsest_step(values[:, :3]))
 
 
 def coarsest_step(points: Floats) -> float:
@@ -115,10 +105,10 @@ def coarsest_step(points: Floats) -> float:
     A grid counts only with 100 vertices or more, and four times as many as it has values. 0 where there is neither.
     """
     steps = [0.0]
-    for column in points.T[:, (np.abs(points) <= MAX_COORDINATE).all(axis=1)]:
+    for column in points.T:
         values = np.unique(column)
         gaps = np.diff(values)
-        if len(values) and (values.astype(np.float32) == values).all():
+        if (values.astype(np.float32) == values).all():
             steps.append(float(np.spacing(np.float32(np.abs(values).max()))))
         if len(points) >= max(100, 4 * len(values)) and len(gaps) > 1:
             counts = gaps / gaps.min()
@@ -127,171 +117,195 @@ def coarsest_step(points: Floats) -> float:
     return max(steps)
 
 
-def _load(path: Path, notes: list[str], side_files: list[str]) -> tuple[Any, _Colors]:
-    """The file's scene as trimesh reads it, and what reads the colours of its parts."""
-    kind, content = path.suffix.lower(), path.read_bytes()
-    files = _SideFiles(path.parent, side_files, pictures=kind not in GLTF)
-    unread, textures, repeats = "", 0, True
-    if kind in GLTF:
-        content, unread, textures, repeats = checked_gltf(content, str(path), notes, files.get)
-    elif kind == ".obj":
-        content = _readable_obj(content, notes)
-    elif kind == ".ply":
-        unread = _unread_in_ply(content)
+def side_files(path: Path) -> list[str]:
+    """The files that a mesh file names: materials and textures of OBJ, buffers and textures of glTF."""
+    kind = path.suffix.lower()
+    if kind == ".gltf":
+        names = re.findall(rb'"uri"\s*:\s*"(?!data:)([^"]+)"', read_bytes(path, MAX_FILE_BYTES))
+        return [unquote(name.decode(errors="replace")) for name in names]
+    libraries = _words_after(rb"mtllib", path) if kind == ".obj" else []
+    return libraries + [name for library in libraries for name in _textures_of(path.parent / library)]
+
+
+def _textures_of(library: Path) -> list[str]:
+    """The textures that an MTL file names, with their options."""
+    return _words_after(rb"map_K[ades]", library) if is_file(library) else []
+
+
+def _words_after(keyword: bytes, path: Path) -> list[str]:
+    lines = re.findall(rb"^[ \t]*" + keyword + rb"[ \t]+(.*\S)", read_bytes(path, MAX_FILE_BYTES), re.M)
+    return [line.decode(errors="replace").replace("\\", "/") for line in lines]
+
+
+def _with_materials(path: Path, kind: str, notes: list[str]) -> tuple[Floats, Ints, list[Linear]]:
+    """Values (V, 9), faces and textures of an OBJ or glTF file."""
+    import open3d as o3d  # noqa: PLC0415  seconds to load
+
+    named, repeats = _check_obj(path) if kind == ".obj" else _check_gltf(path, notes)
+    with o3d.utility.VerbosityContextManager(
+        o3d.utility.VerbosityLevel.Error
+    ):  # its warnings would be a second message
+        model = o3d.io.read_triangle_model(str(path))
+    missing = [name for name in dict.fromkeys(side_files(path)) if not is_file(path.parent / name)]
+    notes += [f"not read: {name!r}, which is not beside the mesh" for name in missing[:MAX_TOLD]]
+    if missing and not model.meshes:
+        raise UnusableMesh(f"needs {missing[0]!r}, which is not beside it; put it there")
+    textures: list[Linear] = []
+    texture_of = [_texture(material, textures, notes) for material in model.materials]
+    values, faces, used, offset = [np.zeros((0, 9))], [np.zeros((0, 3), dtype=np.int64)], set(), 0
+    for part in model.meshes:
+        mesh, base = part.mesh, np.asarray(model.materials[part.material_idx].base_color[:3])
+        points, corners = np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=np.int64)
+        texture, uv = texture_of[part.material_idx], np.zeros((len(points), 2))
+        if mesh.has_triangle_uvs():
+            uv[corners.reshape(-1)] = np.asarray(mesh.triangle_uvs)
+        else:
+            texture = -1
+        if texture >= 0 and not repeats and np.abs(uv - 0.5).max(initial=0) > 0.51:
+            raise UnusableMesh(
+                "has a texture that is clamped or mirrored; export it with coordinates from 0 to 1"
+            )
+        colors = np.tile(base, (len(points), 1))
+        if mesh.has_vertex_colors():
+            own = np.asarray(mesh.vertex_colors)
+            colors = own * base if kind in GLTF else own
+        if colors.max(initial=0) > 1.001:
+            raise UnusableMesh("has colours of vertices beyond 1; export them from 0 to 1")
+        if kind == ".obj":
+            colors = np.ones_like(colors) if texture >= 0 else linear_from_srgb(colors)
+        values.append(np.column_stack([points, colors, uv, np.full(len(points), texture)]))
+        faces.append(corners + offset)
+        used.add(texture)
+        offset += len(points)
+    if len(used - {-1}) < named and not missing:
+        notes.append(
+            "not read: a texture, which no face uses, or of a format that is not read; PNG and JPEG are"
+        )
+    return np.concatenate(values), np.concatenate(faces), textures
+
+
+def _texture(material: Any, textures: list[Linear], notes: list[str]) -> int:
+    """Index of the material's texture among ``textures``, to which it is added; -1 where it has none."""
+    if material.albedo_img is None:
+        return -1
+    try:
+        textures.append(linear_image(Image.fromarray(np.asarray(material.albedo_img).squeeze())))
+    except (TypeError, ValueError):
+        notes.append("not read: a texture that has not 8 bits a channel")
+        return -1
+    return len(textures) - 1
+
+
+def _check_obj(path: Path) -> tuple[int, bool]:
+    """Whether the file names a texture (1 or 0), and that textures repeat; `UnusableMesh` for what assimp would misread."""
+    content = read_bytes(path, MAX_FILE_BYTES)
+    if re.search(rb"[\r\n][ \t]+[vf][ \t]", content):
+        raise UnusableMesh("has indented lines, which are not read; export it again, or take the spaces away")
+    if re.search(rb"^f.*[ \t]0+(?:[ \t\r/]|$)", content, re.M):
+        raise UnusableMesh("counts vertices from 0, where OBJ begins with 1; export it again")
+    textures = [
+        name for library in _words_after(rb"mtllib", path) for name in _textures_of(path.parent / library)
+    ]
+    for name in textures:
+        if name.startswith("-"):
+            raise UnusableMesh(
+                f"has a texture with options ({name[:40]}), which are not read; take them out of the MTL file"
+            )
+    return min(len(textures), 1), True
+
+
+def _check_gltf(path: Path, notes: list[str]) -> tuple[int, bool]:
+    """How many materials have a texture, and whether all textures repeat; `UnusableMesh` for what assimp would misread."""
+    content = read_bytes(path, MAX_FILE_BYTES)
+    start, end = 0, len(content)
+    if content[:4] == b"glTF":
+        start, end = 20, 20 + int.from_bytes(content[12:16], "little")
+    require(end - start, MAX_HEADER_BYTES, f"the size of the header of {path} in bytes")
+    try:
+        header = parse_json(content[start:end].decode("utf-8-sig"), str(path), MAX_VALUES)
+        if not header.get("scenes"):
+            raise UnusableMesh("has no scene, so that nothing in it is shown; export it again")
+        needed = set(header.get("extensionsRequired", ()))
+        others = needed.union(header.get("extensionsUsed", ())) - _READ
+        others = {name for name in others if "materials" not in name or name in _UNREAD}
+        for name in sorted(others & (needed | set(_UNREAD))):
+            raise UnusableMesh(
+                f"needs the glTF extension {name}, which is not read; {_UNREAD.get(name, _PLAINLY)}"
+            )
+        if others:
+            notes.append(f"glTF extensions that are not read: {', '.join(sorted(others))}")
+        primitives = [p for mesh in header.get("meshes", ()) for p in mesh["primitives"]]
+        for attributes in (p["attributes"] for p in primitives):
+            for name in {"POSITION", "TEXCOORD_0"} & set(attributes):
+                if header["accessors"][attributes[name]]["componentType"] != _FLOAT:
+                    raise UnusableMesh(f"holds {name} in whole numbers, which are not read; {_UNPACK}")
+        if header.get("skins") or any(p.get("targets") for p in primitives):
+            notes.append("skins and morph targets are not read: the mesh is as it is stored")
+        used = {p["material"] for p in primitives if "material" in p}
+        bases = [header["materials"][m].get("pbrMetallicRoughness", {}).get("baseColorTexture") for m in used]
+        textures = [texture for texture in bases if texture is not None]
+        for texture in textures:
+            moved = texture.get("extensions", {}).get(_MOVED, {})
+            if texture.get("texCoord") or any(
+                moved.get(key, plain) != plain
+                for key, plain in (("offset", [0, 0]), ("scale", [1, 1]), ("rotation", 0), ("texCoord", 0))
+            ):
+                raise UnusableMesh(
+                    f"moves its texture, or has a second set of coordinates for it, which is not read; {_PLAINLY}"
+                )
+        wraps = {s.get(key, _REPEAT) for s in header.get("samplers", ()) for key in ("wrapS", "wrapT")}
+        return len(textures), wraps <= {_REPEAT}
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
+        raise UnusableMesh("is no valid glTF 2.0; export it again") from error
+
+
+def _without(path: Path, kind: str, notes: list[str]) -> tuple[Floats, Ints, list[Linear]]:
+    """Values (V, 9), faces and no textures of a PLY, STL or OFF file."""
+    content = read_bytes(path, MAX_FILE_BYTES)
     try:
         # In PLY files `fix_texture` would part vertices from their colours.
         options = {"fix_texture": False, "skip_materials": True} if kind == ".ply" else {}
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=kind[1:], process=False, resolver=files, **options
-        )
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind[1:], process=False, **options)
     except Exception as error:  # loaders raise whatever their parsers do
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise UnusableMesh(f"cannot be read: {reason}") from error
-    parts = [part for part in scene.geometry.values() if isinstance(part, trimesh.Trimesh)]
-    plain = [part for part in parts if _picture(part) is None]
-    if len(parts) - len(plain) < textures and not unread:
-        unread = "a texture is missing, or of a format that is not read"
-    if (
-        kind == ".obj"
-        and b"mtllib" in content
-        and not files.missing
-        and any(_plain_colors(part) is None for part in plain)
-    ):
-        files.missing.append("materials: faces name none (usemtl), or one that the MTL file does not have")
-    notes += [f"not read: {name}" for name in files.missing[:MAX_TOLD]]
-    return scene, _Colors(notes, unread, linear=kind in GLTF, repeats=repeats)
+        if re.search(rb"\s-?\d+,\d+\s", content[:100_000]):
+            raise UnusableMesh("has decimal commas; export it with decimal points") from error
+        raise UnusableMesh(
+            "cannot be read: it is damaged or cut off, or has faces of more than three corners; export triangles, as from "
+            "Blender or MeshLab"
+        ) from error
+    points, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    elements = mesh.metadata.get("_ply_raw", {})
+    told = re.match(rb"\s*[A-Z]*OFF\s+(?:#.*\s+)*\d+\s+(\d+)", content) if kind == ".off" else None
+    count = int(told[1]) if told else elements.get("face", {}).get("length", len(faces))
+    if len(faces) and count != len(faces):
+        raise UnusableMesh(
+            "has faces of more than three corners, which are read in OBJ files only; export triangles"
+        )
+    colors = np.full((len(points), 3), np.nan)
+    if re.search(rb"^comment[ \t]+TextureFile", content[: content.find(b"end_header")], re.M | re.I):
+        notes.append("not read: a texture of a PLY file; export it as GLB or OBJ")
+    elif (own := _ply_colors(elements.get("vertex", {}), notes)) is not None:
+        colors = own
+    elif len(faces) and (own := _ply_colors(elements.get("face", {}), notes)) is not None:
+        colors, points, faces = (
+            np.repeat(own, 3, axis=0),
+            points[faces].reshape(-1, 3),
+            np.arange(faces.size).reshape(-1, 3),
+        )
+    return np.column_stack([points, colors, np.zeros((len(points), 2)), np.full(len(points), -1)]), faces, []
 
 
-def _readable_obj(content: bytes, notes: list[str]) -> bytes:
-    """An OBJ file without what trimesh misreads: tabs about materials, and colours of vertices beyond 1."""
-    content = re.sub(rb"^[ \t]*usemtl[ \t]+", b"usemtl ", content, flags=re.M)
-    named = len(set(re.findall(rb"^usemtl.*$", content, re.M)))
-    require(named, MAX_MATERIALS, "the number of materials that the OBJ file's faces name")
-    if re.search(rb"^v([ \t]+\S+){3}.*[ \t]([2-9]|\d\d+)(\.\d*)?(?=\s)", content, re.M):
-        notes.append("not read: colours of vertices, which go beyond 1; export them from 0 to 1")
-        content = re.sub(rb"^(v(?:[ \t]+\S+){3}).*$", rb"\1", content, flags=re.M)
-    return content
-
-
-def _unread_in_ply(content: bytes) -> str:
-    """Why trimesh does not read a PLY file's colours as they are meant; "" where it does."""
-    header = content[: content.find(b"end_header")]
-    if re.search(rb"^comment[ \t]+TextureFile", header, re.M | re.I):
-        return "a texture of a PLY file: export it as GLB or OBJ"
-    for kind, name in re.findall(rb"^property[ \t]+(\S+)[ \t]+((?:diffuse_)?red)[ \t\r]*$", header, re.M):
-        if kind not in (b"uchar", b"uint8") or name != b"red":
-            return f"{kind.decode()} {name.decode()}: save them as uchar red, green and blue"
-    return ""
-
-
-class _SideFiles:
-    """Where trimesh finds what the mesh names: regular files of a size, in the mesh's folder or below."""
-
-    def __init__(self, folder: Path, side_files: list[str], *, pictures: bool) -> None:
-        self.folder, self._side_files = folder.resolve(), side_files
-        self.missing: list[str] = []  # what could not be read, and why
-        self._pictures = pictures  # whether what is no MTL file must be a picture
-
-    def get(self, name: str) -> bytes:
-        """The content of a file; raises where there is none that may be read, or no picture."""
-        self._side_files.append(name)
-        try:
-            content = read_side_file(self.folder, name)
-            if name.lower().endswith(".mtl"):
-                others = sorted({word.decode() for word in re.findall(rb"^\s*(map_K[aes])\s", content, re.M)})
-                if others and b"map_Kd" not in content:
-                    self.missing.append(f"{name!r} (its textures are {', '.join(others)}; call them map_Kd)")
-                require(content.count(b"newmtl"), MAX_MATERIALS, f"the number of materials in {name}")
-            elif self._pictures:
-                Image.open(io.BytesIO(content))
-        except Exception as error:  # what Pillow raises depends on the file
-            reason = "no picture" if isinstance(error, UnidentifiedImageError) else str(error)[:100]
-            self.missing.append(f"{name!r} ({reason})")
-            raise
-        return content
-
-    __getitem__ = get
-
-
-def read_side_file(folder: Path, name: str) -> bytes:
-    """What the mesh file calls ``name``; `UserError` unless it is a regular file of a size in its folder or below."""
-    path = folder / unquote(name.strip()).replace("\\", "/")
-    if not path.resolve().is_relative_to(folder):
-        raise UserError(f"{name} is not in the mesh's folder")
-    return read_bytes(path, MAX_SIDE_FILE_BYTES)
-
-
-class _Colors:
-    """Reads colours and texture coordinates of vertices, part by part of a scene.
-
-    ``unread`` says why the file's colours are not read, if so; they are ``linear`` or sRGB, and textures repeat or not beyond 0 to 1.
-    """
-
-    def __init__(
-        self, notes: list[str], unread: str = "", *, linear: bool = False, repeats: bool = True
-    ) -> None:
-        self.textures: list[Linear] = []
-        self._notes, self._unread, self._linear, self._repeats = notes, unread, linear, repeats
-        self._opened: dict[int, int] = {}  # index of a texture by the identity of its picture
-        if unread:
-            notes.append(f"not read: colours and textures ({unread})")
-
-    def of_vertices(self, part: Any) -> Floats:
-        """(V, 6) a linear colour or NaN, u, v, index of the texture or -1."""
-        colors, picture = np.full((len(part.vertices), 3), np.nan), None if self._unread else _picture(part)
-        plain = None if self._unread else _plain_colors(part)
-        if self._linear and plain is not None:
-            colors[:] = plain
-        elif plain is not None and picture is None:
-            colors[:] = linear_from_srgb(plain.astype(np.float32))
-        uv: Any = getattr(part.visual, "uv", None)
-        texture = -1
-        if picture is not None and (uv is None or len(uv) != len(colors) or not np.isfinite(uv).all()):
-            self._notes.append("not read: a texture; the mesh has no coordinates for it")
-        elif picture is not None and not self._repeats and np.abs(uv - 0.5).max() > 0.51:
-            self._notes.append(
-                "not read: a texture that is clamped or mirrored; export it with coordinates from 0 to 1"
-            )
-        elif picture is not None:
-            texture = self._texture(picture)
-        if texture < 0:
-            return np.column_stack([colors, np.zeros((len(colors), 2)), np.full(len(colors), -1)])
-        return np.column_stack([np.where(np.isnan(colors), 1.0, colors), uv, np.full(len(colors), texture)])
-
-    def _texture(self, picture: Any) -> int:
-        """Index of the picture among `textures`; -1 and a note where it cannot be read."""
-        if id(picture) not in self._opened:
-            self._opened[id(picture)] = -1
-            try:
-                self.textures.append(linear_image(picture))
-                self._opened[id(picture)] = len(self.textures) - 1
-            except (OSError, ValueError, SyntaxError) as error:
-                self._notes.append(f"not read: a texture ({' '.join(str(error).split())[:80]})")
-        return self._opened[id(picture)]
-
-
-def _picture(part: Any) -> Any:
-    """The texture of a part of a scene, as Pillow's; None where it has none."""
-    material = getattr(part.visual, "material", None)
-    picture = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-    return picture if getattr(picture, "format", None) else None  # trimesh makes some up
-
-
-def _plain_colors(part: Any) -> Floats | None:
-    """Colours of vertices (V, 3), of the material (3,), or in glTF their product; None where there are none."""
-    kind, material = part.visual.kind, getattr(part.visual, "material", None)
-    if kind in ("vertex", "face"):
-        colors = _shares(getattr(part.visual, f"{kind}_colors"))
-        return np.repeat(colors, 3, axis=0) if kind == "face" else colors  # no two faces share a vertex
-    raw = getattr(part.visual, "vertex_attributes", {}).get("color", part.vertex_attributes.get("color"))
-    plain = None if raw is None else _shares(raw)
-    if (factor := getattr(material, "baseColorFactor", None)) is not None:
-        plain = _shares(factor) * (1.0 if plain is None else plain)
-    kd: Any = getattr(material, "kwargs", {}).get("kd")  # an MTL file's
-    return np.array(kd) if plain is None and np.shape(kd) == (3,) else plain
-
-
-def _shares(array: Any) -> Floats:
-    """(..., 3) of colours; whole numbers are shares of the largest of their type."""
-    array = np.asarray(array)[..., :3]
-    return array / (np.iinfo(array.dtype).max if array.dtype.kind in "iu" else 1.0)
+def _ply_colors(element: dict[str, Any], notes: list[str]) -> Floats | None:
+    """(N, 3) linear colours of a PLY file's vertices or faces; None where it has none that are read."""
+    names = [
+        name for name in element.get("properties", ()) if re.fullmatch("(diffuse_)?(red|green|blue)", name)
+    ]
+    if len(names) != 3:
+        return None
+    raw = np.column_stack([np.asarray(element["data"][name]) for name in names])
+    kinds = {element["properties"][name].lstrip("<>|") for name in names}
+    top = {"u1": 255.0, "u2": 65535.0}.get(kinds.pop(), 1.0)
+    if kinds or not (raw >= 0).all() or raw.max(initial=0) > top:
+        notes.append("not read: colours of a PLY file; save them as uchar red, green and blue")
+        return None
+    return linear_from_srgb(raw / top)

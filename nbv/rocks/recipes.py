@@ -13,8 +13,8 @@ import numpy as np
 
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
-from nbv.rocks.recipe import Recipe, facets, grounded, rough, warp
 from nbv.rocks.rock import Split
+from nbv.rocks.sdf import Recipe, facets, grounded, rough, warp
 from nbv.types import Floats
 
 RECIPES: dict[str, Recipe] = {}

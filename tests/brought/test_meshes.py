@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
+from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.rocks import import_mesh, importer
+from nbv.rocks import describe, import_mesh, importer
+from nbv.rocks.importer import stored_import
 
 KINDS = {"b": 5120, "B": 5121, "h": 5122, "H": 5123, "I": 5125, "f": 5126}  # of NumPy's, as glTF numbers them
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -129,54 +129,24 @@ def plain() -> Gltf:
     return file
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    suffix=st.sampled_from([".glb", ".gltf"]),
-    points=st.sampled_from(["f", "h", "H", "raw"]),
-    carried=st.sampled_from(["texture", "colors", "both"]),
-    numbers=st.sampled_from(["f", "f", "B", "H"]),
-    moved=st.booleans(),
-    further=st.booleans(),
-    material=st.booleans(),
-    sparse=st.sampled_from([False, False, False, True]),
-    stride=st.sampled_from([0, 4]),
-    alpha=st.booleans(),
-)
-def test_gltf_of_any_numbers(
-    tmp_path, suffix, points, carried, numbers, moved, further, material, sparse, stride, alpha
-):
-    """Right: textures that are moved or use another set of coordinates, numbers of any kind, sparse ones."""
-    file, layout = Gltf(), {"sparse": sparse, "stride": 0 if sparse else stride}
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("carried", ["texture", "colors", "both"])
+@pytest.mark.parametrize(("numbers", "material", "layout"), [
+    ("f", True, {}), ("f", False, {"stride": 4}), ("B", False, {"stride": 4}), ("H", True, {"sparse": True}), ("H", False, {}),
+])  # fmt: skip
+def test_gltf_of_any_colors(tmp_path, suffix, carried, numbers, material, layout):
+    """Right: textures, colours in numbers of any kind, their product, and what is stored sparsely or with gaps."""
+    file = Gltf()
     attributes = file.primitive["attributes"]
-    if points == "raw":  # KHR_mesh_quantization
-        attributes["POSITION"] = file.accessor((UP_Y + 1) * 20_000, "H", **layout)
-        file.tree["nodes"][0] |= {"scale": [5e-5] * 3, "translation": [3, 1, 2]}
-    elif points == "f":
-        attributes["POSITION"] = file.accessor(UP_Y, **layout)
-    else:
-        attributes["POSITION"] = file.accessor((UP_Y + 1) / 2, points, normalized=True, **layout)
+    attributes["POSITION"] = file.accessor(UP_Y, **layout)
     if carried != "colors":
-        uv, info = UV, {}
-        if moved:
-            turn = 0.5 if numbers == "f" else 0.0
-            told = {"offset": [0.25, 0.2], "rotation": turn, "scale": [2.0, 0.8]}
-            back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-            uv, info = (
-                ((UV - (0.25, 0.2)) @ back) / (2.0, 0.8),
-                {"extensions": {"KHR_texture_transform": told}},
-            )
-        attributes[f"TEXCOORD_{int(further)}"] = file.accessor(uv, numbers, normalized=numbers != "f")
-        if further:
-            attributes["TEXCOORD_0"] = file.accessor(np.zeros_like(uv))
-            info["texCoord"] = 1
-        file.textured(info)
-        file.tree["extensionsUsed"] = ["KHR_texture_transform", "KHR_mesh_quantization"]
+        attributes["TEXCOORD_0"] = file.accessor(UV, **layout)
+        file.textured()
     elif material:
-        file.tree["materials"], file.primitive["material"] = [{"pbrMetallicRoughness": {}}], 0
-    if carried != "texture":  # linear; of a texture's they are a factor
-        colors = np.ones((len(SRGB), 3)) if carried == "both" else SRGB / 255.0
-        colors = np.column_stack([colors, np.ones(len(colors))]) if alpha else colors
-        attributes["COLOR_0"] = file.accessor(colors, numbers, normalized=numbers != "f")
+        file.tree["materials"], file.primitive["material"] = [{}], 0
+    if carried != "texture":
+        colors = SRGB / 255 if carried == "colors" else np.ones((len(SRGB), 3))
+        attributes["COLOR_0"] = file.accessor(colors, numbers, normalized=numbers != "f", **layout)
     assert not [note for note in look_right(file.write(tmp_path / f"ball{suffix}")) if "not read" in note]
 
 
@@ -198,6 +168,7 @@ def gloss(file: Gltf) -> None:
     base = file.tree["materials"][0].pop("pbrMetallicRoughness")
     told = {"diffuseTexture": base["baseColorTexture"], "diffuseFactor": [1, 1, 1, 1]}
     file.tree["materials"][0]["extensions"] = {"KHR_materials_pbrSpecularGlossiness": told}
+    file.tree["extensionsUsed"] = ["KHR_materials_pbrSpecularGlossiness"]
 
 
 def wrapped(how: int):
@@ -217,10 +188,6 @@ def fans(file: Gltf) -> None:
     every = {**file.primitive, "mode": 6}
     index = [file.accessor(face, "H") for face in FACES]
     file.tree["meshes"][0]["primitives"] = [every | {"indices": i} for i in index]
-
-
-def no_picture(file: Gltf) -> None:
-    file.tree["images"][0]["mimeType"] = "image/ktx2"
 
 
 def under_a_camera(file: Gltf) -> None:
@@ -255,30 +222,61 @@ def ktx2(*, fallback: bool):
     return change
 
 
+def whole_numbers(name: str):
+    def change(file: Gltf) -> None:
+        array = {"POSITION": (UP_Y + 1) / 2, "TEXCOORD_0": UV}[name]
+        file.primitive["attributes"][name] = file.accessor(array, "H", normalized=True)
+
+    return change
+
+
+def moved(file: Gltf) -> None:
+    texture = file.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
+    texture["extensions"] = {"KHR_texture_transform": {"offset": [0.25, 0.2], "scale": [2.0, 0.8]}}
+
+
+def second_set(file: Gltf) -> None:
+    file.primitive["attributes"]["TEXCOORD_1"] = file.accessor(UV)
+    file.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 1
+
+
+UNPACK = "unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"
 # What is changed in a plain file, and what a note or the refusal then says; "" where nothing is to be said.
 GLTF = {
-    "draco": (draco, "needs the glTF extension KHR_draco_mesh_compression, which is not read; unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"),
+    "draco": (draco, f"needs the glTF extension KHR_draco_mesh_compression, which is not read; {UNPACK}"),
+    "meshopt": (meshopt, f"needs the glTF extension EXT_meshopt_compression, which is not read; {UNPACK}"),
+    "positions in whole numbers": (whole_numbers("POSITION"), f"holds POSITION in whole numbers, which are not read; {UNPACK}"),
+    "coordinates in whole numbers": (whole_numbers("TEXCOORD_0"), f"holds TEXCOORD_0 in whole numbers, which are not read; {UNPACK}"),
+    "a texture that is moved": (moved, "moves its texture.* not read; export it plainly"),
+    "a second set of coordinates": (second_set, "second set of coordinates for it, which is not read; export it plainly"),
     "colours with a material": (colored_material, ""),
     "colours of materials": (factors, ""),
-    "specular glossiness": (gloss, "not read: colours and textures .*: npx @gltf-transform/cli metalrough IN.glb OUT.glb"),
-    "mirrored beyond 1": (wrapped(33648), "not read: a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
+    "specular glossiness": (gloss, "not read; convert it: npx @gltf-transform/cli metalrough IN.glb OUT.glb"),
+    "mirrored beyond 1": (wrapped(33648), "a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
     "repeated beyond 1": (wrapped(10497), ""),
-    "clamped": (clamped, "not read: a texture that is clamped or mirrored"),
+    "clamped": (clamped, "a texture that is clamped or mirrored"),
     "clamped, but within 0 to 1": (edit(samplers=[{"wrapS": 33071, "wrapT": 33071}]), ""),
-    "fans": (fans, "has fans of triangles, which are not read; export single triangles"),
-    "under a camera": (under_a_camera, "has meshes that hang from a camera, which are not read; export it without cameras"),
-    "no scene": (lambda f: [f.tree.pop(k) for k in ("scene", "scenes")], "holds no faces in its scene"),
-    "a picture of another format": (no_picture, "not read: colours and textures .a texture is missing, or of a format that is not read"),
+    "fans": (fans, ""),
+    "under a camera": (under_a_camera, ""),
+    "no scene": (lambda f: [f.tree.pop(k) for k in ("scene", "scenes")], "has no scene, so that nothing in it is shown; export it again"),
+    "no default scene": (lambda f: f.tree.pop("scene"), ""),
     "extension that may be left out": (edit(extensionsUsed=["EXT_mesh_gpu_instancing"]), "not read: EXT_mesh_gpu_instancing"),
-    "meshopt": (meshopt, "needs the glTF extension EXT_meshopt_compression, which is not read; unpack it: npx @gltf-transform/cli dequantize"),
-    "textures for graphics cards": (ktx2(fallback=False), "not read: colours and textures .KHR_texture_basisu: export it with PNG or JPEG textures"),
+    "textures for graphics cards": (ktx2(fallback=False), "not read: a texture.* of a format that is not read; PNG and JPEG are"),
     "textures for graphics cards, and a picture": (ktx2(fallback=True), ""),
     "extension that must be read": (edit(extensionsRequired=["NGA_gpm"]), "needs the glTF extension NGA_gpm"),
-    "nodes in a circle": (edit(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}]), "node twice in its scene or in a circle"),
-    "very many nodes": (edit(nodes=[{"mesh": 0}] * 200_000), "the number of nodes in .* is 200000; the limit is 20000"),
-    "very many elements": (edit(accessors=[{"count": 10**10, "type": "VEC3", "componentType": 5126}]), "number of elements"),
+    "nodes in a circle": (edit(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}]), "holds no faces that can be read"),
+    "very many elements": (edit(accessors=[{"count": 10**10, "type": "VEC3", "componentType": 5126}]), "is no valid glTF"),
     "no glTF": (edit(meshes=7), "is no valid glTF 2.0"),
 }  # fmt: skip
+
+
+def said(path: Path) -> str:
+    """What a note or the refusal says of what is not read; "" where all is right."""
+    try:
+        return "; ".join(note for note in look_right(path) if "not read" in note)
+    except UserError as error:
+        assert "\n" not in str(error) and path.name in str(error)
+        return str(error)
 
 
 @pytest.mark.parametrize("case", GLTF)
@@ -286,18 +284,8 @@ def test_gltf(tmp_path, case):
     change, says = GLTF[case]
     file = plain()
     change(file)
-    path = file.write(tmp_path / "ball.glb")
-    said = ""
-    try:
-        notes = look_right(path)
-        said = "; ".join(note for note in notes if "not read" in note)
-    except UserError as error:
-        said = str(error)
-    assert "\n" not in said
-    if says:
-        assert re.search(says, said), said
-    else:
-        assert not said
+    answer = said(file.write(tmp_path / "ball.glb"))
+    assert re.search(says, answer) if says else not answer, answer
 
 
 def obj(folder: Path, *, mtl="newmtl rock\nmap_Kd t.png\n", uses="rock", library="a.mtl", stored="a.mtl", texture="t.png",
@@ -321,49 +309,47 @@ def obj(folder: Path, *, mtl="newmtl rock\nmap_Kd t.png\n", uses="rock", library
 
 
 COLOR_MTL = "".join(f"newmtl m{k}\nKd {c[0] / 255} {c[1] / 255} {c[2] / 255}\n" for k, c in enumerate(COLORS))
-NOT_NAMED = "not read: materials: faces name none (usemtl), or one that the MTL file does not have"
+NOT_USED = "not read: a texture, which no face uses, or of a format that is not read"
 OBJ = {
     "plain": ({}, ""),
-    "no usemtl": ({"uses": ""}, NOT_NAMED),
-    "file in another case": ({"library": "A.MTL"}, "not read: 'A.MTL' (cannot read"),
-    "material in another case": ({"uses": "Rock"}, NOT_NAMED),
-    "picture in another case": ({"mtl": "newmtl rock\nmap_Kd T.PNG\n"}, "not read: 'T.PNG' (cannot read"),
+    "no usemtl": ({"uses": ""}, ""),
+    "file in another case": ({"library": "A.MTL"}, "not read: 'A.MTL', which is not beside"),
+    "material in another case": ({"uses": "Rock"}, NOT_USED),
+    "picture in another case": ({"mtl": "newmtl rock\nmap_Kd T.PNG\n"}, "not read: 'T.PNG', which is not beside"),
     "backslashes": ({"mtl": "newmtl rock\nmap_Kd textures\\t.png\n", "texture": "textures/t.png"}, ""),
-    "spaces and a tab": ({"mtl": "newmtl rock\n\tmap_Kd\tmy  t.png  \n", "texture": "my  t.png"}, ""),
-    "quotes": ({"mtl": 'newmtl rock\nmap_Kd "t.png"\n'}, "not read: '\"t.png\"' (cannot read"),
-    "options": ({"mtl": "newmtl rock\nmap_Kd -s 2 2 1 t.png\n"}, "not read: '-s 2 2 1 t.png' (cannot read"),
-    "options, and a colour": ({"mtl": "newmtl rock\nKd 1 1 1\nmap_Kd -s 2 2 1 t.png\n"}, "not read: '-s 2 2 1 t.png'"),
+    "spaces and a tab": ({"mtl": "newmtl rock\n\tmap_Kd\tmy  t.png  \n", "texture": "my  t.png"}, NOT_USED),
+    "quotes": ({"mtl": 'newmtl rock\nmap_Kd "t.png"\n'}, "not read: '\"t.png\"', which is not beside"),
+    "options": ({"mtl": "newmtl rock\nmap_Kd -s 2 2 1 t.png\n"}, "a texture with options (-s 2 2 1 t.png), which are not read"),
     "name with spaces": ({"uses": "my rock", "mtl": "newmtl my rock\nmap_Kd t.png\n"}, ""),
-    "two libraries": ({"library": "b.mtl a.mtl"}, "not read: 'b.mtl a.mtl' (cannot read"),
+    "two libraries": ({"library": "b.mtl a.mtl"}, "not read: 'b.mtl a.mtl', which is not beside"),
     "library with spaces": ({"library": "my a.mtl", "stored": "my a.mtl"}, ""),
     "colours of materials": ({"uses": "m{}", "mtl": COLOR_MTL}, ""),
-    "material that is not there": ({"uses": "stone"}, NOT_NAMED),
-    "colours of materials that are not there": ({"uses": "n{}", "mtl": COLOR_MTL}, NOT_NAMED),
-    "library that is not there": ({"library": "b.mtl"}, "not read: 'b.mtl' (cannot read"),
-    "picture that is not there": ({"mtl": "newmtl rock\nmap_Kd x.png\n"}, "not read: 'x.png' (cannot read"),
-    "picture that is not one": ({"mtl": "newmtl rock\nmap_Kd scan.obj\n"}, "not read: 'scan.obj' (no picture)"),
-    "no coordinates": ({"uv": False}, "not read: a texture; the mesh has no coordinates for it"),
-    "an ambient texture": ({"mtl": "newmtl rock\nmap_Ka t.png\n"}, "not read: 'a.mtl' (its textures are map_Ka; call them map_Kd"),
+    "material that is not there": ({"uses": "stone"}, NOT_USED),
+    "library that is not there": ({"library": "b.mtl"}, "not read: 'b.mtl', which is not beside"),
+    "picture that is not one": ({"mtl": "newmtl rock\nmap_Kd scan.obj\n"}, NOT_USED),
+    "no coordinates": ({"uv": False}, NOT_USED),
+    "an ambient texture": ({"mtl": "newmtl rock\nmap_Ka t.png\n"}, NOT_USED),
     "colours of vertices": ({"colors": SRGB / 255, "mtl": "newmtl rock\nKd 0.75 0.75 0.75\n"}, ""),
     "colours of vertices alone": ({"colors": SRGB / 255, "mtl": "", "uses": "", "uv": False}, ""),
-    "colours to 255": ({"colors": SRGB / 1.05, "mtl": "newmtl rock\n"}, "not read: colours of vertices, which go beyond 1"),
+    "colours to 255": ({"colors": SRGB / 1.05, "mtl": "newmtl rock\n"}, "colours of vertices beyond 1; export them from 0 to 1"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", OBJ)
 def test_obj(tmp_path, case):
     options, says = OBJ[case]
-    notes = look_right(obj(tmp_path, **options))
-    assert says in "; ".join(notes) and (says or not any("not read" in note for note in notes)), notes
+    assert says in said(obj(tmp_path, **options)) and (says or not said(tmp_path / "scan.obj"))
 
 
-def test_an_mtl_of_very_many_materials(tmp_path):
-    many = "".join(f"newmtl m{k}\nKd 1 1 1\nmap_Kd none{k}.png\n" for k in range(100_000))
-    path = obj(tmp_path, mtl=many + "newmtl rock\nmap_Kd t.png\n")
-    assert "number of materials in a.mtl is 100001; the limit is 1000" in "".join(look_right(path))
-    path.write_text(path.read_text() + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(100_000)))
-    with pytest.raises(UserError, match=r"materials that the OBJ file's faces name is 100001; the limit"):
-        import_mesh(path)
+def test_a_texture_that_changes_is_read_again(tmp_path, monkeypatch):
+    path = obj(tmp_path)
+    store = Store(tmp_path / "store")
+    first = stored_import(path, store)
+    monkeypatch.setattr(importer, "import_mesh", None)
+    assert stored_import(path, store).sha256 == first.sha256
+    monkeypatch.undo()
+    Image.new("RGB", (32, 32), "red").save(tmp_path / "t.png")
+    assert stored_import(path, store).sha256 != first.sha256
 
 
 def ply(
@@ -391,10 +377,11 @@ def ply(
     ("options", "says"),
     [
         *[({"colors": "uchar", "of": of}, "") for of in ("vertex", "face")],
-        *[({"colors": kind, "scale": scale}, f"not read: colours and textures ({kind} red: save them as uchar red, green and blue)")
-          for kind, scale in [("ushort", 65535), ("float", 1), ("double", 255), ("int", 255)]],
-        ({"colors": "uchar", "prefix": "diffuse_"}, "(uchar diffuse_red: save them"),
-        ({"texture": True}, "not read: colours and textures (a texture of a PLY file: export it as GLB or OBJ)"),
+        *[({"colors": kind, "scale": scale}, "") for kind, scale in [("ushort", 65535), ("float", 1)]],
+        *[({"colors": kind, "scale": 255}, "not read: colours of a PLY file; save them as uchar red, green and blue")
+          for kind in ("double", "int")],
+        ({"colors": "uchar", "prefix": "diffuse_"}, ""),
+        ({"texture": True}, "not read: a texture of a PLY file; export it as GLB or OBJ"),
         ({"texture": True, "named": False, "colors": "uchar"}, ""),
     ],
     ids=str,
@@ -440,3 +427,108 @@ def test_a_format_that_is_not_read(tmp_path, suffix):
         UserError, match=r"is not of a format that is read; export the mesh as GLB, OBJ, PLY, STL or OFF"
     ):
         import_mesh(tmp_path / f"scan{suffix}")
+
+
+# An L of concave polygons, 3 wide, 1.2 deep, 2.5 high: area 22.2, volume 5.4. Polygons name its corners, from 0.
+SIDE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2.5), (0, 2.5)]
+CORNERS = [(x, y, z) for y in (0, 1.2) for x, z in SIDE]
+POLYGONS = [
+    [1, 2, 3, 4, 5, 0],
+    [7, 6, 11, 10, 9, 8],
+    *([k, (k - 1) % 6, 6 + (k - 1) % 6, 6 + k] for k in range(6)),
+]
+TRIANGLES = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [8, 7, 6], [9, 8, 6], [10, 9, 6], [11, 10, 6]]
+TRIANGLES += [triangle for a, b, c, d in POLYGONS[2:] for triangle in ([a, b, c], [a, c, d])]
+MIXED = [*TRIANGLES[:-2], POLYGONS[-1]]
+BEYOND = [*TRIANGLES, [0, 1, 20]]
+
+
+def l_obj(faces=TRIANGLES, first=1, gap=" ", end="\n", indent="", point=".") -> str:
+    lines = [gap.join(["v", *(f"{x:.3f}".replace(".", point) for x in corner)]) for corner in CORNERS]
+    lines += [gap.join(["f", *(str(k + first) for k in face)]) for face in faces]
+    return "".join(indent + line + end for line in lines)
+
+
+def two_relative() -> str:
+    faces = "".join("f " + " ".join(str(k - 12) for k in face) + "\n" for face in TRIANGLES)
+    corners = [
+        "".join(f"v {x + dx} {y + dy} {z}\n" for x, y, z in CORNERS) for dx, dy in ((0, 0), (0.5, 1.2))
+    ]
+    return f"o a\n{corners[0]}{faces}o b\n{corners[1]}{faces}"
+
+
+def l_ply(faces=TRIANGLES, binary=False, point=".") -> bytes:
+    head = [
+        "ply",
+        f"format {'binary_little_endian' if binary else 'ascii'} 1.0",
+        f"element vertex {len(CORNERS)}",
+    ]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header\n"]
+    if binary:
+        body = np.array(CORNERS, "<f4").tobytes()
+        body += b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+    else:
+        body = numbers(faces, point).encode()
+    return "\n".join(head).encode() + body
+
+
+def l_off(faces=TRIANGLES, color="", kind="OFF", point=".", end="\n") -> str:
+    return f"{kind}\n{len(CORNERS)} {len(faces)} 0\n{numbers(faces, point, color)}".replace("\n", end)
+
+
+def numbers(faces, point, color="") -> str:
+    lines = [" ".join(f"{x:.3f}" for x in corner).replace(".", point) + color for corner in CORNERS]
+    return "\n".join([*lines, *(" ".join(map(str, [len(face), *face])) for face in faces)]) + "\n"
+
+
+MORE = "faces of more than three corners"
+NOT_HELD = "name vertices (that )?it does not hold"
+SHAPES = {
+    "polygons.obj": (l_obj(POLYGONS), 22.2, 5.4),
+    "continued.obj": (l_obj(POLYGONS).replace("f 2 3 4 ", "f 2 3 4 \\\n"), 22.2, 5.4),
+    "tabs.obj": (l_obj(gap="\t"), 22.2, 5.4),
+    "cr.obj": (l_obj(end="\r"), 22.2, 5.4),
+    "crlf.obj": (l_obj(end="\r\n"), 22.2, 5.4),
+    "comma.obj": (l_obj(point=","), 22.2, 5.4),
+    "relative.obj": (two_relative(), 44.4, 10.8),
+    "indented.obj": (l_obj(indent="  "), "indented lines, which are not read; export it again"),
+    "from_0.obj": (l_obj(first=0), "counts vertices from 0, where OBJ begins with 1; export it again"),
+    "beyond.obj": (l_obj(BEYOND), NOT_HELD),
+    "triangles.ply": (l_ply(), 22.2, 5.4),
+    "binary.ply": (l_ply(binary=True), 22.2, 5.4),
+    "polygons.ply": (l_ply(POLYGONS), MORE),
+    "binary_polygons.ply": (l_ply(POLYGONS, binary=True), MORE),
+    "mixed.ply": (l_ply(MIXED), MORE),
+    "binary_mixed.ply": (l_ply(MIXED, binary=True), MORE),
+    "beyond.ply": (l_ply(BEYOND), NOT_HELD),
+    "binary_beyond.ply": (l_ply(BEYOND, binary=True), NOT_HELD),
+    "negative.ply": (l_ply([*TRIANGLES, [0, 1, -3]]), NOT_HELD),
+    "comma.ply": (l_ply(point=","), "has decimal commas; export it with decimal points"),
+    "cut_off.ply": (l_ply(binary=True)[:-40], "damaged or cut off"),
+    "triangles.off": (l_off(), 22.2, 5.4),
+    "cr.off": (l_off(end="\r"), 22.2, 5.4),
+    "colours.off": (l_off(color=" 255 0 0 255", kind="COFF"), 22.2, 5.4),
+    "polygons.off": (l_off(POLYGONS), MORE),
+    "mixed.off": (l_off(MIXED), MORE),
+    "beyond.off": (l_off(BEYOND), "cannot be read"),
+    "comma.off": (l_off(point=","), "has decimal commas; export it with decimal points"),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_is_read_right_or_refused_in_our_words(tmp_path, name):
+    content, *right = SHAPES[name]
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    if isinstance(right[0], str):
+        with pytest.raises(UserError, match=right[0]) as caught:
+            import_mesh(tmp_path / name)
+        assert "\n" not in str(caught.value) and name in str(caught.value)
+        return
+    rock = import_mesh(tmp_path / name)
+    facts, scale = describe(rock), 1.6 / 2.5
+    assert (facts["area_m2"], facts["volume_m3"]) == pytest.approx(
+        (right[0] * scale**2, right[1] * scale**3), rel=1e-4
+    )
+    told = "colours of OFF are not read" if name.endswith(".off") else "no texture"
+    assert any(told in note for note in rock.notes)

@@ -42,9 +42,13 @@ def show(
 
     Example: gatetune rocks show slab --image slab.png
     """
+    from nbv.config import EvaluationConfig
+    from nbv.evaluation.ground_truth import ground_share
+
     subject = load_rock(rock, Store())
     facts = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
-    facts |= {**describe(subject), "sha256": subject.sha256}
+    facts |= {**describe(subject), "ground_fraction": ground_share(subject, EvaluationConfig())}
+    facts["sha256"] = subject.sha256
     rows = [(fact, f"{value:.3f}" if isinstance(value, float) else value) for fact, value in facts.items()]
     show_table(("fact", "value"), [*rows, *(("note", note) for note in subject.notes)], subject.name)
     if image is not None:
@@ -68,23 +72,27 @@ def import_(
     split: Annotated[str, typer.Option(help="train, held-out or extra.")] = "train",
     height_m: Annotated[float, typer.Option(help="Scale the rock to this height.")] = 1.6,
     up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
-    keep: Annotated[
-        str,
-        typer.Option(
-            help="Which bodies: all, largest, a number N of the largest, or auto, those that are the object."
-        ),
-    ] = "auto",
+    body: Annotated[
+        int | None, typer.Option(help="One body alone, 1 the one of most surface; all without it.", min=1)
+    ] = None,
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
     """Import a mesh into the catalogue and print what was changed.
 
     Example: gatetune rocks import scan.glb --name mine --up z
     """
+    from nbv.config import EvaluationConfig
+    from nbv.evaluation.ground_truth import ground_share
+
     output.print(f"importing {mesh}")
     checked: dict[str, Any] = {"split": split}  # import_mesh refuses other words
     with working(f"preparing {mesh.name}"):
-        subject = import_mesh(mesh, name=name, height_m=height_m, up=up, keep=keep, **checked)
+        subject = import_mesh(mesh, name=name, height_m=height_m, up=up, body=body, **checked)
         save_imported(subject, force=force)
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")
+    if share := ground_share(subject, EvaluationConfig()):
+        output.print(
+            f"  - ground: {100 * share:.1f} % of the surface, which is not measured: cleaning takes it off a cloud too"
+        )

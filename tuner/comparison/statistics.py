@@ -93,7 +93,7 @@ def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
-    """Mean over rocks of what a perfect reconstruction would get (``nbv.evaluation.floor``).
+    """Mean over rocks of what a perfect reconstruction would get (``nbv.evaluation.ground_truth``).
 
     A property of the rocks, so missions of all strategies may tell it. None where no mission holds it.
     """

@@ -17,13 +17,8 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-<<<<<<< HEAD
-from nbv.mission.run_directory import RESULT, WORKER_LOG, read_result
-from nbv.safe_files import remove, write_atomic
-=======
 from nbv.mission.run_directory import RESULT, read_result
-from nbv.safe_files import remove, remove_links, write_atomic
->>>>>>> cut-c/cut-c
+from nbv.safe_files import remove, write_atomic
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.instances import Instance
 from tuner.problem.objective import Objective

@@ -24,9 +24,10 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.evaluation import ground_truth
 from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.ply import read_ply
 from nbv.geometry.raycasting import RayCaster
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL, read_ply
+from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL
 from nbv.rocks import Rock
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.export.mission_files import (
@@ -258,7 +259,7 @@ def _final_model(run: Path) -> tuple[Floats, dict[str, list[list[float]]]] | Non
 def _measured_cloud(run: Path) -> Floats | None:
     """(N, 3) of the cloud that was measured."""
     file = next((run / name for name in (CLEANED, DENSE) if (run / name).is_file()), None)
-    points_m = np.zeros((0, 3)) if file is None else read_ply(file).points_m
+    points_m = np.zeros((0, 3)) if file is None else read_ply(file)[0].points_m
     return points_m[thin_indices(len(points_m), _MOST_DENSE_POINTS)] if len(points_m) else None
 
 

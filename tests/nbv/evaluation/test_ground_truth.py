@@ -6,8 +6,7 @@ import pytest
 from scene_helpers import around
 
 from nbv.config import preset
-from nbv.evaluation.floor import rock_floors
-from nbv.evaluation.ground_truth import ground_truth, observable_mask
+from nbv.evaluation.ground_truth import ground_truth, observable_mask, rock_floors
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.rocks.rock import make_rock

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.evaluation import evaluate_cloud, ground_truth
-from nbv.evaluation.floor import rock_floors
+from nbv.evaluation.ground_truth import rock_floors
 from nbv.geometry.frames import Similarity
 from nbv.rocks import Rock
 from nbv.rocks.rock import make_rock

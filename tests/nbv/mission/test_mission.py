@@ -7,8 +7,8 @@ import pytest
 from scene_helpers import SMALL_GROUND
 
 from nbv.config import config_from_dict, preset
+from nbv.geometry.ply import read_ply
 from nbv.mission.result import MissionResult
-from nbv.mission.run_directory import read_ply
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.catalogue import LOADED
 
@@ -79,7 +79,7 @@ def test_the_run_directory_holds_what_it_promises(finished, config):
         expected = 4.0 if image.name.startswith("seed") else 3.5
         assert abs(radius - expected) < 0.35 * np.sqrt(3)
 
-    dense, cleaned = read_ply(directory / "dense.ply"), read_ply(directory / "cleaned.ply")
+    dense, cleaned = (read_ply(directory / name)[0] for name in ("dense.ply", "cleaned.ply"))
     assert len(dense.points_m) > len(cleaned.points_m) > 1000
     assert abs(cleaned.points_m[:, 2].max() - 1.6) < 0.05  # the rock's height
 

@@ -1,6 +1,5 @@
 """Importing meshes: colours land where they belong, and bad files are told apart in one line."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +83,13 @@ BAD_FILES = {
     "empty.obj": ("", "is empty"),
     "rock.zip": ("PK\5\6" + "\0" * 18, "is packed; unpack it, or export the mesh as GLB, OBJ, PLY or STL"),
     "rock.ply.gz": ("ply", "is packed"),
-    "comment.obj": ("# nothing here\n", "holds no faces|cannot be read"),
+    "comment.obj": ("# nothing here\n", "holds no faces"),
     "points.ply": (trimesh.PointCloud(np.eye(3)), "holds no faces"),
     "nan.obj": ("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n", "not finite"),
     "plane.obj": ("v 0 0 0\nv 1 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 4 3\n", "flat"),
     "vast.obj": (
-        "v 0 0 0\nv 1e160 0 0\nv 0 1e160 0\nv 0 0 1e160\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
-        "coordinate of 1e.160; the limit is",
+        "v 0 0 0\nv 1e16 0 0\nv 0 1e16 0\nv 0 0 1e16\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+        "coordinate of 1e.16; the limit is",
     ),
     "line.obj": ("v 0 0 0\nv 1 0 1\nv 2 0 2\nf 1 2 3\n", "zero area"),
     "point.obj": ("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "coincide|zero area"),
@@ -110,22 +109,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
         import_mesh(path)
     assert "\n" not in str(caught.value)
     assert path.name in str(caught.value)
-
-
-def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    path = tmp_path / "in" / "box.gltf"
-    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.creation.box().scene()).items():
-        (path if name == "model.gltf" else path.with_name(name)).write_bytes(data)
-    buffer, *_ = sorted(path.parent.glob("*.bin"))
-    assert len(small(path).faces) >= 12
-    whole = path.read_text()
-    buffer.rename(tmp_path / "outside.bin")
-    os.mkfifo(buffer)
-    for name, says in ((buffer.name, "not a regular file"), ("../outside.bin", "cannot be read")):
-        path.write_text(whole.replace(buffer.name, name))
-        with pytest.raises(UserError, match=says):
-            import_mesh(path)
 
 
 def test_a_texture_of_very_many_pixels_is_not_unpacked(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ import fake_missions  # noqa: F401  registers its fidelities
 import pytest
 
 from nbv.geometric import run_geometric_mission
+from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.simplify import known_photographs, simplified
-from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.missions.job import MissionJob, repeated
 from tuner.problem.baselines import label
 from tuner.problem.observations import photographs_key

@@ -11,6 +11,7 @@ import fake_campaigns
 import fake_missions
 import pytest
 from in_process import InProcessExecutor
+from tuner.missions.run_job import _reason
 
 from nbv import plugins
 from nbv.config import MissionConfig
@@ -22,7 +23,6 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.missions.job import MissionJob, load_trial
 from tuner.missions.registry import FIDELITIES
-from tuner.missions.run_job import _reason
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,14 @@ import fake_campaigns
 import pytest
 
 from nbv.errors import UserError
+from tuner.answer.answer import answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.report import write_campaign_report
-from tuner.answer.answer import answer_of
-from tuner.report import words
+from tuner.report import words, write_campaign_report
 from tuner.report.campaign_page import reproduce_command
 
 evaluated = functools.partial(
