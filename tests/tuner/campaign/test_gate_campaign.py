@@ -93,7 +93,9 @@ def test_the_campaign_ends_in_one_table(ended):
     held_out, training = answer["tables"]
     assert (held_out["targets"], training["targets"]) == (["arch"], ["slab", "vesicular"])
     rows = {row["strategy"]: row for row in held_out["rows"]}
-    assert {"covis", "b-aware", "hyb-h", "hyb-o", "tuned-gate", "tuned-planner", "random", "orbit"} <= set(rows)
+    assert {"covis", "b-aware", "hyb-h", "hyb-o", "tuned-gate", "tuned-planner", "random", "orbit"} <= set(
+        rows
+    )
     for name, row in rows.items():
         assert label(name) in printed
         if name != "hyb-h":
