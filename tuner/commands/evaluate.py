@@ -247,7 +247,7 @@ def show_all_results(campaign: Campaign, not_counted: str) -> dict[str, Any]:
 
 def _ceiling(name: str) -> str:
     """The best score that a photograph set can show: that of one half of its photographs against the other."""
-    from nbv.photographs.evaluation import ceiling
+    from nbv.photographs.photograph_fidelity import ceiling
 
     halves = ceiling(PhotographSet.read(name))
     return (
