@@ -264,11 +264,9 @@ def test_the_error_that_gps_tells_holds_the_truth(altitudes: str, noise_m: float
 
 
 def test_metres_per_unit_are_of_a_model() -> None:
-    for more in ({}, {"model": Path("model"), "height_m": 1.0}):
-        assert "--metres-per-unit is of the model" in refusal(
-            lambda: ImportOptions(metres_per_unit=1.0, **more)
-        )
-    assert "metres_per_unit is 0" in refusal(lambda: ImportOptions(model=Path("m"), metres_per_unit=0.0))
+    for model, height_m in ((None, None), (Path("model"), 1.0)):
+        assert "--metres-per-unit is of the model" in refusal(ImportOptions, model, None, height_m, 1.0)
+    assert "metres_per_unit is 0" in refusal(ImportOptions, Path("model"), None, None, 0.0)
 
 
 METASHAPE = "File > Export > Export Cameras as Colmap"
