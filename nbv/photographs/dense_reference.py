@@ -188,21 +188,25 @@ def halves_agreement(
 
 
 def weak_sectors(reference: Reference, height_m: float) -> tuple[str, ...]:
-    """Sentences on the sides of the object where the halves disagree or hardly a point is."""
+    """A sentence on the sides where hardly a point is, and one on those where the halves disagree."""
     sector = azimuth_sectors(reference.points_m, (0.0, 0.0, 0.0), SECTORS)
     counts = np.bincount(sector, minlength=SECTORS)
     weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
     thin = counts < SPARSE_SHARE * np.median(counts)
     share = weak / np.maximum(counts, 1)
     sentences = []
-    for index in np.flatnonzero(thin | (share > WEAK_SHARE)).tolist():
-        where = f"azimuth {index * 360 // SECTORS}° to {(index + 1) * 360 // SECTORS}°"
-        sentences.append(
-            f"{where}: hardly any points"
-            if thin[index]
-            else f"{where}: {100 * share[index]:.0f} % of the points are farther than {100 * _WEAK_AT:.0f} % of the height "
-            "from the cloud of one half"
-        )
+    for which, words in (
+        (thin, "hardly any points"),
+        (
+            ~thin & (share > WEAK_SHARE),
+            f"more than {100 * WEAK_SHARE:.0f} % of the points are farther than {100 * _WEAK_AT:.0f} % of the height from the "
+            "cloud of one half",
+        ),
+    ):
+        step = 360 // SECTORS
+        where = ", ".join(f"{step * i}° to {step * (i + 1)}°" for i in np.flatnonzero(which).tolist())
+        if where:
+            sentences.append(f"{words} at {'all azimuths' if which.all() else f'azimuths {where}'}")
     return tuple(sentences)
 
 

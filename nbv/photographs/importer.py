@@ -8,25 +8,31 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import cv2  # before pycolmap: the other order aborts the process when cv2 writes a PNG
 import numpy as np
+import pycolmap
+from numpy.typing import NDArray
 from PIL import Image
 
 from nbv.cache import Store
 from nbv.config import CameraConfig
 from nbv.errors import UserError
 from nbv.evaluation.registration import moved
+from nbv.geometry.frames import align_umeyama
 from nbv.photographs.dense_reference import (
     ReferenceMaker,
     halves_agreement,
     surface_of,
     weak_sectors,
 )
-from nbv.photographs.folder import Progress, find_masks, read_folder
-from nbv.photographs.import_source import ImportSource
-from nbv.photographs.mapping import solve
+from nbv.photographs.folder import Progress, read_folder
+from nbv.photographs.import_source import ImportSource, find_masks
 from nbv.photographs.object_frame import find_object, placement
 from nbv.photographs.photograph_set import (
     IMAGES,
@@ -37,36 +43,47 @@ from nbv.photographs.photograph_set import (
     Photograph,
     PhotographSet,
     Reference,
+    ScaleSource,
     read_set,
     set_folder,
     sets_folder,
 )
-from nbv.photographs.pinhole import common_pinhole, undistorted
-from nbv.photographs.scale import find_scale, read_control_points
-from nbv.photographs.solved import SolvedModel, write_colmap
+from nbv.photographs.sparse_model import SolvedModel, solve
 from nbv.rocks.catalogue import check_name, imported_path, write_rock
 from nbv.safe_files import expanded
+from nbv.sparse.colmap import CAMERA_ID, colmap_camera
 from nbv.types import Floats
 
-MAX_SIZE_PX = 1280
+MAX_SIZE_PX, MIN_SIZE_PX = 1280, 320  # of the long side
 JPEG_QUALITY = 95
+WIDEST = 0.3  # shortest focal length of the pinhole, as a share of the lens's own: of a fisheye that sees half the world
+WORST_GPS_ERROR = 0.1  # of the cameras' extent, beyond which GPS gives no scale
 
 
 @dataclass(frozen=True)
 class ImportOptions:
     """What the user says beside the folder."""
 
-    model: Path | None = None  # of another program
+    model: Path | None = None  # COLMAP's
     masks: Path | None = None
     height_m: float | None = None  # of the object
-    control_points: Path | None = None
+    metres_per_unit: float | None = None  # of ``model``
     max_size_px: int = MAX_SIZE_PX
 
     def __post_init__(self) -> None:
-        if not 320 <= self.max_size_px <= 8000:
-            raise UserError(f"max_size is {self.max_size_px}; it must be 320 to 8000 px")
+        if not MIN_SIZE_PX <= self.max_size_px <= 8000:
+            raise UserError(f"max_size is {self.max_size_px}; it must be {MIN_SIZE_PX} to 8000 px")
         if self.height_m is not None and not 0.001 <= self.height_m <= 10_000:
             raise UserError(f"height_m is {self.height_m:g}; give the object's height in metres")
+        if self.metres_per_unit is not None:
+            if not 1e-6 <= self.metres_per_unit <= 1e6:
+                raise UserError(
+                    f"metres_per_unit is {self.metres_per_unit:g}; give the metres of one unit of the model"
+                )
+            if self.model is None or self.height_m is not None:
+                raise UserError(
+                    "--metres-per-unit is of the model that --model names, and stands in place of --height-m"
+                )
 
 
 def import_photographs(
@@ -89,12 +106,16 @@ def import_photographs(
         raise UserError(f"there is already a set {name!r}; choose another --name or pass --force")
     folder = expanded(folder)
     photographs, notes = read_folder(folder, progress, options.masks)
+    if (size_px := max((p.size_px for p in photographs), key=max)) and max(size_px) < MIN_SIZE_PX:
+        raise UserError(
+            f"the photographs in {folder} have {size_px[0]} x {size_px[1]} px at most, too few to be reconstructed; "
+            f"give larger ones, of {MIN_SIZE_PX} px or more on the long side"
+        )
     masks = {} if options.masks is None else find_masks(options.masks, photographs)
     source = ImportSource(tuple(photographs), options.max_size_px, progress, store, masks=masks)
-    marked = None if options.control_points is None else read_control_points(options.control_points, source)
     model, source, solved_notes = solve(source, options.model)
-    scale = find_scale(model, source, options.height_m, marked)
-    frame = find_object(model, source, scale.up)
+    scale_source, metres, scale_notes = find_scale(model, source, options)
+    frame = find_object(model, source)
     model = model.moved(frame.frame_from_model)
     pinhole = common_pinhole(model.cameras)
     sets_folder().mkdir(parents=True, exist_ok=True)
@@ -123,6 +144,7 @@ def import_photographs(
         whole, *halves = (moved(cloud, placed) for cloud in (whole, *halves))
         width, depth, height = (float(side) for side in placed.scale * (high - low))
         agreement, error_m = halves_agreement(whole, halves, height)
+        metres_per_unit = None if metres is None else metres / (frame.frame_from_model.scale * placed.scale)
         assert whole.colors is not None and whole.normals is not None
         reference = Reference(whole.points_m, whole.normals, whole.colors, error_m)
         made = PhotographSet(
@@ -132,12 +154,12 @@ def import_photographs(
             photographs=_records(source, model, folder),
             height_m=height,
             extents_m=(width, depth, height),
-            metres_per_unit=scale.metres_per_unit(frame.frame_from_model.scale * placed.scale, height),
-            scale_source=scale.source,
+            metres_per_unit=metres_per_unit if options.height_m is None else options.height_m / height,
+            scale_source=scale_source,
             reference_error_m=float(np.median(error_m)),
             halves=agreement,
             weak=weak_sectors(reference, height),
-            notes=(*notes, *solved_notes, *frame.notes, *scale.notes),
+            notes=(*notes, *solved_notes, *frame.notes, *scale_notes),
             source_folder=str(folder),
         )
         write_colmap(model, pinhole, work / SPARSE)
@@ -183,3 +205,90 @@ def _records(source: ImportSource, model: SolvedModel, folder: Path) -> tuple[Ph
         )
         for photograph in source.photographs
     )
+
+
+def find_scale(
+    model: SolvedModel, source: ImportSource, options: ImportOptions
+) -> tuple[ScaleSource, float | None, list[str]]:
+    """What says how large the object is, metres per unit of ``model`` where that says it, and a note."""
+    if options.height_m is not None:
+        return "length", None, []
+    if options.metres_per_unit is not None:
+        return "model", options.metres_per_unit, []
+    gps = {row: at for row, name in enumerate(model.names) if (at := source.by_name[name].gps) is not None}
+    if len(gps) < max(4, len(model.names) // 2):
+        return "none", None, ["scale: no GPS with altitude; thresholds are shares of the object's height"]
+    transform = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+    places_m = np.asarray(transform.ellipsoid_to_ecef(list(gps.values())))
+    centers = model.centers[list(gps)]
+    fit = align_umeyama(places_m, centers)
+    off_m = float(np.linalg.norm(fit.apply(centers) - places_m))
+    extent_m = float(np.linalg.norm(places_m - places_m.mean(axis=0)))
+    quality = f"GPS, {off_m / np.sqrt(len(gps)):.2f} m rms to the cameras"
+    if not off_m <= WORST_GPS_ERROR * extent_m:
+        return "none", None, [f"scale: none; {quality}, is too coarse; give --height-m"]
+    return "gps", fit.scale, [f"scale: {quality}, to about {max(100 * off_m / extent_m, 0.01):.2g} %"]
+
+
+def common_pinhole(cameras: Sequence[pycolmap.Camera]) -> CameraConfig:
+    """The pinhole of the largest size, with the shortest focal length that the photographs fill of its most frequent camera."""
+    largest = max(camera.width * camera.height for camera in cameras)
+    cameras = [camera for camera in cameras if camera.width * camera.height == largest]
+    keys = [camera.params_to_string() + f"{camera.model}{camera.width}x{camera.height}" for camera in cameras]
+    camera = cameras[keys.index(Counter(keys).most_common(1)[0][0])]
+    width, height = camera.width, camera.height
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    border = np.ones((height, width), dtype=bool)
+    border[1:-1, 1:-1] = False
+    at = np.column_stack([x[border], y[border]])
+    rays = np.array(camera.cam_from_img(at))
+    seen = camera.img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
+    ahead = np.abs(seen - at).max(axis=1) < 1  # else behind a pinhole: a fisheye sees farther
+    # No pixel on the photograph's border lies within the pinhole's picture.
+    inside = np.array([width - 1, height - 1]) / 2 / np.maximum(np.abs(rays[ahead]), 1e-9)
+    focal_px = inside.min(axis=1).max(initial=WIDEST * camera.mean_focal_length())
+    return CameraConfig(width, height, round(float(focal_px), 3))
+
+
+def undistorted(
+    pixels: NDArray[np.uint8], camera: pycolmap.Camera, pinhole: CameraConfig
+) -> NDArray[np.uint8]:
+    """(H, W, 3) or (H, W) the picture (H', W', ...) of a camera of its size, as the pinhole would have taken it.
+
+    Black where the photograph does not reach. A mask, (H', W'), is not interpolated.
+    """
+    x, y = np.meshgrid(np.arange(pinhole.width_px) + 0.5, np.arange(pinhole.height_px) + 0.5)
+    rays = np.stack([x - pinhole.width_px / 2, y - pinhole.height_px / 2], axis=-1) / pinhole.focal_px
+    seen = camera.img_from_cam(np.dstack([rays, np.ones(x.shape)]).reshape(-1, 3)).reshape(*x.shape, 2)
+    columns, rows = (seen - 0.5).astype(np.float32).transpose(2, 0, 1)
+    mode = cv2.INTER_LINEAR if pixels.ndim == 3 else cv2.INTER_NEAREST
+    return np.asarray(cv2.remap(pixels, columns, rows, mode, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+
+
+def write_colmap(model: SolvedModel, camera: CameraConfig, folder: Path) -> None:
+    """Write the model as COLMAP's binary files with one pinhole camera; images are called ``NAME.jpg``."""
+    out = pycolmap.Reconstruction()
+    middle = (camera.width_px / 2, camera.height_px / 2)
+    out.add_camera_with_trivial_rig(colmap_camera(camera))
+    feature = np.zeros(len(model.views), dtype=np.int64)
+    for view, name in enumerate(model.names):
+        members = np.flatnonzero(model.views == view)
+        feature[members] = np.arange(len(members))
+        rays = model.cameras[view].cam_from_img(model.xy_px[members]) if len(members) else np.zeros((0, 2))
+        image: Any = pycolmap.Image(
+            name=f"{name}.jpg",
+            keypoints=camera.focal_px * np.asarray(rays) + middle,
+            camera_id=CAMERA_ID,
+            image_id=view + 1,
+        )
+        out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(model.poses[view, :3]))
+    bounds = np.searchsorted(model.points, np.arange(len(model.xyz) + 1))
+    for point, xyz in enumerate(model.xyz):
+        elements = [
+            pycolmap.TrackElement(int(model.views[i]) + 1, int(feature[i]))
+            for i in range(bounds[point], bounds[point + 1])
+        ]
+        out.add_point3D(xyz, pycolmap.Track(elements), model.rgb[point])
+    out.update_point_3d_errors()
+    folder.mkdir(parents=True, exist_ok=True)
+    out.write_binary(folder)

@@ -13,7 +13,7 @@ from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.target import GROUND_BAND_M, find_target
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
-from nbv.photographs.solved import SolvedModel
+from nbv.photographs.sparse_model import SolvedModel
 from nbv.types import Bools, Floats
 
 LEVEL_DEG = 15.0  # a photograph is held level to within this, or is left out of what is up
@@ -59,11 +59,10 @@ class ObjectFrame:
         return inside
 
 
-def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = None) -> ObjectFrame:
+def find_object(model: SolvedModel, source: ImportSource) -> ObjectFrame:
     """A frame from where the cameras look and how they are held, and the box of what rises from the ground there.
 
-    ``model`` and ``up`` (3,), where control points give it, are in the model's own frame. Masks mark the object; photographs
-    without one say nothing of it where others have one. `UserError` where the cameras look at no common place, or the masks are
+    ``model`` is in its own frame. Masks mark the object; photographs without one say nothing of it where others have one. `UserError` where the cameras look at no common place, or the masks are
     white or black everywhere, inverted, or of another size.
     """
     center = _gaze_point(model)
@@ -76,9 +75,7 @@ def find_object(model: SolvedModel, source: ImportSource, up: Floats | None = No
             f"only {100 * looking:.0f} % of the photographs look at one place: are there two objects? "
             "put the photographs of each into a folder of its own"
         )
-    word = "from the control points"
-    if up is None:
-        up, word = _up(model, np.array([source.up(name) for name in model.names]))
+    up, word = _up(model, np.array([source.up(name) for name in model.names]))
     notes = [f"up: {word}"]
     # Up is z, and the first camera stands in the direction of x.
     turn = Rotation.align_vectors(np.eye(3)[[2, 0]], [up, model.centers[0] - center], weights=[np.inf, 1])[0]

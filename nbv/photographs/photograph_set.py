@@ -41,7 +41,7 @@ MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
 MAX_IMAGE_BYTES = 64 * 2**20
 MAX_PHOTOGRAPHS = 5000
 WIDE_GAP_DEG = 30.0  # between neighbours in azimuth: a step that SIFT rarely bridges
-ScaleSource = Literal["length", "control points", "gps", "none"]
+ScaleSource = Literal["length", "model", "gps", "none"]
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,20 @@ class Reference:
 
 @dataclass(frozen=True)
 class Coverage:
-    """From where photographs (M,) were taken, as seen from the object, and the gaps between them."""
+    """From where photographs (M,) were taken, as seen from the object."""
 
     names: tuple[str, ...]
     azimuths_deg: Floats  # counter-clockwise, 0 to 360
     elevations_deg: Floats
     distances_m: Floats  # from the object's centre
-    gaps_deg: tuple[tuple[float, float], ...]  # azimuths between which no photograph was taken, widest first
+
+
+def gaps_deg(azimuths_deg: Floats) -> list[tuple[float, float]]:
+    """Azimuths between which none of ``azimuths_deg`` (N,) lies though they are far apart, widest first."""
+    around = np.sort(azimuths_deg % 360)
+    steps = np.diff(np.append(around, around[0] + 360))
+    wide = [i for i in np.argsort(-steps) if steps[i] > WIDE_GAP_DEG]
+    return [(float(around[i]), float((around[i] + steps[i]) % 360)) for i in wide]
 
 
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -153,12 +160,8 @@ class PhotographSet:
     def coverage(self) -> Coverage:
         offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
         azimuths, elevations = azimuths_elevations_deg(offsets)
-        around = np.sort(azimuths)
-        steps = np.diff(np.append(around, around[0] + 360))
-        wide = [i for i in np.argsort(-steps) if steps[i] > WIDE_GAP_DEG]
-        gaps = tuple((float(around[i]), float((around[i] + steps[i]) % 360)) for i in wide)
         names = tuple(p.name for p in self.registered)
-        return Coverage(names, azimuths, elevations, np.linalg.norm(offsets, axis=1), gaps)
+        return Coverage(names, azimuths, elevations, np.linalg.norm(offsets, axis=1))
 
     @property
     def target_m(self) -> tuple[float, float, float]:

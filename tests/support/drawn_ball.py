@@ -20,12 +20,8 @@ LENSES = {  # of 160 x 120 px
 # EXIF's orientations: the stored picture from the upright one, and what becomes of (right, down) about the middle.
 STORED = {
     1: (lambda a: a, [[1, 0], [0, 1]]),
-    2: (lambda a: a[:, ::-1], [[-1, 0], [0, 1]]),
     3: (lambda a: a[::-1, ::-1], [[-1, 0], [0, -1]]),
-    4: (lambda a: a[::-1], [[1, 0], [0, -1]]),
-    5: (lambda a: np.swapaxes(a, 0, 1), [[0, 1], [1, 0]]),
     6: (lambda a: np.rot90(a, 1), [[0, 1], [-1, 0]]),
-    7: (lambda a: np.swapaxes(np.rot90(a, 2), 0, 1), [[0, -1], [-1, 0]]),
     8: (lambda a: np.rot90(a, -1), [[0, -1], [1, 0]]),
 }
 
@@ -91,10 +87,9 @@ def seen(points: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def model(lens: str, orientation: int = 1, name: str = "{}.png") -> pycolmap.Reconstruction:
-    """COLMAP's model with tracks, of pictures as they are stored with that orientation; of a mirror image the mirror image."""
+    """COLMAP's model with tracks, of pictures as they are stored with that orientation."""
     turn = np.eye(3)
     turn[:2, :2] = STORED[orientation][1]
-    mirror = np.diag([np.linalg.det(turn), 1.0, 1.0])
     upright = camera(lens)
     middle = np.array([upright.width / 2, upright.height / 2])
     size = np.abs(turn[:2, :2]) @ (2 * middle)
@@ -108,9 +103,9 @@ def model(lens: str, orientation: int = 1, name: str = "{}.png") -> pycolmap.Rec
         shown = np.asarray(upright.img_from_cam(points @ pose[:3, :3].T + pose[:3, 3]))
         visible.append(seen(points, position) & ((shown > 1) & (shown < 2 * middle - 1)).all(axis=1))
         pixels.append(np.where(visible[-1][:, None], (shown - middle) @ turn[:2, :2].T + size / 2, 0.0))
-        poses.append(np.column_stack([turn @ pose[:3, :3] @ mirror, turn @ pose[:3, 3]]))
+        poses.append(np.column_stack([turn @ pose[:3, :3], turn @ pose[:3, 3]]))
     names = [name.format(f"view_{index:02d}") for index in range(1, len(poses) + 1)]
-    return model_of(stored, names, poses, points @ mirror, np.array(visible), np.array(pixels))
+    return model_of(stored, names, poses, points, np.array(visible), np.array(pixels))
 
 
 def write_photographs(folder: Path, lens: str = "PINHOLE", orientation: int = 1) -> Path:

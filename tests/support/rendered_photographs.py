@@ -9,7 +9,7 @@ from PIL import Image
 from scene_helpers import CENTRE_M, SMALL_GROUND, around, make_ball
 
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry.frames import invert_rigid, look_at
+from nbv.geometry.frames import look_at
 from nbv.scene import build_scene, make_renderer
 
 CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)
@@ -75,13 +75,3 @@ def write_folder(folder: Path, positions_m: np.ndarray, seed: int = 0, prefix: s
 
 def silent(what: str, done: int, total: int) -> None:
     """Says nothing of an import's progress."""
-
-
-def frames(positions_m: np.ndarray, names: str = "view_{:02d}.jpg", first: int = 0) -> list[dict]:
-    """Photographs from ``positions_m`` (N, 3) as a transforms.json has them."""
-    upside = np.diag([1.0, -1.0, -1.0, 1.0])
-    poses = [invert_rigid(look_at(position, CENTRE_M)) @ upside for position in positions_m]
-    return [
-        {"file_path": names.format(index), "transform_matrix": pose.tolist()}
-        for index, pose in enumerate(poses, first)
-    ]

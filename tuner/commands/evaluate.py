@@ -228,7 +228,7 @@ def _report(planned: PlannedComparison, evaluated: EvaluationRun) -> None:
 
 def _ceiling(name: str) -> str:
     """The best score that a photograph set can show: that of one half of its photographs against the other."""
-    from nbv.photographs.evaluation import ceiling
+    from nbv.photographs.photograph_fidelity import ceiling
 
     halves = ceiling(PhotographSet.read(name))
     return (

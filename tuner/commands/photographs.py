@@ -40,21 +40,21 @@ def import_(
     name: Annotated[str, typer.Option(help="Name of the set, which commands take in place of a rock.")],
     model: Annotated[
         Path | None,
-        typer.Option(help="Known poses: the folder of a COLMAP model, or transforms.json."),
+        typer.Option(help="The folder of a COLMAP model with points, made of these photographs."),
     ] = None,
     masks: Annotated[
         Path | None, typer.Option(help="Folder of masks, white on the object, named as the photographs.")
     ] = None,
     height_m: Annotated[float | None, typer.Option(help="The object's true height.")] = None,
-    control_points: Annotated[
-        Path | None, typer.Option(help="Control points as OpenDroneMap's gcp_list.txt.")
+    metres_per_unit: Annotated[
+        float | None, typer.Option(help="Metres of one unit of the model that --model names.")
     ] = None,
     max_size: Annotated[
         int, typer.Option(help="Long side, in pixels, to which photographs are reduced.")
     ] = 1280,
     force: Annotated[bool, typer.Option(help="Replace a set of the same name.")] = False,
 ) -> None:
-    """Import photographs: reconstruct them, find the object, assess the reference, write a report.
+    """Import photographs: reconstruct them, find the object, assess the reference.
 
     The same command continues an import that was stopped.
 
@@ -64,15 +64,10 @@ def import_(
     load("nbv.photographs.importer")
     from nbv.photographs.importer import ImportOptions, import_photographs
 
-    options = ImportOptions(model, masks, height_m, control_points, max_size)
+    options = ImportOptions(model, masks, height_m, metres_per_unit, max_size)
     with _progress_bar() as progress:
         made = import_photographs(folder, name, options, progress, Store(), force=force)
-        progress("writing the page", 0, 1)
-        from tuner.report.photographs import write_import_report
-
-        page = write_import_report(made)
     _describe(made)
-    output.print(f"report: {page}")
 
 
 @app.command("list")
@@ -137,9 +132,16 @@ def enough(
     output.print(
         f"how many photographs of {name} would have been enough"
     )  # before what takes seconds to load
-    load("tuner.comparison.enough")
-    from tuner.comparison.enough import NUMBERS, enough_plans, read_enough, seconds
-    from tuner.report.photographs import draw_enough, enough_table, enough_text
+    load("tuner.report.enough")
+    from tuner.report.enough import (
+        NUMBERS,
+        draw_enough,
+        enough_plans,
+        enough_table,
+        enough_text,
+        read_enough,
+        seconds,
+    )
 
     photographs = PhotographSet.read(name)
     tuned = None

@@ -69,7 +69,7 @@ def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
 def test_too_few_and_copies(folder: Path) -> None:
     (folder / "copy.jpg").write_bytes((folder / "0.jpg").read_bytes())
     found, notes = read_folder(folder, silent)
-    assert len(found) == 9 and "1 files that are copies" in notes[0]
+    assert len(found) == 9 and "left out 1 of 10 pictures" in notes[0]
     (folder / "0.jpg").unlink()
     (folder / "1.jpg").unlink()
     (folder / "2.jpg").unlink()
@@ -97,8 +97,8 @@ def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
     source = ImportSource(tuple(found), 64, silent).turned()
     assert not source.upright
     assert source.up(found[0].name) == (-1.0, 0.0)
-    upright = read_pixels(found[0].path, 64, found[0].turns(upright=True))
+    upright = read_pixels(found[0].path, 64, found[0].quarters(upright=True))
     assert upright.shape == (64, 48, 3)
     # What is on the left of the stored picture is up.
-    stored = read_pixels(found[0].path, 64, found[0].turns(upright=False)).astype(int)
+    stored = read_pixels(found[0].path, 64, found[0].quarters(upright=False)).astype(int)
     assert np.abs(np.rot90(stored, -1) - upright).mean() < 12

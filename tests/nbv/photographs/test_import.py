@@ -1,24 +1,20 @@
 """A folder of rendered photographs, imported: compared with where they were rendered from, and with the ball."""
 
-import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, frames, render, save, silent, write_folder
-from scene_helpers import BALL_RADIUS_M, CENTRE_M, around
+from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, render, save, silent, write_folder
+from scene_helpers import BALL_RADIUS_M, around
 
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs import importer as importer_module
-from nbv.photographs.folder import read_folder
-from nbv.photographs.import_source import ImportSource
 from nbv.photographs.importer import ImportOptions, import_photographs
-from nbv.photographs.mapping import solve
 from nbv.photographs.photograph_set import SPARSE, sets_folder
 
 pytestmark = pytest.mark.slow  # by the fixture
@@ -77,8 +73,7 @@ def test_a_second_import_goes_on_from_the_store(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("worked out again")
 
-    monkeypatch.setattr("nbv.photographs.mapping.extract_features", never)
-    monkeypatch.setattr("nbv.photographs.mapping._largest_model", never)
+    monkeypatch.setattr("nbv.photographs.sparse_model.match_photographs", never)
     monkeypatch.setattr("nbv.photographs.dense_reference.ReferenceMaker._fused", never)
     left = sets_folder() / ".again.killed"
     left.mkdir()
@@ -134,18 +129,3 @@ def test_two_objects(tmp_path: Path, ball_store: Store) -> None:
     with pytest.raises(UserError, match="two objects"):
         import_photographs(tmp_path, "two", ImportOptions(max_size_px=320), silent, ball_store)
     assert "two" not in list_sets()
-
-
-def test_poses_alone_are_enough(
-    ball_set: PhotographSet, ball_folder: Path, ball_store: Store, tmp_path: Path
-) -> None:
-    size = {"w": CAMERA.width_px, "h": CAMERA.height_px, "fl_x": CAMERA.focal_px}
-    path = tmp_path / "transforms.json"
-    path.write_text(json.dumps({**size, "frames": frames(POSITIONS_M[:14])}))
-    photographs, _ = read_folder(ball_folder, silent)
-    source = ImportSource(tuple(photographs), MAX_SIZE_PX, silent, ball_store)
-    model, _, notes = solve(source, path)
-    assert len(model.xyz) > 500 and "triangulated" in notes[1]
-    on_ball = np.abs(np.linalg.norm(model.xyz - CENTRE_M, axis=1) - BALL_RADIUS_M) < 0.02
-    on_ground = np.abs(model.xyz[:, 2]) < 0.05
-    assert np.mean(on_ball | on_ground) > 0.9

@@ -17,9 +17,13 @@ from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.metric import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
-from nbv.photographs.evaluation import measure_cloud
-from nbv.photographs.photograph_fidelity import config_for_set, run_photographs_mission
-from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
+from nbv.photographs.photograph_fidelity import (
+    SEED_CAP_DEG,
+    PhotographViewpoints,
+    config_for_set,
+    measure_cloud,
+    run_photographs_mission,
+)
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
 from tuner.missions.registry import kind_on, mission_kind, usual_preset
@@ -61,6 +65,18 @@ def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
         MissionFailure, match="elevations of 46 to 46 degrees, and the photographs have 25 to 25"
     ):
         viewpoints(at).seeds(asked)
+
+
+def test_a_side_without_photographs_costs_its_seeds_alone() -> None:
+    """A gap of 130 degrees: 11 to 13 of 16 places are near a photograph, and as many of more; of a small side nothing is flown."""
+    at = around(np.arange(0.0, 231.0, 5.0), 25.0)
+    for count in (16, 20, 24, 32):
+        config = PAPER.with_values({"seed.count": count, "seed.lowest_deg": 25.0})
+        seeds = viewpoints(at, config).seeds(config)
+        assert 0.68 * count <= len(seeds) <= 0.82 * count
+    few = around(np.arange(0.0, 61.0, 2.0), 25.0)
+    with pytest.raises(MissionFailure, match="in azimuth: none was taken between 60° and 0°"):
+        viewpoints(few).seeds(RING)
 
 
 def test_the_pool_is_what_is_left_within_the_altitudes() -> None:

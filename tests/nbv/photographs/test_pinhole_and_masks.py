@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from nbv.errors import UserError
-from nbv.photographs.folder import SourcePhotograph, find_masks
-from nbv.photographs.import_source import ImportSource
-from nbv.photographs.pinhole import common_pinhole, undistorted
+from nbv.photographs.folder import SourcePhotograph
+from nbv.photographs.import_source import ImportSource, find_masks
+from nbv.photographs.importer import common_pinhole, undistorted
 
 
 def lens(k: float, width: int = 320, height: int = 240, focal: float = 260.0) -> pycolmap.Camera:
@@ -22,7 +22,8 @@ def lens(k: float, width: int = 320, height: int = 240, focal: float = 260.0) ->
 @pytest.mark.parametrize("k", [-0.1, 0.0, 0.1])
 def test_the_pinhole_is_filled_and_no_longer_than_it_must_be(k: float) -> None:
     camera = lens(k)
-    pinhole = common_pinhole([camera, camera, lens(0.05, 200, 100)])
+    small = lens(0.05, 160, 120)
+    pinhole = common_pinhole([small, camera, small, lens(0.3), small, camera])
     white = np.full((240, 320, 3), 255, np.uint8)
     assert undistorted(white, camera, pinhole).min() > 250
     wider = type(pinhole)(pinhole.width_px, pinhole.height_px, 0.97 * pinhole.focal_px)

@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 from nbv.safe_files import read_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
-from tuner.report.photographs import write_import_report
 
 run = CliRunner()
 
@@ -54,11 +53,3 @@ def test_what_is_set_of_missions_over_a_set_is_flown_and_recorded(gatetune, monk
     monkeypatch.setattr("tuner.commands.campaign.require_comparable", seen.append)
     gatetune("campaign", "run", *asked, "--scheduler", "nowhere")
     assert (seen[0].preset, seen[0].problem.base.dense.agreeing_views) == ("photographs", 6)
-
-
-def test_the_page_of_an_imported_set_says_what_there_is(home: Path) -> None:
-    page = write_import_report(write_part_of_a_set())
-    assert page == home / "photographs" / "mine" / "report.html"
-    text = page.read_text()
-    said = ("6 of 7 photographs", "azimuth 200° and 0°", "LOST.JPG", "azimuth 60° to 90°", "0.368 m", "99.0")
-    assert all(words in text for words in said) and text.count("<img") == 2

@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 from made_evaluations import made_trial
 from photographed_ball import spread, write_set
+from scene_helpers import around
 from typer.testing import CliRunner
 
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from nbv.photographs.photograph_fidelity import PhotographViewpoints
 from tuner.cli import app
-from tuner.comparison.enough import ALL, enough_plans, read_enough, seconds
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Trial
-from tuner.report.photographs import draw_enough
+from tuner.problem.search_space import builtin
+from tuner.report.enough import ALL, draw_enough, enough_plans, read_enough, seconds
 
 
 @pytest.fixture
@@ -64,6 +66,33 @@ def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp
     assert nothing.smallest is None
     with pytest.raises(UserError, match="all photographs gave no"):
         read_enough(run(everything, {ALL: [(0.0, 36)]}, names), run(few, evaluated, names), 95.0)
+
+
+def test_a_number_is_not_enough_where_a_larger_one_fails(ball: PhotographSet) -> None:
+    names = [p.name for p in ball.registered]
+    everything, few = enough_plans(ball, (16, 20, 24), replicates=3).values()
+    evaluated = {
+        "ring-16": [(89.0, 13), (88.5, 13), (89.2, 13)],
+        "ring-20": [(0.0, 16), (0.0, 16), (0.0, 16)],
+        "random-20": [(87.0, 20), (87.3, 20), (87.1, 20)],
+        "random-24": [(80.0, 24), (90.0, 24), (91.0, 24)],
+    }
+    found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, evaluated, names), 95.0)
+    assert found.smallest.way == "random" and len(found.smallest.taken) == 20
+
+
+def test_a_ring_has_its_number_where_one_side_was_not_photographed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    part = write_set("part", around(np.linspace(0.0, 230.0, 47), 25.0), rendered=False)
+    few = enough_plans(part, (16, 20, 24))["few"]
+    for number in (16, 20, 24):
+        config = builtin(few.strategies[f"ring-{number}"])
+        places = PhotographViewpoints(
+            [p.camera_center_m for p in part.registered], part.target_m, config, "key", 1
+        )
+        assert abs(len(places.seeds(config)) - number) <= 1
 
 
 @pytest.mark.slow

@@ -1,8 +1,10 @@
-"""How few of the photographs of a set would have done: which missions answer that, and how they are read.
+"""How few of the photographs of a set would have done: which missions answer that, how they are read, and what is told.
 
 Strategies that choose photographs (an even ring, random ones, planners) run at several numbers of photographs, with
 replicates that begin elsewhere; all but the ring begin with the same seeds. One more mission takes all photographs. A plan is
-enough where the lower bound of its quality over the replicates keeps the asked share of what all photographs reach.
+enough where the lower bound of its quality over the replicates keeps the asked share of what all photographs reach, and so
+does the mean of every larger number. Where one side was not photographed the ring's places are closer, so that it has its
+number.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +21,18 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from nbv.photographs.photograph_set import gaps_deg
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
+from tuner.missions.job import Trial
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.objective import DEFAULT_METRIC
+from tuner.report.labels import difference_text
+from tuner.report.style import BLUE, GREY, LIGHT, MARKERS, look, new_figure, save_figure
+from tuner.report.table import Table
 
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
@@ -39,6 +47,7 @@ SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/r
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
 _BELOW_ALL_M = -3.0
+_NEAR_DEG = 20.0  # a seed without a photograph so near in azimuth is left out
 
 
 @dataclass(frozen=True)
@@ -96,6 +105,9 @@ def enough_plans(
             "than that"
         )
     elevation_deg = float(np.median(photographs.coverage.elevations_deg))
+    empty = ((high - low) % 360 - 2 * _NEAR_DEG for low, high in gaps_deg(photographs.coverage.azimuths_deg))
+    photographed = 1 - sum(max(0.0, degrees) for degrees in empty) / 360
+    seeds = round(SEEDS / photographed)
     base = preset("campaign").with_values(
         {
             "telemetry": TELEMETRY,
@@ -107,8 +119,8 @@ def enough_plans(
     planner = tuned or baseline("predicted").config(base)
     strategies = {}
     for number in sizes:
-        ring = base.with_values({"seed.count": number, "stop.adaptive_budget": 0})
-        shared = base.with_values({"seed.count": SEEDS, "stop.adaptive_budget": number - SEEDS})
+        ring = base.with_values({"seed.count": round(number / photographed), "stop.adaptive_budget": 0})
+        shared = base.with_values({"seed.count": seeds, "stop.adaptive_budget": number - SEEDS})
         strategies[_name(RING, number)] = ring
         if number == SEEDS:
             continue
@@ -119,7 +131,7 @@ def enough_plans(
                 strategies[_name(way, number)] = shared.with_values({"gate.kind": way})
     everything = base.with_values(
         {
-            "seed.count": SEEDS,
+            "seed.count": seeds,
             "stop.adaptive_budget": registered,
             "stop.criterion": "budget",
             "gate.kind": "movement-only",
@@ -144,36 +156,43 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
         why = "" if whole is None else f" ({whole.reason}: {whole.record.message})"
         raise UserError(f"the mission with all photographs gave no {DEFAULT_METRIC}{why}")
     least = keep_percent / 100.0 * reached
-    ways: dict[str, list[Point]] = {way: [] for way in WAYS}
-    smallest, smallest_rank = None, (math.inf, 0.0)
+    ways: dict[str, list[tuple[Point, list[Trial]]]] = {way: [] for way in WAYS}
     for strategy in curves.plan.strategies:
-        way, trials = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
-        qualities = [t.value(DEFAULT_METRIC) or 0.0 for t in trials]
-        interval = mean_interval({"set": qualities})
+        trials = [t for t in curves.records if t.strategy == strategy]
+        interval = mean_interval({"set": list(map(_quality, trials))})
         if interval is None or interval.low is None or interval.high is None:
             continue  # not run to the end
-        low, high = max(0.0, interval.low), min(100.0, interval.high)
-        interval = dataclasses.replace(interval, low=low, high=high)
+        interval = dataclasses.replace(interval, low=max(0.0, interval.low), high=min(100.0, interval.high))
         images, registered = (
             float(np.mean([trial.costs.get(key, 0.0) for trial in trials]))
             for key in ("images", "registered_images")
         )
-        point = Point(images, registered, interval)
-        ways[way].append(point)
-        if low >= least and (images, -low) < smallest_rank:
-            median = sorted(range(len(trials)), key=qualities.__getitem__)[len(trials) // 2]
-            typical = trials[median]
-            taken = tuple(typical.metrics.get("taken", ()))
-            smallest = Smallest(way, point, typical.replicate, qualities[median], taken)
-            smallest_rank = images, -low
+        ways[strategy.rpartition("-")[0]].append((Point(images, registered, interval), trials))
+    enough = []
+    for way, points in ways.items():
+        points.sort(key=lambda p: p[0].photographs)
+        for index, (point, trials) in enumerate(points):
+            later = min((p.quality.mean for p, _ in points[index:]), default=0.0)
+            if (point.quality.low or 0.0) >= least and later >= least:
+                enough.append((point, way, trials))
+    smallest = None
+    if enough:
+        point, way, trials = min(enough, key=lambda e: (e[0].photographs, -(e[0].quality.low or 0.0)))
+        typical = sorted(trials, key=_quality)[len(trials) // 2]
+        taken = tuple(typical.metrics.get("taken", ()))
+        smallest = Smallest(way, point, typical.replicate, _quality(typical), taken)
     return Enough(
         whole.costs["images"],
         reached,
         least,
         whole.metrics["reference"]["ceiling"].get("f_score_48mm", math.nan),
-        {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in ways.items() if points},
+        {way: tuple(point for point, _ in points) for way, points in ways.items() if points},
         smallest,
     )
+
+
+def _quality(trial: Trial) -> float:
+    return trial.value(DEFAULT_METRIC) or 0.0
 
 
 def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
@@ -185,3 +204,62 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
 
 def _name(way: str, number: int) -> str:
     return f"{way}-{number}"
+
+
+def enough_table(enough: Enough) -> Table:
+    rows = [
+        (WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", difference_text(p.quality, signed=False))
+        for way, points in enough.curves.items()
+        for p in points
+    ]
+    title = (
+        f"F-score at 3 % of the height; one half of all photographs against the other: {enough.ceiling:.1f} %"
+    )
+    return Table.of(title, ("way", "photographs", "registered", "F-score, % [95 % interval]"), rows)
+
+
+def enough_text(enough: Enough, keep_percent: float, listed: Path) -> str:
+    """Which plan would have been enough; ``listed``: the file that names its photographs."""
+    said = f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
+    if (best := enough.smallest) is None:
+        return f"{said} No plan's lower bound reached it: try a larger --number or more --replicates."
+    return (
+        f"{said} {best.plan.photographs:.0f} photographs would have been enough: {WAYS[best.way]}, "
+        f"{difference_text(best.plan.quality, signed=False)} %. The files of a typical mission, {best.quality:.1f} %: {listed}."
+    )
+
+
+def draw_enough(enough: Enough, photographs: PhotographSet, keep_percent: float, path: Path) -> Path:
+    """Write the picture as PNG; returns its path."""
+    with look():
+        figure = new_figure(7.2, 7.4)
+        above, below = figure.subplots(2, 1, height_ratios=(3, 2))
+        for k, (way, points) in enumerate(enough.curves.items()):
+            number = np.array([p.photographs for p in points])
+            mean = np.array([p.quality.mean for p in points])
+            above.plot(number, mean, "-", marker=MARKERS[k], color=f"C{k}", markersize=4, label=WAYS[way])
+            bounds = np.array([(p.quality.low, p.quality.high) for p in points], dtype=float)  # None: NaN
+            low, high = bounds.T
+            above.fill_between(number, low, high, color=f"C{k}", alpha=0.12, lw=0)
+        small = {"color": GREY, "fontsize": 8}
+        left = above.get_xlim()[0]
+        above.axhline(enough.all_quality, color=GREY, lw=1)
+        above.axhline(enough.asked_quality, color=GREY, lw=1, ls=":")
+        above.text(left, enough.all_quality, f" all {enough.all_photographs:.0f}", va="bottom", **small)
+        above.text(left, enough.asked_quality, f" {keep_percent:g} % of that", va="top", **small)
+        above.set_xlabel("photographs")
+        above.set_ylabel("F-score at 3 % of the height, %")
+        above.legend(loc="lower right")
+        views = photographs.coverage
+        azimuth, elevation = views.azimuths_deg, views.elevations_deg
+        below.scatter(azimuth, elevation, s=14, color=LIGHT, edgecolor=GREY, lw=0.5, label="not needed")
+        if enough.smallest is not None:
+            chosen = np.isin(views.names, enough.smallest.taken)
+            label = f"these {chosen.sum()} would have been enough"
+            below.scatter(azimuth[chosen], elevation[chosen], s=22, color=BLUE, label=label)
+        below.set_xlim(0, 360)
+        below.set_xticks(range(0, 361, 45))
+        below.set_xlabel("azimuth about the object, degrees")
+        below.set_ylabel("elevation, degrees")
+        below.legend(loc="upper right", ncols=2)
+    return save_figure(figure, path.parent, path.stem)
