@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ _TYPES = {"float": "<f4", "uchar": "|u1"}
 
 def write_ply(path: Path, cloud: Cloud, **more: Floats) -> None:
     """Positions, normals and ``more`` columns (N,) as float32, 8-bit colours; normals and colours where there are any."""
-    columns = {}
+    columns = dict[str, Any]()
     for names, values in (
         ("x y z", cloud.points_m),
         ("nx ny nz", cloud.normals),
@@ -25,7 +26,7 @@ def write_ply(path: Path, cloud: Cloud, **more: Floats) -> None:
         if values is not None:
             columns |= dict(zip(names.split(), np.asarray(values, "u1" if "red" in names else "<f4").T))
     columns |= {name: np.asarray(values, "<f4") for name, values in more.items()}
-    records = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    records = np.rec.fromarrays(list(columns.values()), names=list(columns))  # type: ignore[call-overload]
     told = [f"property {'uchar' if v.dtype == np.uint8 else 'float'} {name}" for name, v in columns.items()]
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(records)}", *told, "end_header\n"]
     write_atomic(path, "\n".join(head).encode() + records.tobytes())

@@ -269,10 +269,10 @@ def _lever(p: Floats, rng: np.random.Generator, seed: int) -> Floats:
             bar = sdf.subtract(bar, sdf.box(q, middle + np.array([0, s * wide, 0]), groove, 0.02, turn), 0.02)
         body = np.minimum(body, bar)
     for k, at in enumerate(places):
-        radius, half = rng.uniform(0.2, 0.32), (1.6 if k == 1 else 1.2) * wide
+        radius, reach = rng.uniform(0.2, 0.32), (1.6 if k == 1 else 1.2) * wide
         local, axis = q - at, 1 if k == 1 else int(rng.integers(1, 3))
         across = np.delete(local, axis, axis=1)
-        eye = sdf.intersection(np.linalg.norm(across, axis=1) - radius, np.abs(local[:, axis]) - half, 0.02)
+        eye = sdf.intersection(np.linalg.norm(across, axis=1) - radius, np.abs(local[:, axis]) - reach, 0.02)
         body = sdf.subtract(sdf.union(body, eye, 0.06), np.linalg.norm(across, axis=1) - 0.6 * radius, 0.01)
     foot = sdf.ellipsoid(p, (0, 0, 0.0), (0.35, 0.35, 0.3))
     return sdf.union(sdf.union(body, foot, 0.05), sdf.capsule(p, (0, 0, 0), (0, 0, 0.6), 0.1), 0.05)

@@ -222,7 +222,7 @@ def _check_gltf(path: Path, notes: list[str]) -> tuple[int, bool]:
         start, end = 20, 20 + int.from_bytes(content[12:16], "little")
     require(end - start, MAX_HEADER_BYTES, f"the size of the header of {path} in bytes")
     try:
-        header = parse_json(content[start:end].decode("utf-8-sig"), str(path), MAX_VALUES)
+        header = parse_json(content[start:end].decode("utf-8-sig"), str(path))
         if not header.get("scenes"):
             raise UnusableMesh("has no scene, so that nothing in it is shown; export it again")
         needed = set(header.get("extensionsRequired", ()))
