@@ -145,7 +145,7 @@ def _with_materials(path: Path, kind: str, notes: list[str]) -> tuple[Floats, In
     with o3d.utility.VerbosityContextManager(
         o3d.utility.VerbosityLevel.Error
     ):  # its warnings would be a second message
-        model = o3d.io.read_triangle_model(str(path))
+        model = o3d.io.read_triangle_model(str(path))  # type: ignore[arg-type]  # a wrong stub
     missing = [name for name in dict.fromkeys(side_files(path)) if not is_file(path.parent / name)]
     notes += [f"not read: {name!r}, which is not beside the mesh" for name in missing[:MAX_TOLD]]
     if missing and not model.meshes:
