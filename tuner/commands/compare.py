@@ -27,6 +27,7 @@ from tuner.commands.console import (
 )
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.missions.registry import kind_on, mission_kind
+from tuner.problem.baselines import is_orbit
 from tuner.problem.instances import Instance
 from tuner.problem.objective import DEFAULT_METRIC
 
@@ -77,7 +78,7 @@ def compare(
     against: Annotated[
         str | None,
         typer.Option(
-            help="Strategy that the others are compared with (default: orbit-by-height, or the first)."
+            help="Strategy that the others are compared with (default: orbit-by-height, or the first orbit)."
         ),
     ] = None,
     replicates: Annotated[int, typer.Option(help="Replicates per target.", min=1)] = 1,
@@ -133,7 +134,14 @@ def compare(
         )
     if campaign is not None:
         chosen["tuned"] = Campaign.open(campaign, read_only=True).recommended_config()
-    reference = against or (curves.BY_HEIGHT if curves.BY_HEIGHT in chosen else next(iter(chosen)))
+    if against is None and fidelity == curves.CURVE and not any(map(is_orbit, chosen)):
+        chosen[curves.BY_HEIGHT] = None  # the control that everything is measured from
+    orbits = [
+        name
+        for name in (curves.BY_HEIGHT, *chosen)
+        if name in chosen and (name == curves.BY_HEIGHT or is_orbit(name))
+    ]
+    reference = against or next(iter([*orbits, *chosen]))
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
     plans = curves.comparison_plans(requested, chosen)
@@ -146,6 +154,11 @@ def compare(
     output.print(
         f"{requested.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
     )
+    if seeds := requested.base.seed.total:
+        last = requested.numbers[-1]
+        output.print(
+            f"planners begin with {seeds} seeds and plan the rest: {last} photographs are {seeds} + {last - seeds}"
+        )
     longest = curves.ending_at(requested.base, requested.numbers[-1])
     for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
         note_dense_stage(kind, longest)

@@ -46,7 +46,11 @@ def show(
     from nbv.evaluation.ground_truth import ground_share
 
     subject = load_rock(rock, Store())
-    facts: dict[str, object] = {"name": subject.name, "split": subject.split, "difficulty": subject.difficulty}
+    facts: dict[str, object] = {
+        "name": subject.name,
+        "split": subject.split,
+        "difficulty": subject.difficulty,
+    }
     facts |= {**describe(subject), "ground_fraction": ground_share(subject, EvaluationConfig())}
     facts["sha256"] = subject.sha256
     rows = [(fact, f"{value:.3f}" if isinstance(value, float) else value) for fact, value in facts.items()]
