@@ -1,4 +1,4 @@
-"""Planners, random views and rings on photographs that were taken: the missions and tables of docs/results/real_photographs.md.
+"""Planners, random views and rings on photographs that were taken: the missions and tables of docs/results/index.md.
 
 python -m research.real_photographs fly OUT --rock mictlan --seeds 16 --views 8 --arm random "covis, paper" --replicates 8
 python -m research.real_photographs fly OUT --rock slab@field --arm random

@@ -10,7 +10,6 @@ import argparse
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 
@@ -20,7 +19,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from nbv.rocks.families import HELD_OUT_FROM
-from tuner.report.style import CYCLE
 
 Row = dict[str, str]
 NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
@@ -56,53 +54,6 @@ def label(strategy: str) -> str:
     """What a reader calls a peer that the benchmark calls ``name`` or ``name/way``."""
     name, _, way = strategy.partition("/")
     return NAMES[name] + WAYS[way]
-
-
-def optimisers(data: Path) -> plt.Figure:
-    """Ours minus each peer, 18 parameters, two Apollo rocks."""
-    column = "ours minus this (mean, 95 %)"
-    rows = [
-        row
-        for row in read(data, "optimisers")
-        if row["problem"] == "geometric, full, two Apollo rocks" and row[column]
-    ]
-    rows.sort(key=lambda row: float(row[column]))
-    figure, axes = plt.subplots(figsize=(7, 3.4))
-    forest(
-        axes,
-        [f"{label(row['strategy'])} ({row['seeds']} seeds)" for row in rows],
-        [with_interval(row, column) for row in rows],
-    )
-    axes.set_xlabel("ours minus this, F-score (points), 95 %")
-    return figure
-
-
-def conditions(data: Path) -> plt.Figure:
-    """F-score on every held-out rock in conditions that no campaign has seen, by what was tuned where."""
-    rows = read(data, "unseen_conditions")
-    names = {
-        "hyb-h": "Hyb-H, paper's values",
-        "random-in-its-pool": "random views below 3.16 m",
-        "tuned-ideal": "tuned in ideal",
-        "tuned-conditions": "tuned over conditions",
-        "tuned-there": "tuned in harsh itself",
-    }
-    instances = list(dict.fromkeys(row["condition"] for row in rows))
-    figure, panels = plt.subplots(1, len(instances), figsize=(8, 2.8), sharey=True)
-    for axes, instance in zip(panels, instances):
-        for place, strategy in enumerate(names):
-            found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, instance)]
-            values = [float(row["f_score_48mm"]) for row in found if row["f_score_48mm"]]
-            if not values:
-                continue
-            axes.plot(values, [place] * len(values), "o", color=GREY, alpha=0.5, markersize=4)
-            axes.plot(sum(values) / len(values), place, "D", color=BLUE if "tuned" in strategy else ORANGE)
-        axes.set_title(instance)
-        axes.set_xlabel("registered F-score @ 48 mm (%)")
-        axes.grid(axis="x", alpha=0.3)
-    panels[0].set_yticks(range(len(names)), list(names.values()))
-    panels[0].invert_yaxis()
-    return figure
 
 
 def speed(data: Path) -> plt.Figure:
@@ -184,33 +135,8 @@ def where_planning_pays(data: Path) -> plt.Figure:
     return figure
 
 
-def planners_against_orbits(data: Path) -> plt.Figure:
-    """Share of the targets at 98 % and mean F-score over the number of photographs, by strategy."""
-    figure, axes = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained")
-    strategies: dict[str, list[Row]] = {}
-    for row in read(data, "planners_against_orbits"):
-        strategies.setdefault(row["strategy"], []).append(row)
-    for index, (name, rows) in enumerate(strategies.items()):
-        photographs = [float(row["photographs"]) for row in rows]
-        f_scores = [float(row["f_score_percent"]) for row in rows]
-        style = ":" if name.startswith("orbit") else "--" if name == "greedy-oracle" else "-"
-        own: dict[str, Any] = {"color": CYCLE[index % len(CYCLE)], "linewidth": 1.6}
-        axes[0].plot(photographs, [100 * float(row["share"]) for row in rows], style, **own, label=name)
-        axes[1].plot(photographs, f_scores, style, **own)
-    axes[0].set_ylabel("targets with an F-score of 98 % (%)")
-    axes[1].set_ylabel("mean F-score at 48 mm (%)")
-    axes[1].set_ylim(90, 100)
-    for each in axes:
-        each.set_xlabel("photographs (mean)")
-        each.set_xlim(12, 48)
-        each.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
-    return figure
-
-
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
-    figure.__name__: figure
-    for figure in (optimisers, conditions, where_planning_pays, planners_against_orbits, speed)
+    figure.__name__: figure for figure in (where_planning_pays, speed)
 }
 
 

@@ -10,7 +10,7 @@ from nbv.config.declaration import Origin
 from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
 
-# Work left out that the outcome does not show (docs/results/speed.md).
+# Work left out that the outcome does not show (docs/results/index.md).
 REDUCED_SFM: dict[str, Any] = {
     "sparse.max_pairs": 8,
     "sparse.max_pair_angle_deg": 130.0,
@@ -26,7 +26,7 @@ REDUCED_SFM: dict[str, Any] = {
 }
 
 # Work is left out that scores do not show; photographs of 1280 px take the dense stage ten times as long, and fewer of their
-# depths agree: they are not sharp to a pixel; and six views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
+# depths agree: they are not sharp to a pixel; and six views of 24 to 32 seldom see one place (docs/results/index.md).
 PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     **REDUCED_SFM,
     "sparse.max_features": 2048,
@@ -35,7 +35,7 @@ PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
     "dense.agreeing_views": 3,
 }
 
-# Chosen by the noise of missions on training rocks: docs/results/low_fidelity.md.
+# Chosen by the noise of missions on training rocks: docs/results/index.md.
 _CAMPAIGN: dict[str, Any] = {
     "stop.adaptive_budget": 8,
     "stop.criterion": "budget",

@@ -73,7 +73,7 @@ class SparseConfig(Section):
     )
 
 
-_TABLE = "docs/results/patchmatch.md has the table"
+_TABLE = "docs/results/index.md has the table"
 
 
 @dataclass(frozen=True)

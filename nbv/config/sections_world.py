@@ -63,7 +63,7 @@ class SceneConfig(Section):
     match_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
         180.0,
         "angle between lines of sight above which they do not match; geometric missions only",
-        reason="at 45 even rings register as those of a stone figure do (docs/results/real_photographs.md)",
+        reason="at 45 even rings register as those of a stone figure do (docs/results/index.md)",
         added=True,
     )
 

@@ -44,7 +44,7 @@ def patchmatch_depth_maps(views: PosedViews) -> DepthMaps:
         "window_step": config.patchmatch_window_step_px,
         "num_samples": config.patchmatch_draws,
         "num_iterations": config.patchmatch_iterations,
-        "geom_consistency": False,  # a second pass, which loses points: docs/results/patchmatch.md
+        "geom_consistency": False,  # a second pass, which loses points: docs/results/index.md
         # Ours follows. COLMAP's wants two sources to confirm a depth, and a photograph of a small set has two to four.
         "filter": False,
     }

@@ -40,7 +40,7 @@ def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
     """(S,) chance that something is reconstructed among each sample's ``count`` (S,) nearest (`best_so_far`).
 
     A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best
-    neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/low_fidelity.md).
+    neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/index.md).
     """
     return 1.0 - np.power(1.0 - best[count, np.arange(best.shape[1])], CHANCES_IN_REACH)
 

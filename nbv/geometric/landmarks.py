@@ -1,7 +1,7 @@
 """The simulator's landmarks: how easily each is detected and matched, and which of them a view detects.
 
 Everything is drawn per (rock, replicate) and per (rock, replicate, viewpoint), so it is the same in every mission on
-them. The constants were set to reproduce real seed models (docs/results/low_fidelity.md).
+them. The constants were set to reproduce real seed models (docs/results/index.md).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from nbv.types import (
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 # Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Too many for even orbits: of 16 seeds at
 # 20 degrees 8 and 11 are held on boulder (two replicates), 6 on stack and 10 on bowl, of 20 at 15 degrees 5 on boulder, 7 on
-# vesicular and none on stack; photogrammetry registers all of each (docs/results/low_fidelity.md).
+# vesicular and none on stack; photogrammetry registers all of each (docs/results/index.md).
 HELD_LANDMARKS = 258
 
 

@@ -17,7 +17,7 @@ from nbv.geometry.matchability import nearest_views, stereo_partners
 from nbv.types import Bools, Floats, Floats32
 
 # Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at 98aed9d;
-# docs/results/low_fidelity.md).
+# docs/results/index.md).
 INCIDENCE_DEG = 76.4  # at this incidence a view is good for a match half the time
 INCIDENCE_WIDTH_DEG = 14.0
 HALF_CONTRAST = 0.0018  # at this local contrast half of the matches fail

@@ -154,7 +154,7 @@ def cleft(q: Floats, seed: int) -> Floats:
     return sdf.subtract(sdf.subtract(d, crack, 0.04), side, 0.03)
 
 
-# The rest nothing was ever tuned on; they were drawn before any mission flew on them (docs/results/held_out.md).
+# The rest nothing was ever tuned on; they were drawn before any mission flew on them (docs/results/index.md).
 
 
 @recipe("held-out", 21, Paint(grey=0.36, clasts=0.4, dust=0.35), bend=(0.03, 0.6), relief=0.8)

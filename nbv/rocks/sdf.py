@@ -43,7 +43,10 @@ def _about(points: Floats, center: Sequence[float] | Floats, turn: Floats | None
 
 
 def ellipsoid(
-    points: Floats, center: Sequence[float] | Floats, radii: Sequence[float] | Floats, turn: Floats | None = None
+    points: Floats,
+    center: Sequence[float] | Floats,
+    radii: Sequence[float] | Floats,
+    turn: Floats | None = None,
 ) -> Floats:
     """An ellipsoid turned by ``turn`` (3, 3) about its centre; the distance is first-order, exact at the surface."""
     local = _about(points, center, turn)
@@ -66,7 +69,9 @@ def box(
     return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(1), 0) - round_m
 
 
-def capsule(points: Floats, start: Sequence[float] | Floats, end: Sequence[float] | Floats, radius: float) -> Floats:
+def capsule(
+    points: Floats, start: Sequence[float] | Floats, end: Sequence[float] | Floats, radius: float
+) -> Floats:
     """A cylinder with round ends, whose middles are ``start`` and ``end``."""
     a, b = np.asarray(start), np.asarray(end)
     t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)

@@ -5,7 +5,7 @@ a part that no photograph has shown yet exists on it, and it can hide itself. On
 (`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. A logistic curve of their mean chance and of the
 share of the surface that no depth has shown, both over what two cameras could see, gives a lower quartile: three in four states
 of simulated missions on training rocks and shapes, to which it was fitted, are at least as complete
-(``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
+(``python -m research.predict_completeness fit``; docs/results/index.md).
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ BASELINES: dict[str, Baseline] = {
         Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
-        # The ceiling needs the reward that the dense stage pays back: docs/results/table_1.md.
+        # The ceiling needs the reward that the dense stage pays back: docs/results/index.md.
         Baseline(
             "greedy-oracle",
             "Greedy oracle",
@@ -170,7 +170,7 @@ EVALUATION_BASELINES = (*PAPER_STRATEGIES, "predicted", "random", "greedy-oracle
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "greedy-oracle")
 ANSWERS = (TUNED_GATE, TUNED_PLANNER, TUNED)
 # Plans without tuning, from the simplest to fly: which one is flown where none is shown to be better. The orbit at 15 degrees is the
-# best single plan over 34 training targets (docs/results.md).
+# best single plan over 34 training targets (docs/results/index.md).
 SIMPLEST_FIRST = (
     *("orbit-middle", "orbit", "orbit-high", "orbit-two", "orbit-recentred", "orbit-two-recentred"),
     *("random", "default", "hyb-h", "covis", "b-aware", "movement-only", "predicted"),

@@ -43,7 +43,7 @@ WAYS = {
     "hyb-h": "Hyb-H, the paper's planner",
     "tuned": "tuned planner",
 }
-SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/real_photographs.md)
+SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/index.md)
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
 _BELOW_ALL_M = -3.0

@@ -10,11 +10,11 @@ import numpy as np
 from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
-# the default (docs/results/optimisers.md).
+# the default (docs/results/index.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4
 
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
-# evenly spread logarithms (docs/results/optimisers.md).
+# evenly spread logarithms (docs/results/index.md).
 NEAR_SD = (0.075, 0.3)
 
 

@@ -2,7 +2,7 @@
 
 Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
 surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing
-(docs/results/optimisers.md).
+(docs/results/index.md).
 """
 
 from __future__ import annotations

@@ -98,7 +98,9 @@ def test_spaces_have_the_answers_that_they_can_give() -> None:
 def test_the_papers_strategies_fly_the_papers_rings(number: int) -> None:
     """Whatever the seeds of the campaign are: shares of 8 : 6 : 6 : 4 at 4 m."""
     ring = {"seed.count": number - 8, "seed.layout": "turn", "seed.lowest_deg": 10.0, "seed.radius_m": 3.5}
-    base = preset("campaign").with_values({**ring, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6})
+    base = preset("campaign").with_values(
+        {**ring, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
+    )
     for name in PAPER_STRATEGIES:
         seed = baseline(name).config(base).seed
         paper = SeedConfig(count=number - 8, layout="rings")
