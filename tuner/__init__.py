@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING  # noqa: E402
 import lazy_loader  # noqa: E402
 
 if TYPE_CHECKING:
+    from tuner.answer.answer import answer_of as answer_of
     from tuner.campaign.campaign import Campaign as Campaign
     from tuner.campaign.settings import CampaignSettings as CampaignSettings
     from tuner.comparison.objective import objective as objective
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "answer.answer": ["answer_of"],
         "campaign.campaign": ["Campaign"],
         "campaign.settings": ["CampaignSettings"],
         "comparison.objective": ["objective"],
