@@ -28,7 +28,7 @@ SETTINGS = declared(CampaignSettings)
 # `make tune`: the gate, then the planner, with 20 photographs in a dim hall, on rocks and on shapes with pockets: on what is nearly
 # convex an orbit is as good as any plan.
 QUICK: dict[str, Any] = {
-    "budget": 60,
+    "budget": 80,
     "rocks": ["slab", "part-5", "vesicular", "lever-1", "cavern", "part-2"],
     "replicates": 1,
     "conditions": ["indoors"],

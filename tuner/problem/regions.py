@@ -7,6 +7,7 @@ goal with a limit, has one answer, *Tuned*.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,6 +37,11 @@ class Region:
         return all(values[path] == value for path, value in self.held.items()) and all(
             values[path] <= bound for path, bound in self.at_most.items()
         )
+
+    def with_gate_of(self, values: Mapping[str, Any]) -> Region:
+        """Return the part of the region in which views are chosen as at ``values``."""
+        gate = {path: values[path] for path in self.space.paths if path.startswith(CHOOSES_VIEWS)}
+        return dataclasses.replace(self, held={**self.held, **gate})
 
     def inside(self, unit: Floats) -> Bools:
         """Return (n,) which of (n, d) unit positions lie in the region."""
