@@ -133,6 +133,9 @@ class Choice:
         if only_verified:
             allowed = may_be_recommended(self.problem, observations, values)
         # Where even the default has failed there is nothing better than what has not.
+        # What has an outcome that all others contradict may be as bad as that.
+        contradicted = {configuration_key(space, o.values) for o in self.outliers}
+        allowed = [a and configuration_key(space, v) not in contradicted for a, v in zip(allowed, values)]
         keeping = [i for i, keep in enumerate(keeps) if keep]
         eligible = [i for i in keeping if allowed[i]] or keeping
         if constraint is not None and not keeping:
