@@ -29,7 +29,7 @@ SETTINGS = declared(CampaignSettings)
 # convex an orbit is as good as any plan.
 QUICK: dict[str, Any] = {
     "budget": 80,
-    "rocks": ["slab", "part-5", "vesicular", "lever-1", "cavern", "part-2"],
+    "rocks": ["slab", "part-1", "vesicular", "lever-0", "cavern", "figure-0"],
     "replicates": 1,
     "conditions": ["indoors"],
     "overrides": {
@@ -39,7 +39,7 @@ QUICK: dict[str, Any] = {
         "dense.agreeing_views": 3,
     },
     "space": "plan_and_gate",
-    "compare_on": ["arch", "part-20000", "fin", "lever-20000"],
+    "compare_on": ["arch", "part-20000", "fin", "lever-20000", "figure-20000"],
 }
 
 
