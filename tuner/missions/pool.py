@@ -22,7 +22,7 @@ import traceback
 import types
 from collections.abc import Iterator
 from concurrent.futures import Future, InvalidStateError
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Self
@@ -224,6 +224,7 @@ def _start_server(fidelity: str) -> None:
     # A library that starts threads cannot be forked; what lies in the current directory is no library; Ctrl-C is the coordinator's.
     path = os.pathsep.join(place for place in sys.path if place)
     changed = {**ONE_THREAD, "PYTHONSAFEPATH": "1", "PYTHONPATH": path}
+    resource_tracker.ensure_running()  # it unblocks what is blocked next
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         os.environ.update(changed)
