@@ -1,21 +1,19 @@
 import csv
 import dataclasses
-import html
 import json
 
 import fake_campaigns
 import pytest
 import yaml
-from tuner.report.answer import use_sentence, value_text
 
 from nbv.config import config_from_dict, preset
 from nbv.geometric import run_geometric_mission
-from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import write_mission, write_scoring, write_text
 from tuner.export.table import write_rows
+from tuner.export.vehicle_files import Exported, vehicle_files
+from tuner.problem.baselines import TUNED_PLANNER
 from tuner.problem.observations import short
 from tuner.problem.space_files import load_search_space
-from tuner.report.campaign_page import write_campaign_report
 
 
 @pytest.fixture(scope="module")
@@ -24,52 +22,69 @@ def campaign(tmp_path_factory):
     return fake_campaigns.run(directory, space=load_search_space("upstream"))
 
 
-def test_photographs_go_into_the_file_that_carries_them(gatetune, monkeypatch, campaign, tmp_path):
+def test_a_header_says_what_a_file_carries_and_what_that_was_worth(tmp_path):
     """Of a campaign that recommends fewer photographs than its default has."""
-    space = load_search_space("photographs")
-    found = fake_campaigns.run(tmp_path / "tune", space=space, budget=3, sampler="sobol")
-    run, default = found.directory, found.settings.problem.default
-    fewer = {**default, "seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
-    best = campaign.recommendation(save=False)
-    fixed = dataclasses.replace(best, values=fewer, default_values=default, improvement=6.0)
-    monkeypatch.setattr(Campaign, "recommendation", lambda self, *, save=True: fixed)
-    said = gatetune.ok("export", run)
-    assert "scoring.yaml carries 0 of 3 changes" in said
-    assert f"gatetune export {run} --to unified_mission.yaml" in said
-    assert "it carries 3 of 3 changes" in gatetune.ok("export", run, "--to", "unified_mission.yaml")
-    written = yaml.safe_load((run / "unified_mission.yaml").read_text())["/**"]["ros__parameters"]
+    run = fake_campaigns.run(
+        tmp_path / "tune", space=load_search_space("photographs"), budget=3, sampler="sobol"
+    )
+    problem, best = run.settings.problem, run.recommendation(save=False)
+    fewer = {**problem.default, "seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
+    worth = dataclasses.replace(best, values=fewer, default_values=problem.default, improvement=6.0)
+    scoring, mission, ours = vehicle_files(Exported(run, TUNED_PLANNER, problem.config(fewer), worth))
+    assert (scoring.share, mission.share, ours.share) == (
+        "0 of 3 changes, not seed.count, pool.max_altitude_m, stop.adaptive_budget",
+        "3 of 3 changes",
+        "3 of 3 changes",
+    )
+    written = yaml.safe_load(mission.text)["/**"]["ros__parameters"]
     assert (sum(written["seed_azimuth_counts"]), written["image_budget"]) == (14, 12)
     assert written["min_altitude_ned"] == -1.45
-    text = (run / "unified_mission.yaml").read_text()
-    assert "# carries: seed.count 14 (default 24)" in text and "+6" in text, text
+    assert "# carries: seed.count 14 (default 24)" in mission.text and "+6" in mission.text
+    assert "# does not carry: seed.count 14 (default 24)" in scoring.text
 
 
-def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path):
+def test_every_export_says_the_same(gatetune, campaign, tmp_path):
     best = campaign.recommendation(save=False)
-    status = gatetune.ok("campaign", "status", campaign.directory, "--json")
-    values = json.loads(status)["recommendation"]["values"]
-    assert values == best.values != campaign.settings.problem.default
-    wanted = campaign.settings.problem.config(values)
+    name = campaign.settings.problem.answers[-1].name
+    wanted = campaign.recommended_config(name)
     trees = {}
     for kind in ("gatetune.yaml", "scoring.yaml", "unified_mission.yaml"):
-        asked = ("export", campaign.directory, "--to", kind, "--json", "--out", tmp_path / kind)
+        asked = (
+            "export",
+            campaign.directory,
+            "--strategy",
+            name,
+            "--to",
+            kind,
+            "--json",
+            "--out",
+            tmp_path / kind,
+        )
         trees[kind] = json.loads(gatetune.ok(*asked))
         assert trees[kind]["wrote"] == str(tmp_path / kind)
     assert config_from_dict(yaml.safe_load((tmp_path / "gatetune.yaml").read_text())) == wanted
     for kind, write in {"scoring.yaml": write_scoring, "unified_mission.yaml": write_mission}.items():
         text = (tmp_path / kind).read_text()
         assert yaml.safe_load(text) == yaml.safe_load(write_text(write(wanted)[0], kind))
-    listed = json.loads(gatetune.ok("export", campaign.directory, "--json"))
+    listed = json.loads(gatetune.ok("export", campaign.directory, "--strategy", name, "--json"))
     assert {path: listed["values"][path] for path in best.changed} == {
-        path: values[path] for path in best.changed
+        path: best.values[path] for path in best.changed
     }
     assert {f["name"]: f["carried"] for f in listed["files"]} == {k: t["carried"] for k, t in trees.items()}
-    page = html.unescape(write_campaign_report(campaign).read_text())
-    for text in (gatetune.ok("campaign", "status", campaign.directory), page.replace("\u00a0", " ")):
-        assert use_sentence(best, campaign.settings) in text
-    exported = gatetune.ok("export", campaign.directory)
-    assert all(path in page and value_text(values, path) in page for path in best.changed)
-    assert all(f"{path} {short(values[path])} (default " in exported for path in best.changed)
+    exported = gatetune.ok("export", campaign.directory, "--strategy", name)
+    assert all(f"{path} {short(best.values[path])} (default " in exported for path in best.changed)
+
+
+def test_a_strategy_that_is_named_is_what_is_said_and_written(gatetune, campaign, tmp_path):
+    """And no other one's advice stands above it."""
+    out = tmp_path / "orbit.yaml"
+    said = gatetune.ok(
+        "export", campaign.directory, "--strategy", "orbit", "--to", "gatetune.yaml", "--out", out
+    )
+    config = config_from_dict(yaml.safe_load(out.read_text()))
+    assert (config.seed.lowest_deg, config.adaptive_budget) == (10.0, 0)
+    assert "Plain orbit at 10°: " in said and "Fly " not in said
+    assert f"seed.count {config.seed.count} (default {campaign.settings.problem.base.seed.total})" in said
 
 
 def test_a_route_repeats_views_flown_again_but_no_unfinished_mission(gatetune, tmp_path):
