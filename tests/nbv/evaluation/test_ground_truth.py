@@ -1,15 +1,28 @@
 """The reference surface, its observable part, and the rock's own Hausdorff floor, on shapes where they are known."""
 
+import sys
+
 import numpy as np
 import open3d as o3d
 import pytest
 from scene_helpers import around
 
 from nbv.config import preset
-from nbv.evaluation.ground_truth import ground_truth, observable_mask, rock_floors
+from nbv.evaluation import evaluate_cloud
+from nbv.evaluation.ground_truth import (
+    ground_share,
+    ground_truth,
+    measured_faces,
+    observable_mask,
+    rock_floors,
+)
+from nbv.geometric.world import SURFACE_SAMPLES, world_of
+from nbv.geometry.mesh import drop_unused_vertices, face_areas
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
+from nbv.rocks import load_coarse_rock
 from nbv.rocks.rock import make_rock
+from nbv.types import PointCloud
 
 
 def mesh_arrays(mesh):
@@ -79,3 +92,63 @@ def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
     assert 1000 * CUT_M - 2 < observable < 1000 * (CUT_M + 2 * VOXEL_M)
     # Averaging pulls points off the surface at edges only, by less than a voxel.
     assert floors["whole"]["hausdorff_cloud_to_gt_floor_mm"] < 1000 * VOXEL_M
+
+
+def dome_on_ground(*, ground_m=3.0, tilt_deg=0.0, bumps_m=0.0):
+    """A dome of 1.3 m across and 0.9 m height in one sheet with ground, as a scan has it; ``ground_m`` 0: the dome alone."""
+    side = np.linspace(-1, 1, 121) * max(ground_m, 1.3) / 2
+    x, y = (a.ravel() for a in np.meshgrid(side, side))
+    radius = np.hypot(x, y) / 0.65
+    level = np.tan(np.deg2rad(tilt_deg)) * x + bumps_m * np.sin(9 * x) * np.cos(8 * y)
+    vertices = np.stack(
+        [x, y, np.where(radius < 1, 0.9 * np.sqrt(np.maximum(1 - radius**2, 0)), level)], axis=1
+    )
+    k = (np.arange(120)[:, None] * 121 + np.arange(120)).ravel()
+    faces = np.concatenate([[k, k + 1, k + 121], [k + 1, k + 122, k + 121]], axis=1).T
+    if not ground_m:
+        faces = faces[(radius[faces] < 1).any(axis=1)]
+    vertices, faces = drop_unused_vertices(vertices, faces)
+    vertices[:, 2] -= vertices[:, 2].min()
+    return make_rock("scan", vertices, faces, 0 * vertices + 0.3, split="extra", difficulty="")
+
+
+GROUNDS = [{}, {"tilt_deg": 4.0}, {"ground_m": 2.2}, {"ground_m": 4.0, "bumps_m": 0.01}]
+SMALL = preset("campaign").with_values({"evaluation.gt_samples": 20_000})
+
+
+@pytest.mark.parametrize("ground", GROUNDS, ids=str)
+def test_truth_and_cloud_lose_the_same_ground(ground, monkeypatch):
+    rock = dome_on_ground(**ground)
+    points, normals = sample_surface(rock.vertices_m, rock.faces, 150_000, 3)
+    beside = np.random.default_rng(0).uniform(-2.5, 2.5, (100_000, 2))
+    beside = beside[np.abs(beside).max(axis=1) > np.abs(points[:, :2]).max()]
+    beside = np.column_stack([beside, np.zeros(len(beside))])
+    cloud = PointCloud(
+        np.concatenate([points, beside]), None, np.concatenate([normals, 0 * beside + [0, 0, 1]])
+    )
+    share = ground_share(rock, SMALL.evaluation)
+    area = {part: sum_of_areas(made) for part, made in (("all", rock), ("dome", dome_on_ground(ground_m=0)))}
+    assert share == pytest.approx(1 - area["dome"] / area["all"], abs=0.06)
+    measured = evaluate_cloud(cloud, rock, SMALL).metrics["whole"]
+    assert measured["f_score_48mm"] > 98
+    # As it was: the cloud lost its ground, and the truth kept it.
+    monkeypatch.setattr(sys.modules["nbv.evaluation.ground_truth"], "LEAST_GROUND", 2.0)
+    assert evaluate_cloud(cloud, rock, SMALL).metrics["whole"]["f_score_48mm"] < 90
+    assert ground_share(rock, SMALL.evaluation) == 0
+
+
+def sum_of_areas(rock):
+    return face_areas(rock.vertices_m, rock.faces).sum()
+
+
+def test_a_geometric_mission_measures_no_ground():
+    rock = dome_on_ground(tilt_deg=4.0)
+    samples = world_of(rock, SMALL, None).samples_m
+    assert len(samples) == SURFACE_SAMPLES
+    assert (np.hypot(*samples[:, :2].T) < 0.68).mean() > 0.95
+
+
+def test_a_rock_has_no_ground():
+    for name in ("slab", "mushroom", "stack-20001", "mesa-0"):
+        rock = load_coarse_rock(name)
+        assert measured_faces(rock.vertices_m, rock.faces, SMALL.evaluation) is rock.faces, name
