@@ -103,18 +103,9 @@ class PhotographViewpoints(ViewpointSource):
         near more than a quarter of the others, or hardly any is within the altitudes of the pool.
         """
         self._require_candidates(config)
-        return self._nearest_to(seed_viewpoints(config), 0)
+        return self._nearest_to(seed_viewpoints(config))
 
-    def interleaved_seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
-        """The same of the interleaved seeds, less what the seeds have taken; empty where too few photographs are near them."""
-        first = {view.position_m for view in self.seeds(config)}
-        try:
-            views = self._nearest_to(seed_viewpoints(config, interleaved=True), config.seed.total)
-        except MissionFailure:
-            return []
-        return [view for view in views if view.position_m not in first]
-
-    def _nearest_to(self, wanted: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
+    def _nearest_to(self, wanted: Sequence[Viewpoint]) -> list[Viewpoint]:
         if len(wanted) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",
@@ -144,7 +135,7 @@ class PhotographViewpoints(ViewpointSource):
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
         seeds = []
-        for number, column in enumerate(columns[near].tolist(), first):
+        for number, column in enumerate(columns[near].tolist()):
             x, y, z = self.positions_m[column].tolist()
             angles = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
             seeds.append(Viewpoint(f"seed_{number:02d}", (x, y, z), *angles, "seed"))
