@@ -11,7 +11,6 @@ import argparse
 import contextlib
 import csv
 import io
-import json
 import multiprocessing
 import os
 import random
@@ -108,34 +107,24 @@ def _photograph(path: Path) -> None:
     shutil.copytree(FLOWN.parent / "photographs", folder)
     shutil.copy(path, folder)
     for photograph in read_folder(folder, lambda *_: None)[0]:
-        read_pixels(photograph.path, 64, photograph.turns(upright=True))
+        read_pixels(photograph.path, 64, photograph.quarters(upright=True))
 
 
 def _mask(path: Path) -> None:
-    from nbv.photographs.folder import read_mask
+    from nbv.photographs.import_source import read_mask
 
     read_mask(path)
 
 
 def _model(path: Path) -> None:
     """A file of a model, whose name is the first line; the others of its kind are sound."""
-    from nbv.photographs.mapping import solve
-    from nbv.photographs.model_files import read_model
+    from nbv.photographs.sparse_model import solve
 
     name, _, content = path.read_bytes().partition(b"\n")
     file = path.parent / "model" / (name.decode() if name in MODEL_FILES else MODEL_FILES[0].decode())
     shutil.copytree(FLOWN.parent / f"model{file.suffix}", file.parent)
     file.write_bytes(content)
-    if file.suffix == ".json":
-        read_model(file, _source())
-    else:
-        solve(_source(), file.parent)
-
-
-def _control_points(path: Path) -> None:
-    from nbv.photographs.scale import read_control_points
-
-    read_control_points(path, _source())
+    solve(_source(), file.parent)
 
 
 def _source() -> Any:
@@ -259,8 +248,7 @@ FILLING = [
     )
 ]
 MODEL_FILES = [
-    *(b"cameras.bin", b"images.bin", b"points3D.bin", b"cameras.txt", b"images.txt", b"points3D.txt"),
-    b"transforms.json",
+    f"{name}.{end}".encode() for end in ("bin", "txt") for name in ("cameras", "images", "points3D")
 ]
 DISK = "full disk"
 
@@ -280,7 +268,6 @@ TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "photograph": ("x.jpg", _photograph),
     "mask": ("x.png", _mask),
     "model of photographs": ("model file", _model),
-    "control points": ("points.txt", _control_points),
     "set of photographs": ("set.json", _photograph_set),
     "store entry": ("entry", _store),
     "campaign.yaml": ("campaign.yaml", _campaign("campaign.yaml")),
@@ -354,9 +341,8 @@ def make_seeds(folder: Path) -> None:
 
 
 def _photographs(folder: Path) -> None:
-    """A ball's, their models of all kinds, masks, control points and a set."""
+    """A ball's, a model, masks and a set."""
     import drawn_ball
-    import numpy as np
     import photographed_ball
     from PIL import Image
 
@@ -380,32 +366,13 @@ def _photographs(folder: Path) -> None:
         mask.convert("L").convert(mode).save(buffer, "PNG")
         SEEDS["mask"].append(buffer.getvalue())
     model = drawn_ball.model("PINHOLE", 6)
-    for kind in ("bin", "txt", "json"):
+    for kind in ("bin", "txt"):
         (folder / f"model.{kind}").mkdir()
     model.write_binary(folder / "model.bin")
     model.write_text(folder / "model.txt")
-    poses = [
-        np.vstack([i.cam_from_world().inverse().matrix(), [0, 0, 0, 1]])
-        for _, i in sorted(model.images.items())
-    ]
-    frames = [
-        {"file_path": f"{path.name}", "transform_matrix": (pose @ np.diag([1, -1, -1, 1])).tolist()}
-        for path, pose in zip(made, poses, strict=True)
-    ]
-    (folder / "model.json" / "transforms.json").write_text(
-        json.dumps({"w": 120, "h": 160, "fl_x": 150.0, "k1": 0.01, "aabb_scale": 4, "frames": frames})
-    )
     SEEDS["model of photographs"] = [
         name + b"\n" + (folder / f"model{Path(name.decode()).suffix}" / name.decode()).read_bytes()
         for name in MODEL_FILES
-    ]
-    SEEDS["control points"] = [
-        b"EPSG:32632\n"
-        + b"".join(
-            b"%d %d 400 60 %d view_%02d.png\n" % (494000 + i // 6, 4232000 + i // 12, 50 + i, i % 14 + 1)
-            for i in range(24)
-        ),
-        b"name,x,y,z\nview_01.png,0,0,1\n",
     ]
     os.environ["GATETUNE_HOME"] = str(folder / "of the set")
     shutil.copytree(photographed_ball.write_part_of_a_set().folder, folder / "set")

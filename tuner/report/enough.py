@@ -54,9 +54,12 @@ _NEAR_DEG = 20.0  # a seed without a photograph so near in azimuth is left out
 class Point:
     """One strategy at one number of photographs."""
 
-    photographs: float  # taken, mean over replicates
+    asked: int  # photographs
+    photographs: float  # taken, mean over the missions that did not fail
     registered: float
     quality: Interval  # within 0 to 100
+    failed: int  # missions
+    why: str  # the first of them failed
 
 
 @dataclass(frozen=True)
@@ -163,14 +166,18 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
         if interval is None or interval.low is None or interval.high is None:
             continue  # not run to the end
         interval = dataclasses.replace(interval, low=max(0.0, interval.low), high=min(100.0, interval.high))
+        way, _, asked = strategy.rpartition("-")
+        flown = [t for t in trials if t.value(DEFAULT_METRIC) is not None]
         images, registered = (
-            float(np.mean([trial.costs.get(key, 0.0) for trial in trials]))
+            float(np.mean([t.costs.get(key, 0.0) for t in flown])) if flown else 0.0
             for key in ("images", "registered_images")
         )
-        ways[strategy.rpartition("-")[0]].append((Point(images, registered, interval), trials))
+        why = next((f"{t.reason}: {t.record.message}" for t in trials if t not in flown), "")
+        failed = len(trials) - len(flown)
+        ways[way].append((Point(int(asked), images, registered, interval, failed, why), trials))
     enough = []
     for way, points in ways.items():
-        points.sort(key=lambda p: p[0].photographs)
+        points.sort(key=lambda p: p[0].asked)
         for index, (point, trials) in enumerate(points):
             later = min((p.quality.mean for p, _ in points[index:]), default=0.0)
             if (point.quality.low or 0.0) >= least and later >= least:
@@ -208,19 +215,27 @@ def _name(way: str, number: int) -> str:
 
 def enough_table(enough: Enough) -> Table:
     rows = [
-        (WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", difference_text(p.quality, signed=False))
+        (
+            WAYS[way],
+            f"{p.asked}",
+            f"{p.photographs:.1f}" if p.photographs else "–",
+            f"{p.registered:.1f}" if p.photographs else "–",
+            difference_text(p.quality, signed=False) + (f", {p.failed} failed" if p.failed else ""),
+        )
         for way, points in enough.curves.items()
         for p in points
     ]
     title = (
         f"F-score at 3 % of the height; one half of all photographs against the other: {enough.ceiling:.1f} %"
     )
-    return Table.of(title, ("way", "photographs", "registered", "F-score, % [95 % interval]"), rows)
+    return Table.of(title, ("way", "asked", "photographs", "registered", "F-score, % [95 % interval]"), rows)
 
 
 def enough_text(enough: Enough, keep_percent: float, listed: Path) -> str:
-    """Which plan would have been enough; ``listed``: the file that names its photographs."""
-    said = f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
+    """Why missions failed, and which plan would have been enough; ``listed``: the file that names its photographs."""
+    why = dict.fromkeys(p.why for points in enough.curves.values() for p in points if p.why)
+    said = "".join(f"Failed missions count as 0 ({reason}).\n" for reason in why)
+    said += f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
     if (best := enough.smallest) is None:
         return f"{said} No plan's lower bound reached it: try a larger --number or more --replicates."
     return (
@@ -235,7 +250,7 @@ def draw_enough(enough: Enough, photographs: PhotographSet, keep_percent: float,
         figure = new_figure(7.2, 7.4)
         above, below = figure.subplots(2, 1, height_ratios=(3, 2))
         for k, (way, points) in enumerate(enough.curves.items()):
-            number = np.array([p.photographs for p in points])
+            number = np.array([p.photographs or p.asked for p in points])
             mean = np.array([p.quality.mean for p in points])
             above.plot(number, mean, "-", marker=MARKERS[k], color=f"C{k}", markersize=4, label=WAYS[way])
             bounds = np.array([(p.quality.low, p.quality.high) for p in points], dtype=float)  # None: NaN

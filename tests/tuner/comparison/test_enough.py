@@ -14,8 +14,7 @@ from tuner.cli import app
 from tuner.comparison.plan import EvaluationPlan
 from tuner.comparison.run import EvaluationRun
 from tuner.missions.job import Trial
-from tuner.problem.search_space import builtin
-from tuner.report.enough import ALL, draw_enough, enough_plans, read_enough, seconds
+from tuner.report.enough import ALL, draw_enough, enough_plans, enough_text, read_enough, seconds
 
 
 @pytest.fixture
@@ -73,12 +72,14 @@ def test_a_number_is_not_enough_where_a_larger_one_fails(ball: PhotographSet) ->
     everything, few = enough_plans(ball, (16, 20, 24), replicates=3).values()
     evaluated = {
         "ring-16": [(89.0, 13), (88.5, 13), (89.2, 13)],
-        "ring-20": [(0.0, 16), (0.0, 16), (0.0, 16)],
+        "ring-20": [(0.0, 0), (0.0, 0), (0.0, 0)],
         "random-20": [(87.0, 20), (87.3, 20), (87.1, 20)],
         "random-24": [(80.0, 24), (90.0, 24), (91.0, 24)],
     }
     found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, evaluated, names), 95.0)
     assert found.smallest.way == "random" and len(found.smallest.taken) == 20
+    assert (found.curves["ring"][1].failed, found.curves["ring"][1].asked) == (3, 20)
+    assert "20 photographs would have been enough: random" in enough_text(found, 95.0, Path("listed"))
 
 
 def test_a_ring_has_its_number_where_one_side_was_not_photographed(
@@ -88,7 +89,7 @@ def test_a_ring_has_its_number_where_one_side_was_not_photographed(
     part = write_set("part", around(np.linspace(0.0, 230.0, 47), 25.0), rendered=False)
     few = enough_plans(part, (16, 20, 24))["few"]
     for number in (16, 20, 24):
-        config = builtin(few.strategies[f"ring-{number}"])
+        config = few.strategies[f"ring-{number}"]
         places = PhotographViewpoints(
             [p.camera_center_m for p in part.registered], part.target_m, config, "key", 1
         )
