@@ -157,9 +157,14 @@ class MissionConfig:
         return [plugin for names, name in named if (plugin := names.plugin(name)) is not None]
 
     @property
+    def fills_rings(self) -> bool:
+        """Whether views between the seeds are candidates: where *predicted* may choose between them and others."""
+        return "predicted" in (self.gate.kind, self.gate.geometry_scorer)
+
+    @property
     def plans_on_depth(self) -> bool:
         """Whether depth is asked for in flight: by a scorer that may rank views, or to say how complete the cloud will be."""
-        return "predicted" in (self.gate.kind, self.gate.geometry_scorer, self.stop.criterion)
+        return self.fills_rings or self.stop.criterion == "predicted"
 
     @property
     def adaptive_budget(self) -> int:

@@ -52,6 +52,14 @@ class Solid:
         means = np.stack(sums, axis=1) / np.maximum(here, 1)[:, None]
         return np.where(here[:, None] > 0, means, middles), normals, shown
 
+    def cameras_at(self, samples_m: Floats, places_m: Floats, cameras: Ints) -> Ints:
+        """(S,) how many cameras have a place (K, 3), which ``cameras`` (K,) says whose it is, in the cube of each sample (S, 3)."""
+        shape = np.array(self.cells.shape)
+        count = int(cameras.max(initial=0)) + 1
+        pairs = np.unique(_cells(places_m, self.low_m, shape, self.cell_m) * count + cameras)
+        by_cell = np.bincount(pairs // count, minlength=self.cells.size)
+        return by_cell[_cells(samples_m, self.low_m, shape, self.cell_m)]
+
     def hides(self, samples_m: Floats, normals: Floats, cameras_m: Floats, ask: Bools) -> Bools:
         """(V, S) whether it stands between each camera (V, 3) and each sample (S, 3), where ``ask`` (V, S)."""
         view, sample = np.nonzero(ask)

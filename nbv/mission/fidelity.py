@@ -200,6 +200,8 @@ class Fidelity(ABC):
             cloud = mission.run()
             mission.recorder.reconstructed(cloud)
             metrics = self.measure(cloud)
+            if mission.recorder.shares:
+                metrics = {**metrics, "expected_share": mission.recorder.shares}
         except MissionFailure as failure:
             return Outcome("failed", failure.reason, failure.message)
         notes = mission.recorder.notes

@@ -13,8 +13,9 @@ from nbv.geometry.target import find_target
 from nbv.mission.recorder import Recorder
 from nbv.mission.target_prior import target_must_be_found, with_target_found
 from nbv.planner import Planner
+from nbv.scorers.prediction import predict
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
-from nbv.viewpoints import RINGS, ViewpointSource
+from nbv.viewpoints import RINGS, ViewpointSource, seed_viewpoints
 
 
 class AdaptiveMission:
@@ -47,9 +48,11 @@ class AdaptiveMission:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.run_seed_phase()
         self.look_for_target(model)
-        self.run_adaptive_phase(model)
+        model = self.run_adaptive_phase(model)
         if not self._target_found:
             self.recorder.located(None)
+        if self.config.plans_on_depth:
+            self.tell_expectation(model)
         return self.finish()
 
     def run_seed_phase(self) -> SparseModel:
@@ -95,8 +98,8 @@ class AdaptiveMission:
         self.camera.aim_at(config.target_m)
         self.reconstructor.recentre(config.target_m, config.dense.crop_half_width_m)
 
-    def run_adaptive_phase(self, model: SparseModel) -> None:
-        """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
+    def run_adaptive_phase(self, model: SparseModel) -> SparseModel:
+        """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged; the last model."""
         for _ in range(self.config.adaptive_budget):
             with self.recorder.stopwatch.timed("planning"):
                 plan = self.planner.plan(
@@ -109,7 +112,7 @@ class AdaptiveMission:
             view = plan.next_view
             if view is None:
                 self.recorder.ended(plan)
-                return
+                return model
             self.recorder.planned(plan)
             if self.config.flight.planning_s > 0:
                 with self.recorder.stopwatch.timed("flight"):
@@ -123,6 +126,27 @@ class AdaptiveMission:
             self.recorder.updated(plan, report)
             model = report.model
             self.look_for_target(model)
+        return model
+
+    def tell_expectation(self, model: SparseModel) -> None:
+        """How much of the surface the seeds alone, all photographs, and an orbit of as many are expected to reconstruct."""
+        with self.recorder.stopwatch.timed("planning"):
+            prediction, seed = predict(model, self.config), self.config.seed
+            places_m = np.array([capture.viewpoint.position_m for capture in self.captures])
+            seeds = [capture.viewpoint.band == "seed" for capture in self.captures]
+            orbit = self.config.changed(
+                seed={
+                    "count": len(places_m),
+                    "layout": "turn",
+                    "lowest_deg": seed.lowest_deg,
+                    "upper_share": 0.0,
+                }
+            )
+            views = {"seeds": places_m[seeds], "all": model.camera_centers_m}
+            if self.planner.viewpoints is RINGS:
+                views["orbit"] = np.array([view.position_m for view in seed_viewpoints(orbit)])
+            shares = {name: prediction.expected_share(of) for name, of in views.items()}
+        self.recorder.expected(shares)
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""

@@ -16,6 +16,8 @@ from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport
 
+LEAST_GAIN = 0.01  # of the surface, for planned views to be worth more than an orbit
+
 
 class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
@@ -40,6 +42,7 @@ class Recorder:
         self.images = 0
         self.registered_images = 0
         self.trace: list[IterationRecord] = []
+        self.shares: dict[str, float] = {}  # of the surface, as `expected` was told
         self.notes: list[str] = []  # what went wrong on the way without ending the mission
 
     def photographed(self, capture: Capture) -> None:
@@ -107,6 +110,17 @@ class Recorder:
         """The adaptive phase ends early: the cloud has converged, or no candidate passed the filters."""
         if not plan.converged:
             self.notes.append("empty_pool")
+
+    def expected(self, shares: dict[str, float]) -> None:
+        """Shares of the surface, 0 to 1, that the seeds, all photographs and, where it could be flown, an orbit would reconstruct."""
+        self.shares = shares
+        said = f"expected: {100 * shares['all']:.0f} % of the surface, {100 * shares['seeds']:.0f} % of the seeds alone"
+        if (orbit := shares.get("orbit")) is not None:
+            gains = shares["all"] - orbit >= LEAST_GAIN
+            said += f", {100 * orbit:.0f} % of an orbit of as many" + (
+                "" if gains else ": an orbit would have done"
+            )
+        self._log(said)
 
     def reconstructed(self, cloud: Cloud) -> None:
         """The photographs have become a dense cloud, which will now be measured."""

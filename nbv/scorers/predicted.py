@@ -1,4 +1,4 @@
-"""Predicted: how much of what the dense cloud will lack a candidate would help to reconstruct. It is not in the paper."""
+"""Predicted: how much of what the dense cloud will lack a candidate reconstructs, for each photograph. It is not in the paper."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from nbv.types import CandidatePool, Floats
 
 
 def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """(C,) share of what will be missing that each candidate helps to reconstruct."""
+    """(C,) share of what will be missing that a photograph from each candidate reconstructs."""
     prediction = terms.prediction or predict(terms.model, config)
-    return prediction.expected_gain(pool.positions_m)
+    return prediction.expected_gain(pool.positions_m, terms.left)
 
 
 PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.predicted.weights)

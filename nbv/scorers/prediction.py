@@ -16,11 +16,11 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from nbv.config import MissionConfig
+from nbv.config import DenseConfig, MissionConfig
 from nbv.geometry.carving import Solid, carved
-from nbv.geometry.frames import directions_from
-from nbv.geometry.matchability import usable_cosines
-from nbv.geometry.stereo_chance import good_view, reconstruction_probability
+from nbv.geometry.frames import angles_deg, directions_from
+from nbv.geometry.matchability import usable_angles
+from nbv.geometry.stereo_chance import good_view, logistic, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum, incidences_deg
 from nbv.random_streams import keyed_rng
 from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock
@@ -33,12 +33,20 @@ MOST_KNOWN, MOST_LINES = 60_000, 60_000  # places with depth, and lines of sight
 # A cube is solid for certain with so many places, and so many for each line of sight that crosses it: one depth in twenty is wrong.
 FEWEST_PLACES, PLACES_PER_LINE = 3, 0.3
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
-# Of the rock's texture, which nothing says, and of the angle between two views: fitted to orbits of 12 to 24 photographs of four
-# training rocks in `indoors`, whose noise costs wide pairs most (docs/results/where_planning_pays.md).
+# For the completeness, of the rock's texture and of the angle between two views: fitted to orbits of 12 to 24 photographs of four
+# training rocks in `indoors`.
 CONTRAST, ANGLE_DECAY_PER_DEG = 0.009, 0.02
+# For the gain, what pairs of views are worth by the angle between them: most at `PAIR_DEG`, less by the difference of the logarithms
+# (standard deviation); and the log-odds of a place by the pairs that see it. Fitted to the clouds of 21 photographed training
+# missions in `indoors` (docs/results/where_planning_pays.md).
+PAIR_DEG, PAIR_SPREAD, PAIR_LEAST = 10.0, 0.45, 0.03
+LOG_ODDS, LOG_ODDS_BY_PAIRS, LEAST_PAIRS = 0.5, 1.1, 0.1
+# How well a place matches is how many cameras have depth there for what its pairs are worth, both with so many more.
+SUPPORT_PRIOR, PAIRS_PRIOR = 1.0, 1.0
+MOST_AT_ONCE = 4  # photographs that are judged together: a place that none shows yet needs some from nearly one direction
+_PARTNERS, _PARTNERS_FROM_DEG = 8, 6.0  # so many candidates may join another, the nearest from this angle on
 FEWEST_OBSERVING = 2
 LEAST_UNKNOWN = 0.01  # is added to the unknown share where its logarithm is taken
-MOST_MISSING = 0.98  # of what will be missing decides; the many samples of the rest take time
 _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
 
 
@@ -61,7 +69,8 @@ class Prediction:
     samples_m: Floats  # (S, 3) of it, evenly
     normals: Floats  # (S, 3)
     shown: Bools  # (S,) whether depth has shown the place
-    chance: Floats32  # (S,) that a sample is reconstructed
+    chance: Floats32  # (S,) that a sample is reconstructed, whatever its texture
+    matches: Floats32  # (S,) how well a sample has matched so far, by what its pairs of views lead to expect
     good: Floats32  # (V, S) how good each registered view is for a match there
     model: SparseModel
     config: MissionConfig
@@ -100,34 +109,62 @@ class Prediction:
         """The F-score at 48 mm, every reconstructed point taken for right."""
         return 200.0 * self.completeness / (1.0 + self.completeness)
 
-    def expected_gain(self, candidates_m: Floats) -> Floats:
-        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to reconstruct, in [0, 1].
+    @cached_property
+    def pairs(self) -> Floats32:
+        """(S,) what the pairs of registered views are worth together."""
+        return _worth_of_pairs(self.good, self._directions(self.model.camera_centers_m), self.config.dense)
 
-        A view helps where the surface will be missing, it sees it well, and a view so far sees it at an angle to be
-        matched with. Where there is none yet it helps half as much: the next one finds it there.
+    @cached_property
+    def matched(self) -> Floats32:
+        """(S,) chance that a sample is reconstructed, by how well it has matched so far."""
+        return _chance(self.pairs * self.matches)
+
+    def expected_share(self, cameras_m: Floats) -> float:
+        """Share of the estimated surface that photographs from these places (V, 3) alone would reconstruct, 0 to 1."""
+        cameras_m = cameras_m - [0.0, 0.0, self.config.target.ground_m]
+        good = good_view(*_visibility(self.samples_m, self.normals, cameras_m, self.config, self.solid))
+        pairs = _worth_of_pairs(good, self._directions(cameras_m), self.config.dense)
+        return float(_chance(pairs * self.matches).mean())
+
+    def expected_gain(self, candidates_m: Floats, left: int = 1) -> Floats:
+        """(C,) share of what will be missing that a photograph from each candidate (C, 3) reconstructs, in [0, 1].
+
+        ``left`` photographs may still be taken. A candidate counts with up to `MOST_AT_ONCE` - 1 others beside it that go best with
+        it, and then for the mean of these photographs: of a place that none shows so far one alone reconstructs nothing.
         """
-        candidates_m = candidates_m - [0.0, 0.0, self.config.target.ground_m]
-        missing = np.float32(1.0) - self.chance
-        total = float(missing.sum())
+        total = float((np.float32(1.0) - self.matched).sum())
         if total <= 0.0 or len(candidates_m) == 0:
             return np.zeros(len(candidates_m))
-        worst = np.argsort(-missing, kind="stable")
-        worst = worst[: int(np.searchsorted(np.cumsum(missing[worst]), MOST_MISSING * total)) + 1]
-        missing = missing[worst]
-        samples, normals = self.samples_m[worst], self.normals[worst]
-        new = good_view(*_visibility(samples, normals, candidates_m, self.config, self.solid))
-        # (V, S) of each view, were it a partner
-        unmatched = np.log1p(-np.minimum(self.good[:, worst], np.float32(0.999)))
-        # As seen from the target.
-        target_m = self.config.target_m
-        to_cameras = directions_from(target_m, self.model.camera_centers_m)
-        cosine = directions_from(target_m, candidates_m) @ to_cameras.T
-        angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        pair = usable_cosines(cosine, self.config.dense) * np.exp(-ANGLE_DECAY_PER_DEG * angle_deg)
-        partners = pair.astype(np.float32) @ unmatched
-        helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
-        gained: Floats = ((new * helps) @ missing).astype(float) / total
-        return gained
+        candidates_m = candidates_m - [0.0, 0.0, self.config.target.ground_m]
+        new = good_view(*_visibility(self.samples_m, self.normals, candidates_m, self.config, self.solid))
+        toward = self._directions(candidates_m)
+        angle_deg = angles_deg(toward, toward)
+        worth = _pair_worth(angle_deg, self.config.dense)
+        registered = angles_deg(toward, self._directions(self.model.camera_centers_m))
+        alone = new * (_pair_worth(registered, self.config.dense) @ self.good)
+
+        def reconstructed(more: Floats32) -> Floats32:  # (..., S)
+            return (_chance((self.pairs + more) * self.matches) - self.matched).sum(axis=-1)
+
+        each = np.arange(len(candidates_m))
+        apart = np.where(angle_deg < _PARTNERS_FROM_DEG, np.inf, angle_deg)
+        partners = np.argsort(apart, axis=1, kind="stable")[:, :_PARTNERS]
+        group, brought = each[:, None], alone
+        best = reconstructed(brought)
+        for size in range(2, min(left, MOST_AT_ONCE, partners.shape[1]) + 1):
+            # (C, K, S) with each partner in turn
+            among = np.einsum("ckg,cgs->cks", worth[partners[:, :, None], group[:, None]], new[group])
+            more = brought[:, None] + alone[partners] + new[partners] * among
+            gain = np.where(
+                (partners[:, :, None] == group[:, None]).any(axis=2), -np.inf, reconstructed(more)
+            )
+            chosen = gain.argmax(axis=1)
+            group, brought = np.column_stack([group, partners[each, chosen]]), more[each, chosen]
+            best = np.maximum(best, gain[each, chosen] / np.float32(size))
+        return best.astype(float) / total
+
+    def _directions(self, cameras_m: Floats) -> Floats:
+        return directions_from(self.config.target_m, cameras_m)
 
 
 def predict(model: SparseModel, config: MissionConfig) -> Prediction:
@@ -143,7 +180,8 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     )
     near = np.abs(model.depth_m - config.target_m).max(axis=1) <= config.dense.crop_half_width_m
     near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
-    known, cameras_m = model.depth_m[near], model.camera_centers_m
+    places, cameras_m = model.depth_m[near], model.camera_centers_m
+    known = places
     hull = _estimated_hull(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
     ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
     by = np.concatenate([model.track_cameras, model.depth_cameras])
@@ -161,11 +199,36 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     )
     samples, normals, shown = solid.surface(known, SAMPLES, rng)
     seen, incidence = _visibility(samples, normals, cameras_m, config, solid)
-    contrast, directions = np.full(len(samples), CONTRAST), directions_from(config.target_m, cameras_m)
+    good = good_view(seen, incidence)
+    directions = directions_from(config.target_m, cameras_m)
+    pairs = _worth_of_pairs(good, directions, config.dense)
+    support = solid.cameras_at(samples, places, model.depth_cameras[near])
+    matches = ((support + SUPPORT_PRIOR) / (pairs + PAIRS_PRIOR)).astype(np.float32)
+    contrast = np.full(len(samples), CONTRAST)
     chance = reconstruction_probability(
         seen, incidence, contrast, directions, config.dense, ANGLE_DECAY_PER_DEG
     )
-    return Prediction(samples, normals, shown, chance, good_view(seen, incidence), model, config, solid)
+    return Prediction(samples, normals, shown, chance, matches, good, model, config, solid)
+
+
+def _pair_worth(angle_deg: Floats, dense: DenseConfig) -> Floats32:
+    """What a pair of views with this angle between them is worth; 0 where dense stereo does not match it."""
+    off = np.log(np.maximum(angle_deg, 1e-3) / PAIR_DEG) / PAIR_SPREAD
+    worth = np.where(usable_angles(angle_deg, dense), np.exp(-0.5 * off**2) + PAIR_LEAST, 0.0)
+    return worth.astype(np.float32)
+
+
+def _worth_of_pairs(good: Floats32, directions: Floats, dense: DenseConfig) -> Floats32:
+    """(S,) of all pairs of the views (V, S), each in so far as both are good there."""
+    between = _pair_worth(angles_deg(directions, directions), dense)
+    return np.asarray(0.5 * (good * (between @ good)).sum(axis=0), dtype=np.float32)
+
+
+def _chance(pairs: Floats32) -> Floats32:
+    """That a place is reconstructed which pairs of so much worth see."""
+    return logistic(
+        np.float32(LOG_ODDS) + np.float32(LOG_ODDS_BY_PAIRS) * np.log(pairs + np.float32(LEAST_PAIRS))
+    )
 
 
 def _estimated_hull(points_m: Floats, config: MissionConfig) -> ConvexHull:

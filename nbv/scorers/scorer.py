@@ -30,6 +30,7 @@ class SharedTerms:
     move: Floats  # (C,)
     ang: Floats  # (C,)
     prediction: Prediction | None  # of the dense cloud, where the planner has made one
+    left: int = 1  # photographs that may still be taken
 
     @property
     def rng(self) -> np.random.Generator:
@@ -104,6 +105,7 @@ def shared_terms(
         move=movement(pool, state, shared.d_travel_m),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
         prediction=prediction,
+        left=state.adaptive_budget - state.captures_used,
     )
 
 

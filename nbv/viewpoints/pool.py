@@ -10,7 +10,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.geometry.frames import heading_to
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
-from nbv.viewpoints.rings import raw_candidates, seed_viewpoints
+from nbv.viewpoints.rings import raw_candidates, ring_candidates, seed_viewpoints
 
 
 class ViewpointSource:
@@ -42,17 +42,24 @@ def candidate_pool(
 ) -> CandidatePool:
     """`ViewpointSource.candidates` from the rings; ``adaptive_visited_m`` (K, 3) are those of the photographs that are no seeds.
 
+    Where *predicted* may choose, what the seeds' rings lack comes first, as high as the seeds and so never too low.
+
     ``counts`` of the pool are the survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance.
     """
     pool, target = config.pool, np.array(config.target_m)
     raw = raw_candidates(config)
+    if config.fills_rings:
+        raw = (*ring_candidates(config), *raw)
     visited = np.asarray(adaptive_visited_m, dtype=float).reshape(-1, 3)
     positions = np.array([v.position_m for v in raw]).reshape(-1, 3)
     elevations = np.array([v.elevation_deg for v in raw])
     counts = {"raw": len(raw)}
 
     z, travel = positions[:, 2], np.linalg.norm(positions - vehicle_position_m, axis=1)
-    allowed = (z >= pool.min_altitude_m) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
+    of_ring = np.array([v.band == "ring" for v in raw])
+    allowed = (
+        ((z >= pool.min_altitude_m) | of_ring) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
+    )
     keep = np.flatnonzero(allowed & (elevations <= pool.max_elevation_deg))
     counts["altitude_travel"] = len(keep)
     # The paper calls it angular spacing; the authors' code measures Euclidean distance, and so does this.
@@ -67,7 +74,7 @@ def candidate_pool(
     sectors = pool.azimuth_sectors
     captures = np.bincount(sector_of(visited, target, sectors), minlength=sectors)
     captures_there = captures[sector_of(positions[keep], target, sectors)]
-    keep = keep[np.lexsort((-elevations[keep], captures_there))][: pool.max_candidates]
+    keep = keep[np.lexsort((-elevations[keep], captures_there, ~of_ring[keep]))][: pool.max_candidates]
     counts["azimuth_balance"] = len(keep)
 
     chosen = [raw[i] for i in keep.tolist()]

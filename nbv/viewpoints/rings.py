@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 
@@ -10,6 +11,7 @@ import numpy as np
 from nbv.config import MissionConfig, PoolConfig, SeedConfig
 from nbv.types import Floats, Point, Viewpoint
 
+RING_STEP_DEG = 7.5
 # Distance to the target (m), elevation, and bearing clockwise from north (degrees).
 RingPosition = tuple[float, float, float]
 
@@ -51,6 +53,18 @@ def _seed_positions(layout: SeedConfig) -> list[RingPosition]:
     if upper:
         rings = zip((layout.lowest_deg, layout.upper_deg), (count - upper, upper))
     return [at for elevation_deg, n in rings for at in _ring(layout.radius_m, elevation_deg, n)]
+
+
+def ring_candidates(config: MissionConfig) -> list[Viewpoint]:
+    """What the seeds' rings lack (``ring_000`` ...): views between the seeds, at most `RING_STEP_DEG` apart."""
+    between: list[RingPosition] = []
+    rings = itertools.groupby(_seed_positions(config.seed), key=lambda at: at[:2])
+    for (radius_m, elevation_deg), seeds in rings:
+        count = len(list(seeds))
+        finer = math.ceil(360.0 / count / RING_STEP_DEG)
+        filled = _ring(radius_m, elevation_deg, finer * count)
+        between += [at for k, at in enumerate(filled) if k % finer]
+    return [_viewpoint(config.target_m, at, "ring", f"ring_{k:03d}") for k, at in enumerate(between)]
 
 
 def lateral_ring_counts(total: int, rings: int) -> list[int]:

@@ -42,12 +42,21 @@ def drum(*, lid):
     return (np.concatenate([side, top]), np.concatenate([out, up])) if lid else (side, out)
 
 
-def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
+def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees_with_others_beside_it():
     made = predict(model(orbit(1)), CONFIG)
     assert made.chance.max() == 0.0 and made.completeness < 0.3
-    assert (
-        np.ptp(made.expected_gain(orbit(8))) < 0.3 * made.expected_gain(orbit(8)).max()
-    )  # a ball looks alike from everywhere
+    far = made.expected_gain(orbit(24), left=4)[6:19]  # a ball looks alike from everywhere
+    assert np.ptp(far) < 0.3 * far.max()
+    assert made.expected_gain(orbit(4)[1:]).max() == 0.0  # no view is near enough to be matched with
+
+
+def test_a_gap_of_a_ring_is_filled_in_its_middle_and_where_it_is_widest():
+    """Seeds every 30 degrees but for one gap of 60: a view 5 degrees beside a seed gains least."""
+    seeds, side = np.delete(orbit(12), 1, axis=0), drum(lid=True)
+    made = predict(model(seeds, *side), CONFIG)
+    beside, between, in_the_gap = made.expected_gain(orbit(72)[[37, 39, 3]])
+    assert beside < between < in_the_gap
+    assert made.expected_share(orbit(24)) > made.expected_share(orbit(12)) + 0.05
 
 
 def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
