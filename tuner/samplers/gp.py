@@ -93,7 +93,9 @@ class GPSampler:
                     drawn = drawn or thompson_configurations(models, constraint, count - len(proposals), seed)
                     values, gain = drawn.pop(), math.inf
                 elif constraint is None:
-                    values, gain = propose(models[0], configurations, seed, self._narrowed(region, models[0], number))
+                    values, gain = propose(
+                        models[0], configurations, seed, self._narrowed(region, models[0], number)
+                    )
                 else:
                     values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
