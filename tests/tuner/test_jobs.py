@@ -9,9 +9,9 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
+from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.comparison.result import all_results
 from tuner.export.table import write_missions
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -100,9 +100,9 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
         campaign, rocks=["arch"], strategies=["hyb-h"], replicates=1, directory=tmp_path / "e", **options
     )
     assert run.complete
-    assert repr(run) == "EvaluationRun(tuned, hyb-h on arch: 2 missions, 0 failed, complete)"
+    assert repr(run) == "EvaluationRun(tuned-gate, hyb-h on arch: 2 missions, 0 failed, complete)"
     evaluated = rows(run, tmp_path / "e.csv")
-    assert {"tuned", "hyb-h"} <= {row["strategy"] for row in evaluated}
+    assert {"tuned-gate", "hyb-h"} <= {row["strategy"] for row in evaluated}
     assert all(50 < float(row["metrics.observable.f_score_48mm"]) < 100 for row in evaluated)
     with pytest.raises(UserError, match="was tuned on"):
         tuner.evaluate(campaign, rocks=["slab"], **options)
@@ -115,8 +115,7 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
 def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> None:
     asked = {"rocks": ["slab"], "compare_on": ["arch"], "space": "gate", "budget": 3, "sampler": "sobol"}
     campaign = tuner.tune(tmp_path / "c", fidelity="geometric", overrides=SMALL, workers=1, **asked)
-    found = all_results(campaign, campaign.recommendation(save=False))
-    assert [own.rocks for own in found] == [("arch",), ("slab",)]
-    assert all(own.complete for own in found)
+    assert [table.targets for table in answer_of(campaign).tables] == [("arch",), ("slab",)]
+    assert (tmp_path / "c" / ANSWER_FILE).is_file() and (tmp_path / "c" / "report.html").is_file()
     with pytest.raises(UserError, match="slab is tuned on and compared on"):
         tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})

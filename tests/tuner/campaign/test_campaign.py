@@ -259,11 +259,11 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     """An upgraded surrogate may prefer another configuration; an evaluation under way must not change its mind."""
     campaign = run(tmp_path / "run", budget=6)
     path = tmp_path / "run" / "recommendation.json"
-    saved = json.loads(path.read_text())
+    saved = json.loads(path.read_text())["tuned-gate"]
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
     left_out = {"mission": 0, "measured": 0.0, "counts_as": None}
     for current in ({}, {"observations": 5, "outliers": [left_out]}):
-        path.write_text(json.dumps({**saved, "values": other, **current}))
+        path.write_text(json.dumps({"tuned-gate": {**saved, "values": other, **current}}))
         assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.problem.config(other)
     for stale in (
         {**saved, "values": other, "observations": 5},
@@ -271,7 +271,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         {**saved, "values": other, "sparsest": None},  # of an earlier version
         {},
     ):
-        path.write_text(json.dumps(stale))
+        path.write_text(json.dumps({"tuned-gate": stale}))
         found = Campaign.open(tmp_path / "run").recommended_config()
         assert found == campaign.settings.problem.config(saved["values"])
 

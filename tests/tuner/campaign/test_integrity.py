@@ -11,7 +11,6 @@ import fake_campaigns
 import fake_missions
 import pytest
 from in_process import InProcessExecutor
-from tuner.missions.run_job import _reason
 
 from nbv import plugins
 from nbv.config import MissionConfig
@@ -22,6 +21,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.missions.job import MissionJob, load_trial
+from tuner.missions.pool import _reason
 from tuner.missions.registry import FIDELITIES
 
 

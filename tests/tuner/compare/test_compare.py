@@ -14,7 +14,6 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.curve_fidelity import run_curve_mission
 from tuner.cli import app
-from tuner.comparison.advice import leaves_room
 from tuner.comparison.curves import (
     BASE,
     SUITES,
@@ -26,6 +25,7 @@ from tuner.comparison.curves import (
     at_share,
     comparison_plans,
     drawn_targets,
+    leaves_room,
     outcome,
     share_compared,
     what_scores_0,
