@@ -7,7 +7,6 @@ import pytest
 import synthetic
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from tuner.report.answer import outlier_sentences
 
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
@@ -18,7 +17,7 @@ from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.labels import decimals_for, format_number, number_text
+from tuner.report.labels import decimals_for, format_number
 from tuner.samplers.registry import make_sampler
 
 LINE = SearchSpace("line", (Parameter("x", "float", default=0.1),))
@@ -31,8 +30,7 @@ def answers(a: float, b: float) -> list[Any]:
     outcomes = [a * o.outcome + b for o in MISSIONS if o.outcome is not None]
     history = [dataclasses.replace(o, outcome=y, raw=y) for o, y in zip(MISSIONS, outcomes)]
     proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
-    best = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)
-    assert best is not None
+    best = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)["tuned"]
     return [proposal.values, best.values, round(best.improvement / float(np.ptp(outcomes)), 5)]
 
 
@@ -59,7 +57,7 @@ def on_a_line(wild: dict[int, float], kind: type[Problem] = Problem) -> Recommen
     places = [0.1, *(np.arange(19) + 0.5) / 19]
     outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
     history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
-    best = recommend(kind(LINE, (Instance("one"),), {"x": 0.1}), Goal(Objective("q")), history)
+    best = recommend(kind(LINE, (Instance("one"),), {"x": 0.1}), Goal(Objective("q")), history)["tuned"]
     return best
 
 
@@ -81,10 +79,8 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
     best = on_a_line({where: outcome})
     assert abs(best.values["x"] - 0.3) <= 0.05
     assert -0.5 < best.default_mean <= best.mean <= 0.0
-    (said,) = outlier_sentences(best, "q")
-    assert said.startswith(
-        f"Mission #{where:04d} measured Q {number_text(outcome)}, which all others contradict"
-    )
+    (outlier,) = best.outliers
+    assert (outlier.mission, outlier.measured, outlier.counts_as) == (where, outcome, None)
 
 
 @pytest.mark.parametrize(
@@ -133,6 +129,6 @@ def test_a_rock_that_gains_more_than_the_others_is_no_outlier() -> None:
         for y in [90.0 + k + (i > 0) * (2.4 if k == 5 else 1.0)]
     ]
     problem = Problem(LINE, tuple(map(Instance, rocks)), {"x": 0.1})
-    best = recommend(problem, Goal(Objective("q")), history)
-    assert best is not None and best.outliers == ()
+    best = recommend(problem, Goal(Objective("q")), history)["tuned"]
+    assert best.outliers == ()
     assert best.improvement == pytest.approx((5 * 1.0 + 2.4) / 6, abs=0.2)
