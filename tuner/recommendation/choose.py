@@ -62,19 +62,25 @@ def recommend(
 
     With ``only_verified`` a configuration has to have run often enough, where one of its region has.
     """
-    if not any(o.feasible for o in history):
+    if not any(o.feasible for o in goal.as_shown(history)):
         return {}
     choice = Choice(problem, goal, history, only_verified=only_verified)
     found = (choice.recommendation(region) for region in problem.answers)
     return {each.name: each for each in found if each is not None}
 
 
-def constraint_of(problem: Problem, goal: Goal, history: Sequence[Observation]) -> Constraint | None:
-    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes."""
+def constraint_of(
+    problem: Problem, goal: Goal, history: Sequence[Observation], shown: InstanceMeanGP
+) -> Constraint | None:
+    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes.
+
+    ``shown``: the model of `Goal.shown`.
+    """
     both = [o for o in history if o.outcome is not None and o.second is not None]
     if goal.second is None or goal.at_least is None or not both:
         return None
-    return Constraint(second_model(problem, both), goal.at_least)
+    limited = shown if goal.shown is goal.second else second_model(problem, both)
+    return Constraint(limited, goal.at_least)
 
 
 @dataclass(frozen=True)
@@ -108,11 +114,15 @@ class Choice:
     def __init__(
         self, problem: Problem, goal: Goal, history: Sequence[Observation], *, only_verified: bool
     ) -> None:
-        every = InstanceMeanGP(problem.space, history, problem.instances)
+        observations = goal.as_shown(history)
+        every = InstanceMeanGP(problem.space, observations, problem.instances)
         self.problem, self.goal = problem, goal
-        self.model, self.outliers = without_outliers(every, problem.repeatable)
-        self.constraint = constraint_of(problem, goal, history)
-        self.failures = sum(not o.feasible for o in history)
+        self.shown, self.outliers = without_outliers(every, problem.repeatable)
+        self.model = self.shown  # of the objective
+        if goal.shown is not goal.objective:
+            self.model = InstanceMeanGP(problem.space, history, problem.instances)
+        self.constraint = constraint_of(problem, goal, history, self.shown)
+        self.failures = sum(not o.feasible for o in observations)
         self.candidates = self._all_candidates(history, only_verified=only_verified)
         if len(self.candidates) > JOINT:
             self.candidates = self._most_promising()
@@ -124,7 +134,8 @@ class Choice:
         """Return the configurations that have run with success, outliers left out; at least one may be recommended."""
         space, constraint = self.problem.space, self.constraint
         groups: dict[Key, list[Observation]] = {}
-        for o in (o for o in observations if o not in self.outliers):
+        left_out = self.goal.as_shown(self.outliers)  # with their outcomes as they were
+        for o in (o for o in observations if o not in left_out):
             groups.setdefault(configuration_key(space, o.values), []).append(o)
         missions = [group for group in groups.values() if any(o.feasible for o in group)]
         values = [dict(group[0].values) for group in missions]
@@ -202,7 +213,7 @@ class Choice:
         index = self.chosen_index(region)
         if index is None:
             return None
-        problem, goal, model, posterior = self.problem, self.goal, self.model, self.posterior
+        problem, goal, posterior = self.problem, self.goal, self.posterior
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
@@ -218,12 +229,12 @@ class Choice:
             improvement=gain,
             improvement_sd=gain_sd,
             improvement_interval_95=interval_95(gain, gain_sd),
-            noise_sd=model.noise_sd,
-            observations=len(model.observations),
+            noise_sd=self.shown.noise_sd,
+            observations=len(self.shown.observations),
             failures=self.failures,
             metric=goal.objective.metric,
             direction=goal.objective.direction,
-            leave_one_out=model.leave_one_out(),
+            leave_one_out=self.shown.leave_one_out(),
             limit=self._limit(index),
             outliers=self._outliers(),
         )
@@ -252,8 +263,8 @@ class Choice:
 
     def _outliers(self) -> tuple[Outlier, ...]:
         """Return the missions left out, and those whose outcomes count as other numbers than measured."""
-        sign = self.goal.objective.sign
-        moved = [(o, y) for o, y in zip(self.model.observations, self.model.winsorised) if o.outcome != y]
+        sign, model = self.goal.shown.sign, self.shown
+        moved = [(o, y) for o, y in zip(model.observations, model.winsorised) if o.outcome != y]
         counts_as = [*((o, None) for o in self.outliers), *((o, sign * y) for o, y in moved)]
         return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 

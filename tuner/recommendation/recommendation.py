@@ -40,7 +40,7 @@ class Outlier:
     """A mission whose outcome was winsorised, or that was left out."""
 
     mission: int  # from 0
-    measured: float  # of the objective, in its unit
+    measured: float  # of `Goal.shown`, in its unit
     counts_as: float | None  # None: all others contradict it, and the recommendation was made without it
 
 
@@ -55,6 +55,8 @@ class Recommendation:
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
     (``tuner.surrogate.posterior``).
+
+    ``noise_sd``, ``leave_one_out`` and ``outliers`` are of `Goal.shown`: of the quality where photographs are counted.
     """
 
     name: str  # of the region: tuned-gate, tuned-planner or tuned

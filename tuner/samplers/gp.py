@@ -64,9 +64,8 @@ class GPSampler:
     ) -> list[Proposal]:
         """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn."""
         s, problem, proposals, running = self.settings, self.settings.problem, list[Proposal](), list(pending)
-        feasible = [o for o in history if o.feasible]
-        goal = s.goal
-        both = goal.at_least is not None and (
+        feasible, at_least = [o for o in history if o.feasible], self.settings.goal.at_least
+        both = at_least is not None and (
             sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
         )
         models: tuple[InstanceMeanGP, ...] = ()
@@ -82,9 +81,9 @@ class GPSampler:
             else:
                 seed = derived_seed(s.seed, number)
                 region = self._region(number)
-                if not models and both and goal.at_least is not None:
+                if not models and both and at_least is not None:
                     models = two_models(problem, history, self.sparse)
-                    constraint = Constraint(models[1], goal.at_least)
+                    constraint = Constraint(models[1], at_least)
                 elif not models:
                     models = (InstanceMeanGP(problem.space, history, problem.instances, sparse=self.sparse),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)

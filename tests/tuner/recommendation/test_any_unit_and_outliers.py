@@ -30,7 +30,7 @@ def answers(a: float, b: float) -> list[Any]:
     outcomes = [a * o.outcome + b for o in MISSIONS if o.outcome is not None]
     history = [dataclasses.replace(o, outcome=y, raw=y) for o, y in zip(MISSIONS, outcomes)]
     proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
-    (best,) = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False).values()
+    best = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)["tuned"]
     return [proposal.values, best.values, round(best.improvement / float(np.ptp(outcomes)), 5)]
 
 
@@ -57,7 +57,7 @@ def on_a_line(wild: dict[int, float], kind: type[Problem] = Problem) -> Recommen
     places = [0.1, *(np.arange(19) + 0.5) / 19]
     outcomes = [wild.get(i, -((x - 0.3) ** 2)) for i, x in enumerate(places)]
     history = [Observation(i, {"x": x}, "one", 0, y, y) for i, (x, y) in enumerate(zip(places, outcomes))]
-    (best,) = recommend(kind(LINE, (Instance("one"),), {"x": 0.1}), Goal(Objective("q")), history).values()
+    best = recommend(kind(LINE, (Instance("one"),), {"x": 0.1}), Goal(Objective("q")), history)["tuned"]
     return best
 
 
@@ -129,6 +129,6 @@ def test_a_rock_that_gains_more_than_the_others_is_no_outlier() -> None:
         for y in [90.0 + k + (i > 0) * (2.4 if k == 5 else 1.0)]
     ]
     problem = Problem(LINE, tuple(map(Instance, rocks)), {"x": 0.1})
-    (best,) = recommend(problem, Goal(Objective("q")), history).values()
+    best = recommend(problem, Goal(Objective("q")), history)["tuned"]
     assert best.outliers == ()
     assert best.improvement == pytest.approx((5 * 1.0 + 2.4) / 6, abs=0.2)

@@ -26,7 +26,7 @@ def recommended(
     only_verified: bool = True,
 ) -> Recommendation | None:
     problem = Problem(synthetic.SPACE, tuple(map(Instance, rocks)), synthetic.DEFAULT, replicates)
-    return next(iter(recommend(problem, Goal(), observations, only_verified=only_verified).values()), None)
+    return recommend(problem, Goal(), observations, only_verified=only_verified).get("tuned")
 
 
 def test_picks_the_best_not_the_luckiest() -> None:
@@ -142,5 +142,5 @@ def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int
         for rock, k in itertools.product(ROCKS, (0, 1)):
             images, y = values["seed.count"] + values["stop.adaptive_budget"], score + 0.5 * rng.normal()
             history.append(Observation(len(history), values, rock, k, -images, images, second=y))
-    (best,) = recommend(s.problem, s.goal, history).values()
+    best = recommend(s.problem, s.goal, history)["tuned"]
     assert best.values == sure and best.limit.kept

@@ -52,7 +52,7 @@ def advise(history: list[Observation], limit: float, *, least_cost: bool = False
     if least_cost:  # the other way round
         goal = Goal(PHOTOGRAPHS, Objective(), limit)
         history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
-    return recommend(PROBLEM, goal, history, only_verified=False)
+    return recommend(PROBLEM, goal, history, only_verified=False)["tuned"]
 
 
 def test_best_quality_within_a_number_of_photographs() -> None:
