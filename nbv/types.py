@@ -25,7 +25,7 @@ class Viewpoint:
     position_m: Point
     azimuth_deg: float  # of the viewpoint seen from the target, counter-clockwise from east
     elevation_deg: float
-    band: str  # "seed", "lateral" or "upper"
+    band: str  # "seed", "ring", "lateral" or "upper"
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.axes import Axes
-
-from nbv.rocks.families import HELD_OUT_FROM
 
 Row = dict[str, str]
 NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
@@ -71,73 +68,7 @@ def speed(data: Path) -> plt.Figure:
     return figure
 
 
-def where_planning_pays(data: Path) -> plt.Figure:
-    """Gain of the adaptive plan over an orbit of as many photographs: by how hard the rock is, and by condition."""
-    figure, (hard, instances) = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
-    arms = ("rings at 10° and 35°", "adaptive")
-    scores: dict[str, dict[str, float]] = {}
-    for row in read(data, "where_planning_pays"):
-        held_out = int(row["rock"].rpartition("-")[2]) >= HELD_OUT_FROM
-        if held_out and row["value"] == "f_score" and row["arm"] in arms:
-            scores.setdefault(row["rock"], {})[row["arm"]] = float(row["24"])
-    pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
-    hard.scatter(*zip(*pairs, strict=True), s=14, color=BLUE, alpha=0.6, label="geometric")
-    evaluated: dict[str, dict[str, dict[str, float]]] = {}
-    for row in read(data, "where_planning_pays_photographs"):
-        if row["status"].endswith("failed"):
-            continue  # no cloud; the page says so
-        evaluated.setdefault(row["condition"], {}).setdefault(row["rock"], {})[row["arm"]] = float(
-            row["f_score"]
-        )
-    gains = {
-        name: [
-            (max(orbits), of["adaptive"] - max(orbits))
-            for of in rocks.values()
-            if "adaptive" in of and (orbits := [f for arm, f in of.items() if arm.startswith("two rings")])
-        ]
-        for name, rocks in evaluated.items()
-    }
-    hard.scatter(
-        *zip(*gains["ideal"], strict=True), s=34, marker="D", color=ORANGE, alpha=0.8, label="photographs"
-    )
-    hard.axvline(98, color=GREY, linewidth=0.8, linestyle=":")
-    hard.set_xlabel("F-score of the orbit of 24 (%), ideal")
-    hard.set_ylabel("adaptive plan minus orbit (points)")
-    hard.legend(fontsize=8, loc=(0.25, 0.05))
-    rng = np.random.default_rng(0)
-    for place, (_, of) in enumerate(gains.items()):
-        gain = np.array([difference for _, difference in of])
-        means = gain[rng.integers(0, len(gain), (4000, len(gain)))].mean(axis=1)
-        instances.scatter(place + rng.uniform(-0.12, 0.12, len(gain)), gain, s=14, color=ORANGE, alpha=0.6)
-        low, high = np.percentile(means, [2.5, 97.5])
-        instances.errorbar(
-            place + 0.3,
-            gain.mean(),
-            [[gain.mean() - low], [high - gain.mean()]],
-            fmt="o",
-            color="black",
-            capsize=3,
-            markersize=4,
-        )
-    instances.set_xticks(
-        range(len(gains)),
-        [name.replace(" (", "\n(") + f"\n{len(of)} rocks" for name, of in gains.items()],
-        fontsize=8,
-    )
-    instances.set_yscale("symlog", linthresh=2)
-    ticks = (-10, -5, -2, -1, 0, 1, 2, 5, 10, 20)
-    instances.set_yticks(ticks, [str(tick) for tick in ticks])
-    instances.minorticks_off()
-    instances.set_title("24 or 26 photographs; mean and 95 % interval", fontsize=9)
-    for axes in (hard, instances):
-        axes.axhline(0, color="black", linewidth=0.8)
-        axes.grid(alpha=0.3)
-    return figure
-
-
-FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
-    figure.__name__: figure for figure in (where_planning_pays, speed)
-}
+FIGURES: dict[str, Callable[[Path], plt.Figure]] = {"speed": speed}
 
 
 def main() -> None:

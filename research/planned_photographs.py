@@ -1,0 +1,121 @@
+"""The planner with photographs against orbits of as many, target by target, in `indoors`.
+
+    python -m research.planned_photographs planned_photographs.csv --targets part-20000 animal-20000 --photographs 24
+
+Every mission's scores become a row of the file, which is read first: missions that it holds are not flown again. Then
+the table is printed: each plan minus the orbit at 15 degrees, over targets and replicates that have both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.config import MissionConfig, load_condition, preset, under
+from nbv.photogrammetric import run_photogrammetric_mission
+
+SEEDS = 12  # of the planner: wider rings than of 11 have no stereo pairs within 35 degrees
+BASE: dict[str, Any] = {
+    "dense.agreeing_views": 3,
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 6,
+    "seed.radius_m": 3.5,
+    "seed.lowest_deg": 10.0,
+    "stop.criterion": "budget",
+    **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+}
+CONTROL = "orbit at 15°"
+Rows = dict[tuple[str, str, int, int], dict[str, Any]]  # by plan, target, photographs, replicate
+HEAD = ("plan", "target", "photographs", "replicate", "f_score", "registered", "seeds", "all", "orbit")
+
+
+def plans(photographs: int) -> dict[str, dict[str, Any]]:
+    """What differs from `BASE`, by plan."""
+
+    def planned(seeds: int, kind: str) -> dict[str, Any]:
+        return {"seed.count": seeds, "stop.adaptive_budget": photographs - seeds, "gate.kind": kind}
+
+    def orbit(elevation_deg: float) -> dict[str, Any]:
+        return {
+            "seed.count": photographs,
+            "seed.lowest_deg": elevation_deg,
+            "stop.adaptive_budget": 0,
+        }
+
+    return {
+        CONTROL: orbit(15.0),
+        "orbit at 10°": orbit(10.0),
+        "planned from 12 seeds": planned(SEEDS, "predicted"),
+        "all but 4 on a ring, planned": planned(photographs - 4, "predicted"),
+        "all but 4 on a ring, at random": planned(photographs - 4, "random"),
+    }
+
+
+def flown(config: MissionConfig, target: str, replicate: int) -> dict[str, Any]:
+    """F-score at 48 mm of the observable surface (0 for a failed mission), and what the mission expected."""
+    result = run_photogrammetric_mission(config, target, replicate)
+    metrics: Mapping[str, Any] = result.metrics or {}
+    score = metrics.get("observable", {}).get("f_score_48mm", 0.0)
+    expected = {name: f"{share:.3f}" for name, share in metrics.get("expected_share", {}).items()}
+    return {"f_score": f"{score:.3f}", "registered": int(result.costs["registered_images"]), **expected}
+
+
+def read(path: Path) -> Rows:
+    if not path.exists():
+        return {}
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    return {(r["plan"], r["target"], int(r["photographs"]), int(r["replicate"])): r for r in rows}
+
+
+def table(rows: Rows, photographs: int) -> list[str]:
+    """A line for each plan: mean and lowest difference to the control, over targets."""
+    lines = [
+        f"|{photographs} photographs, minus the {CONTROL}|targets|mean|lowest|highest|",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for plan in plans(photographs):
+        gains: dict[str, list[float]] = {}
+        for (name, target, number, replicate), row in rows.items():
+            control = rows.get((CONTROL, target, photographs, replicate))
+            if name == plan and number == photographs and control is not None:
+                gains.setdefault(target, []).append(float(row["f_score"]) - float(control["f_score"]))
+        means = [float(np.mean(own)) for own in gains.values()]
+        if means and plan != CONTROL:
+            lines.append(f"|{plan}|{len(means)}|{np.mean(means):+.2f}|{min(means):+.2f}|{max(means):+.2f}|")
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--targets", nargs="*", default=[])
+    parser.add_argument("--photographs", type=int, default=24)
+    parser.add_argument("--replicates", type=int, default=1)
+    parser.add_argument("--plans", nargs="*", help="by default all")
+    asked = parser.parse_args(arguments)
+    rows, number = read(asked.file), asked.photographs
+    base = under(preset("campaign").with_values(BASE), load_condition("indoors"))
+    for replicate in range(asked.replicates):
+        for target in asked.targets:
+            for plan, values in plans(number).items():
+                key = plan, target, number, replicate
+                if key in rows or (asked.plans and plan not in asked.plans):
+                    continue
+                given = dict(zip(HEAD, key))
+                rows[key] = {**given, **flown(base.with_values(values), target, replicate)}
+                print(rows[key], flush=True)
+                with asked.file.open("w", newline="") as file:
+                    writer = csv.DictWriter(file, HEAD)
+                    writer.writeheader()
+                    writer.writerows(rows.values())
+    print("\n".join(table(rows, number)))
+
+
+if __name__ == "__main__":
+    main()
