@@ -67,10 +67,10 @@ def _what(answer: Answer, fly: Flight) -> str:
 
 
 def _worth(answer: Answer, fly: Flight) -> list[str]:
-    """The flown plan against the best of the others and against Hyb-H, on all targets."""
+    """The flown plan against Hyb-H and, where it is tuned, against the best plain plan, on all targets."""
     gains = {name: gain for name, gain in fly.against.items() if gain is not None}
-    others = {name: gain for name, gain in gains.items() if name != REFERENCE}
-    chosen = min(others, key=lambda name: others[name].mean, default="") if fly.is_tuned else ""
+    plain = {name: gain for name, gain in gains.items() if name != REFERENCE and name not in answer.recommended}
+    chosen = min(plain, key=lambda name: plain[name].mean, default="") if fly.is_tuned else ""
     named = [name for name in (chosen, REFERENCE) if name in gains]
     if not named:
         return []
