@@ -4,7 +4,7 @@
 
 ``--root`` names another checkout of this project to count. Circles are the strongly connected components of the
 import graph of the modules. Imports inside functions and for type checking count, and so do modules that a text names for
-a later import: ``importlib.import_module("nbv.gates")``, or a reference ``"nbv.gates.oracle:OracleGate"``.
+a later import: ``importlib.import_module("nbv.gates")``, or a reference ``"nbv.gates.registry:OracleGate"``.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from typing import Any
 
 _MISSION = """
 import json, sys, time
-from nbv.threads import single_thread_environment
+from nbv.process import single_thread_environment
 single_thread_environment()
 import cv2, open3d
 from nbv.config import load_condition, preset, under

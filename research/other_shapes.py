@@ -14,8 +14,8 @@ import trimesh
 from trimesh import creation, transformations
 
 from nbv.geometry.mesh import rest_on_ground, vertex_normals
-from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
+from nbv.rocks.texture import procedural_albedo
 
 EDGE_M = 0.05
 Part = trimesh.Trimesh

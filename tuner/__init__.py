@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign as Campaign
     from tuner.campaign.settings import CampaignSettings as CampaignSettings
     from tuner.comparison.objective import objective as objective
-    from tuner.comparison.run import EvaluationRun as EvaluationRun
+    from tuner.comparison.plan import EvaluationRun as EvaluationRun
     from tuner.jobs import evaluate as evaluate
     from tuner.jobs import reproduce as reproduce
     from tuner.jobs import tune as tune

@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-from nbv.threads import single_thread_environment
+from nbv.process import single_thread_environment
 
 single_thread_environment()  # before anything imports numpy: one mission, one thread
 

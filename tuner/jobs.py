@@ -14,8 +14,7 @@ from nbv.config import load_conditions, preset
 from nbv.errors import UserError
 from tuner.answer.answer import answer_of
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent, CampaignSummary
+from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignSummary
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, resolved_settings, settings_there
 from tuner.comparison.of_campaign import (
@@ -25,7 +24,7 @@ from tuner.comparison.of_campaign import (
     reproduction,
     require_comparable,
 )
-from tuner.comparison.run import EvaluationEvent, EvaluationRun
+from tuner.comparison.plan import EvaluationEvent, EvaluationRun
 from tuner.missions.pool import Executor, local_pool
 from tuner.problem.baselines import REPRODUCTION_STRATEGIES
 

@@ -11,9 +11,18 @@ handed from the mission down to the stages; no algorithm opens one.
 Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue``) and are not part of it.
 """
 
-from nbv.cache.keys import cache_key, cached, cached_json, code_digest, digest
-from nbv.cache.recent import Recent
-from nbv.cache.store import Arrays, KnownOnly, Store, home
+from nbv.cache.store import (
+    Arrays,
+    KnownOnly,
+    Recent,
+    Store,
+    cache_key,
+    cached,
+    cached_json,
+    code_digest,
+    digest,
+    home,
+)
 
 __all__ = [
     "Arrays",

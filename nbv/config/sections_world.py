@@ -194,7 +194,7 @@ class FlightConfig(Section):
 
 @dataclass(frozen=True)
 class WindConfig(Section):
-    """Wind on the flight (`nbv.flight.wind`); its direction is drawn per replicate."""
+    """Wind on the flight (`nbv.flight.leg`); its direction is drawn per replicate."""
 
     mean_speed_m_s: NonNegative = not_in_paper(
         0.0, "mean speed, horizontal", reason="with 3 gusts below flight.max_speed_m_s"

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
-from nbv.dense.stereo import backproject, depth_normals
-from nbv.dense.views import DepthMaps, PosedViews
+from nbv.dense.stereo import DepthMaps, PosedViews, backproject, depth_normals
 from nbv.errors import MissionFailure
-from nbv.geometry.voxels import sums_by_voxel
+from nbv.geometry.mesh import sums_by_voxel
 from nbv.types import Floats, Floats32, Ints, PointCloud
 
 SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import DENSE_BACKENDS
-from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.stereo import points_to_search, sgbm_depth_maps
-from nbv.dense.views import DenseBackend, PosedViews
+from nbv.dense.stereo import DenseBackend, PosedViews, check_consistency, points_to_search, sgbm_depth_maps
 from nbv.errors import MissionFailure
-from nbv.memory import give_back_freed_memory
+from nbv.process import give_back_freed_memory
 from nbv.types import Floats, PointCloud
 
 BUILT_IN = {"sgbm": sgbm_depth_maps, "patchmatch": "nbv.dense.patchmatch:patchmatch_depth_maps"}

@@ -8,16 +8,208 @@ target. Both are shifted so that the target has zero disparity at the centre of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.views import DepthMaps, PosedViews, pixel_matrix
-from nbv.types import Floats, Floats32
+from nbv.geometry.frames import angles_deg, camera_centers_m, directions_from, intrinsic_matrix
+from nbv.geometry.visibility import nearest_views, stereo_partners
+from nbv.types import Floats, Floats32, Ints
+
+# What the stages of a dense reconstruction work on: photographs with poses, and what is sought in them.
+
+
+Image = NDArray[np.uint8]  # (H, W, 3) RGB
+
+
+@dataclass(frozen=True)
+class PosedViews:
+    """Photographs with known poses of one target; `nbv.dense.stereo` and its siblings take everything from here."""
+
+    images: Mapping[str, Image]  # (H, W, 3) by name
+    camera_from_world: Mapping[str, Floats]  # (4, 4) rigid, by the same names, metres
+    camera: CameraConfig  # known intrinsics of all
+    target_m: tuple[float, float, float] | Floats  # (3,) the point that the cameras aim at
+    config: DenseConfig
+    surface_m: Floats | None = None  # (N, 3) points near which the surface lies; None: anywhere in the crop
+
+    @property
+    def target(self) -> Floats:
+        """(3,) ``target_m`` as an array."""
+        return np.asarray(self.target_m, dtype=float)
+
+    @cached_property
+    def grey(self) -> dict[str, NDArray[np.uint8]]:
+        """(H, W) by name."""
+        return {n: cv2.cvtColor(i, cv2.COLOR_RGB2GRAY).astype(np.uint8) for n, i in self.images.items()}
+
+    def center_m(self, name: str) -> Floats:
+        """(3,) camera centre in the world frame."""
+        return camera_centers_m(self.camera_from_world[name])
+
+    @cached_property
+    def _names(self) -> list[str]:
+        return sorted(self.camera_from_world)
+
+    @cached_property
+    def _angles_deg(self) -> Floats:
+        """(V, V) between the directions to the views, in the order of their names, as seen from the target."""
+        directions = directions_from(self.target, np.array([self.center_m(name) for name in self._names]))
+        return angles_deg(directions, directions)
+
+    def baseline_angles_deg(self) -> Floats:
+        """(V, V) angles, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
+        centers_m = np.array([self.center_m(name) for name in self._names])
+        a, b = centers_m[:, None], centers_m[None]
+        baseline, gaze = b - a, self.target - (a + b) / 2
+        along = np.abs((baseline * gaze).sum(axis=-1))
+        return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze), axis=-1), along))
+
+    @cached_property
+    def neighbours(self) -> dict[str, list[str]]:
+        """Of each view the others for stereo with it, best first: `stereo_partners`, less views one behind the other."""
+        beside = self.baseline_angles_deg() >= self.config.min_baseline_angle_deg
+        chosen = zip(*stereo_partners(self._angles_deg, self.config, beside))
+        names = self._names
+        return {name: [names[k] for k in row[usable]] for name, (row, usable) in zip(names, chosen)}
+
+    @cached_property
+    def source_views(self) -> dict[str, list[str]]:
+        """Of each view the ``config.consistency_views`` others nearest in viewing direction as seen from the target."""
+        nearest = nearest_views(self._angles_deg, self.config.consistency_views)
+        return {name: [self._names[k] for k in row] for name, row in zip(self._names, nearest)}
+
+    def shrunk(self) -> PosedViews:
+        """The same at a long side of at most ``config.max_size_px``."""
+        camera = shrunk_camera(self.camera, self.config.max_size_px)
+        return replace(self, images={n: shrunk(i, camera) for n, i in self.images.items()}, camera=camera)
+
+
+# A dense backend makes a depth map of every view that has a neighbour, in sorted name order. Each is (H, W): metres along
+# the optical axis, NaN where unknown. With `PosedViews.surface_m` it may leave out what is not near these points.
+DepthMaps = dict[str, Floats32]
+DenseBackend = Callable[[PosedViews], DepthMaps]
+
+
+def pixel_matrix(camera: CameraConfig) -> Floats:
+    """(3, 3) K for array indices: pixel centres at integers, half a pixel off COLMAP's convention."""
+    matrix = intrinsic_matrix(camera)
+    matrix[:2, 2] -= 0.5
+    return matrix
+
+
+def shrunk_camera(camera: CameraConfig, max_size_px: int) -> CameraConfig:
+    """The camera of photographs whose long side is at most ``max_size_px``; 0: the camera itself."""
+    size_px = max(camera.width_px, camera.height_px)
+    if not 0 < max_size_px < size_px:
+        return camera
+    width_px, height_px = (
+        round(side * max_size_px / size_px) for side in (camera.width_px, camera.height_px)
+    )
+    return CameraConfig(width_px, height_px, camera.focal_px * width_px / camera.width_px)
+
+
+def shrunk(image: Image, camera: CameraConfig) -> Image:
+    """The photograph (H, W, 3) at the size of ``camera``; the photograph itself where it has it."""
+    size = (camera.width_px, camera.height_px)
+    if (image.shape[1], image.shape[0]) == size:
+        return image
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+
+# Geometric consistency: a depth is kept when enough other views' depth maps confirm it.
+
+
+def check_consistency(depth_maps: DepthMaps, views: PosedViews) -> DepthMaps:
+    """Check every depth map (H, W) against up to ``consistency_views`` others; NaN where too few agree.
+
+    A view agrees where its depth differs from the point's by less than ``consistency_relative_depth``, and its own
+    surface point on that ray projects back within ``consistency_px``. The reference itself counts among the
+    ``agreeing_views``; depths become the mean of those that agree.
+    """
+    views = replace(views, camera_from_world={name: views.camera_from_world[name] for name in depth_maps})
+    return {name: _check(name, depth_maps, views) for name in sorted(depth_maps)}
+
+
+def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
+    depth_m, pose, config = depth_maps[name], views.camera_from_world[name], views.config
+    matrix = pixel_matrix(views.camera)
+    focal, cx, cy = (np.float32(value) for value in (matrix[0, 0], matrix[0, 2], matrix[1, 2]))
+    rows, columns = np.nonzero(np.isfinite(depth_m))
+    depth = depth_m[rows, columns]
+    u, v = columns.astype(np.float32), rows.astype(np.float32)
+    # (3, n) points in the reference's camera frame; single precision is exact to well below 1 mm here.
+    points = np.stack([(u - cx) / focal * depth, (v - cy) / focal * depth, depth])
+    agreeing = np.ones(len(depth), dtype=np.uint8)
+    total = depth.copy()
+    height, width = depth_m.shape
+    inverse_rotation = pose[:3, :3].T
+    for source in views.source_views[name]:
+        other_depth, other_pose = depth_maps[source], views.camera_from_world[source]
+        rotation64 = other_pose[:3, :3] @ inverse_rotation
+        translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]
+        rotation, translation = rotation64.astype(np.float32), translation64.astype(np.float32)[:, None]
+        seen = rotation @ points
+        seen += translation
+        z = np.maximum(seen[2], np.float32(1e-6))
+        column = np.rint(seen[0] / z * focal + cx)
+        row = np.rint(seen[1] / z * focal + cy)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (seen[2] > 0)
+        index = np.flatnonzero(inside)
+        z = z.take(index)
+        pixel = row.take(index).astype(np.intp) * width + column.take(index).astype(np.intp)
+        measured = other_depth.reshape(-1).take(pixel)
+        # NaN compares false, so unknown depths drop out here.
+        close = np.flatnonzero(np.abs(measured - z) < config.consistency_relative_depth * z)
+        measured, z = measured.take(close), z.take(close)
+        index = index.take(close)
+        # The source view's point on the same ray, back in the reference.
+        back = rotation.T @ (seen.take(index, axis=1) * (measured / z) - translation)
+        du = back[0] / back[2] * focal + cx - u.take(index)
+        dv = back[1] / back[2] * focal + cy - v.take(index)
+        near = np.flatnonzero(du * du + dv * dv < np.float32(config.consistency_px**2))
+        index = index.take(near)
+        agreeing[index] += 1
+        total[index] += back[2].take(near)
+    keep = agreeing >= config.agreeing_views
+    out = np.full_like(depth_m, np.nan)
+    out[rows[keep], columns[keep]] = total[keep] / agreeing[keep]
+    return out
+
+
+# Depth in flight: all photographs so far at a quarter of their pixels, for a planner and not for a cloud.
+
+
+PARTNERS = 2  # of each photograph
+AGREEING_VIEWS = 2
+STRIDE_PX = 2  # between the places that are kept, in rows and columns
+
+
+def coarse_depth(views: PosedViews, sparse_points_m: Floats) -> tuple[Floats, Ints]:
+    """Places (K, 3) of the confirmed depths, and by whose depth they are (K,): indices into the names, in the order of the poses.
+
+    Depths are sought near the points (N, 3) of the sparse model.
+    """
+    size_px = max(views.camera.width_px, views.camera.height_px) // 2
+    config = replace(views.config, max_size_px=size_px, neighbours=PARTNERS, agreeing_views=AGREEING_VIEWS)
+    surface_m = points_to_search(sparse_points_m, views.target_m, config)
+    views = replace(views, config=config, surface_m=surface_m).shrunk()
+    names, places, of = list(views.camera_from_world), [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)]
+    for name, depth_m in check_consistency(sgbm_depth_maps(views), views).items():
+        points = backproject(depth_m, views.camera)[::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3).astype(float)
+        points = points[np.isfinite(points).all(axis=1)]
+        pose = views.camera_from_world[name]
+        places.append((points - pose[:3, 3]) @ pose[:3, :3])
+        of.append(np.full(len(points), names.index(name)))
+    return np.concatenate(places), np.concatenate(of)
+
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface
 _BLOCK_PX = 3  # 5 loses 0.5 to 1.2 points of F-score at 16 mm (15016, 24 + 8 views)

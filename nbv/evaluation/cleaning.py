@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.plane import Plane, ground_plane
-from nbv.random_streams import keyed_rng
+from nbv.geometry.target import Plane, ground_plane
+from nbv.process import keyed_rng
 from nbv.types import Bools, Cloud, Floats, Ints, PointCloud
 
 _LOWEST_FRACTION = 0.2  # plane hypotheses come from the lowest points, as in the authors' code

@@ -14,12 +14,20 @@ import numpy as np
 from nbv.cache import Arrays, Store, cached, cached_json
 from nbv.config import EvaluationConfig, MissionConfig
 from nbv.evaluation.cleaning import find_ground
-from nbv.geometry.mesh import face_areas, weighted_normals
-from nbv.geometry.neighbours import nearest_neighbours
-from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.sampling import sample_surface, sample_surface_evenly
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, SURFACE_OFFSET_M, seen_from
-from nbv.geometry.voxels import sums_by_voxel
+from nbv.geometry.mesh import (
+    RayCaster,
+    face_areas,
+    sample_surface,
+    sample_surface_evenly,
+    sums_by_voxel,
+    weighted_normals,
+)
+from nbv.geometry.visibility import (
+    OBSERVABLE_MAX_INCIDENCE_DEG,
+    SURFACE_OFFSET_M,
+    nearest_neighbours,
+    seen_from,
+)
 from nbv.rocks import Rock
 from nbv.types import Bools, Floats, Ints
 from nbv.viewpoints import camera_shell

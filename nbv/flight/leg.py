@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -9,11 +10,88 @@ from functools import cached_property, partial
 import numpy as np
 import ruckig
 
-from nbv.config import FlightConfig
+from nbv.config import FlightConfig, WindConfig
 from nbv.errors import MissionFailure
-from nbv.flight.wind import CALM, ground_speed_m_s
 from nbv.geometry.frames import wrap_angle
+from nbv.process import keyed_rng
 from nbv.types import Floats, Point
+
+# Electrical energy of a flight, by momentum theory.
+#
+# A rotor disc of area A that carries the weight T accelerates air of density rho to v_h = sqrt(T / (2 rho A)) in hover; in a
+# climb at v its ideal power is
+#
+#     P(v) = T (v / 2 + sqrt((v / 2)^2 + v_h^2))
+#
+# (Leishman, Principles of Helicopter Aerodynamics, 2nd ed., section 2.13). In a descent slower than 2 v_h, the vortex-ring
+# state, momentum theory does not hold; it counts as hover. So does level flight: its induced power is 3 % less at 2 m/s, the
+# mean of a short leg, and a sixth less at 5 m/s, of which drag takes back a part. Rotors, motors and controllers turn electrical into
+# ideal power with one efficiency. Avionics and camera are not in it.
+
+
+GRAVITY_M_S2 = 9.81
+AIR_KG_M3 = 1.225  # sea level, 15 degrees: ISO 2533
+ROTORS = 4
+J_PER_WH = 3600.0
+
+
+def power_w(vehicle: FlightConfig, climb_m_s: float = 0.0) -> float:
+    """Electrical power in hover, or in a climb; a descent counts as hover."""
+    weight_n = vehicle.mass_kg * GRAVITY_M_S2
+    disc_m2 = ROTORS * math.pi * (vehicle.rotor_diameter_m / 2) ** 2
+    half = max(0.0, climb_m_s) / 2
+    ideal_w = weight_n * (half + math.sqrt(half**2 + weight_n / (2 * AIR_KG_M3 * disc_m2)))
+    return ideal_w / vehicle.propulsion_efficiency
+
+
+def leg_energy_wh(vehicle: FlightConfig, leg: Leg) -> float:
+    """Of one leg, at its mean climb rate."""
+    if leg.duration_s <= 0:
+        return 0.0
+    climb_m_s = (leg.end.position_m[2] - leg.start.position_m[2]) / leg.duration_s
+    return power_w(vehicle, climb_m_s) * leg.duration_s / J_PER_WH
+
+
+# Wind on the flight: a steady horizontal wind of one direction, and gusts that push the hovering vehicle about.
+#
+# What gusts blur in a photograph is `nbv.config.SensorConfig`'s ``residual_speed_m_s``.
+
+
+CALM = (0.0, 0.0)
+VERTICAL_GUST = 0.5  # of a horizontal one: MIL-F-8785C, sigma_w / sigma_u = 0.177 ** 0.4 at the ground
+
+
+def mean_wind_m_s(wind: WindConfig, key: tuple[str, int]) -> tuple[float, float]:
+    """Where the air moves, east and north; the bearing is uniform, drawn per ``key``, (rock's SHA-256, replicate)."""
+    if wind.mean_speed_m_s == 0:
+        return CALM
+    bearing = keyed_rng("wind", *key).uniform(0, 2 * math.pi)
+    return wind.mean_speed_m_s * math.cos(bearing), wind.mean_speed_m_s * math.sin(bearing)
+
+
+def sway_m(wind: WindConfig, key: tuple[str, int], viewpoint_id: str) -> Floats:
+    """(3,) how far gusts have pushed the vehicle at a photograph, beyond the arrival error.
+
+    A gust u moves a vehicle with rotor drag k and a position loop of stiffness w**2 by k u / w**2, ``sway_s`` times u.
+    """
+    normal = keyed_rng("gust", *key, viewpoint_id).standard_normal(3)
+    return wind.gust_m_s * wind.sway_s * normal * (1.0, 1.0, VERTICAL_GUST)
+
+
+def ground_speed_m_s(
+    direction: tuple[float, float], limits: FlightConfig, wind_m_s: tuple[float, float]
+) -> float:
+    """Largest horizontal speed along the unit vector ``direction``.
+
+    ``max_speed_m_s`` limits the speed over ground, as autopilots have it, and the speed through the air too: across
+    the wind the vehicle leans into it, against it there is less left, with it nothing is gained.
+    """
+    if wind_m_s == CALM:
+        return limits.max_speed_m_s
+    along = wind_m_s[0] * direction[0] + wind_m_s[1] * direction[1]
+    across = wind_m_s[0] * direction[1] - wind_m_s[1] * direction[0]
+    return min(limits.max_speed_m_s, along + math.sqrt(limits.max_speed_m_s**2 - across**2))
+
 
 SAMPLE_RATE_HZ = 5.0
 
@@ -56,7 +134,7 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
 
     Two synchronised axes: distance along the line and heading. Horizontal and vertical speed obey their
     own limits, acceleration and jerk theirs along the line; heading has its own rate, acceleration and
-    jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.wind`).
+    jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.leg`).
 
     `MissionFailure` ``flight_failed``: no trajectory exists (does not happen for finite poses and positive limits).
     """

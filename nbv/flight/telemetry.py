@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from nbv.config import TelemetryConfig
 from nbv.geometry.frames import invert_rigid
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.types import Floats
 
 _WAVES = 64

@@ -12,7 +12,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.gates.ground_truth import GroundTruthOracle
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.scorers import COVIS
 from nbv.scorers.scorer import argsort_descending
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking

@@ -14,10 +14,14 @@ from scipy.spatial import cKDTree
 from nbv.config import MissionConfig
 from nbv.evaluation.ground_truth import measured_faces
 from nbv.geometry.frames import directions_from
-from nbv.geometry.matchability import usable_cosines
-from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, SURFACE_OFFSET_M, in_frustum, seen_from
+from nbv.geometry.mesh import RayCaster, sample_surface
+from nbv.geometry.visibility import (
+    MATCHABLE_MAX_INCIDENCE_DEG,
+    SURFACE_OFFSET_M,
+    in_frustum,
+    seen_from,
+    usable_cosines,
+)
 from nbv.types import Bools, Floats, PlanningState
 
 SAMPLE_SEED = 42

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
-from nbv.evaluation.metric import (
+from nbv.evaluation.registry import (
+    SECTOR_THRESHOLD_MM,
     area_under_curve,
     azimuth_sectors,
     f_score,
     sector_centers_deg,
     share_by_sector,
 )
-from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.world import GeometricWorld, resolution, resolved
 from nbv.geometry.frames import angles_deg, directions_from
 from nbv.geometry.stereo_chance import depth_probability, reconstruction_probability
@@ -24,7 +24,7 @@ from nbv.geometry.visibility import incidences_deg
 from nbv.types import Bools, Floats, Floats32, Ints
 
 CHANCES_IN_REACH = 2.0
-RESOLVED = 2.0  # a pixel's area decides (`nbv.geometric.landmarks.RESOLVED`)
+RESOLVED = 2.0  # a pixel's area decides (`nbv.geometric.world.RESOLVED`)
 
 
 def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:

@@ -10,11 +10,9 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometric.completeness import coarse_depth, sample_probability
-from nbv.geometric.landmarks import Landmarks
-from nbv.geometric.tracks import Tracks
-from nbv.geometric.world import GeometricWorld
+from nbv.geometric.world import GeometricWorld, Landmarks, Tracks
 from nbv.geometry.frames import camera_centers_m
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.types import (
     Bools,
     Capture,

@@ -20,21 +20,189 @@ from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
 from nbv.config.sections_planning import SharedTermsConfig
 from nbv.evaluation.ground_truth import measured_faces, observable_mask
-from nbv.geometry.mesh import vertex_normals
-from nbv.geometry.raycasting import RayCaster, rays_of
-from nbv.geometry.sampling import sample_surface
+from nbv.geometry.mesh import RayCaster, rays_of, sample_surface, vertex_normals
 from nbv.geometry.visibility import (
     LANDMARK_MAX_INCIDENCE_DEG,
     OBSERVABLE_MAX_INCIDENCE_DEG,
     in_frustum,
     seen_from,
 )
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.scene.bake import direction_to_sun
-from nbv.types import Bools, Floats, Point
+from nbv.types import Bools, Floats, Floats32, Ints, Point, Viewpoint
 from nbv.viewpoints import camera_shell
+
+# The simulator's landmarks: how easily each is detected and matched, and which of them a view detects.
+#
+# Everything is drawn per (rock, replicate) and per (rock, replicate, viewpoint), so it is the same in every mission on
+# them. The constants were set to reproduce real seed models (docs/results/index.md).
+
+
+ROCK_RATE = 0.7  # share of views in which a strong, well-lit landmark is detected
+GROUND_RATE = 0.9
+HALF_CONTRAST = 0.012  # at this local contrast it is half of that
+# With 60 px of focal length neither these nor photogrammetric missions of slab have a seed model; with 120, 200 and 300 px these
+# score 88, 91 and 95, those 74, 84 and 92 (F-score at 48 mm, 24 + 8 photographs).
+RESOLVED = 0.4
+MAX_INCIDENCE_DEG = 75.0
+FAR_MAX_INCIDENCE_DEG = 86.0  # flat ground far away is only ever seen at a grazing angle
+ROCK_MATCH_DEG = (12.0, 45.0)  # lines of sight that match: drawn per landmark
+GROUND_MATCH_DEG = (15.0, 125.0)  # flat, so it looks alike from farther
+
+
+class Landmarks:
+    """The draws of one (rock, replicate) for a world's landmarks, L of them, and what its viewpoints detect.
+
+    Of the configuration, far ground only matters where ``stop.knn_region`` is of all of the cloud; ground features let the ground
+    look alike from everywhere.
+    """
+
+    def __init__(
+        self, world: GeometricWorld, config: MissionConfig, rock_sha256: str, replicate: int
+    ) -> None:
+        self._world, self._key = world, (rock_sha256, replicate)
+        self.count = n = len(world.landmarks_m) if config.stop.knn_region == "all" else world.n_near
+        # Row by row, so a landmark's draw does not depend on n.
+        strength, reach = keyed_rng("geometric-landmarks", *self._key).random((n, 2)).T
+        noise = keyed_rng("geometric-noise", *self._key).standard_normal((n, 4))
+        on_rock = np.arange(n) < world.n_rock
+        # The ground's landmarks are a thinned lattice of its strongest features: all are worth something.
+        rate = np.minimum(np.where(on_rock, ROCK_RATE * 2.0 * strength, GROUND_RATE), 1.0)
+        contrast = world.landmark_contrast[:n]
+        low, high = (np.where(on_rock, *both) for both in zip(ROCK_MATCH_DEG, GROUND_MATCH_DEG))
+        limit_deg = low + (high - low) * reach**2
+        if config.sparse.ground_features:
+            limit_deg = np.where(on_rock, limit_deg, 180.0)
+        limit_deg = np.minimum(limit_deg, min(config.sparse.max_pair_angle_deg, config.scene.match_angle_deg))
+        far = np.arange(n) >= world.n_near
+        # (L,) chance of a detection face on, and the cosine of the incidence beyond which nothing is detected.
+        self._quality = rate * contrast / (contrast + HALF_CONTRAST)
+        self._grazing = np.cos(np.deg2rad(np.where(far, FAR_MAX_INCIDENCE_DEG, MAX_INCIDENCE_DEG)))
+        # (L,) the cosine of the angle between two lines of sight that still match.
+        self.cosine_limit: Floats = np.cos(np.deg2rad(limit_deg))
+        self.noise: Floats = noise[:, :3]  # (L, 3) of the point's position, standard normal
+        self.error_px: Floats = 0.28 * np.exp(0.8 * noise[:, 3])  # (L,) reprojection error
+
+    def detected_from(self, view: Viewpoint, aim_m: Point, center_m: Floats) -> tuple[Ints, Floats32]:
+        """Indices (K,) of the landmarks that a photograph detects, and unit directions (K, 3) from them to the camera.
+
+        ``aim_m``: where the camera is aimed; ``center_m`` (3,): where it really is, arrival error included.
+        """
+        world = self._world
+        seen = np.flatnonzero(world.landmarks_seen(view.position_m, aim_m)[: self.count])
+        directions = center_m - world.landmarks_m[seen]
+        directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
+        cosine = np.einsum("ij,ij->i", directions, world.landmark_normals[seen])
+        grazing = self._grazing[seen]
+        chance = self._quality[seen] * np.clip((cosine - grazing) / (1.0 - grazing), 0.0, 1.0)
+        chance = resolved(chance, world.camera, RESOLVED)
+        rng = keyed_rng("geometric-detection", *self._key, view.id)
+        detected = rng.random(self.count)[seen] < chance
+        return seen[detected], directions[detected].astype(np.float32)
+
+
+# Feature tracks without images: which views' detections of a landmark end up in one sparse point.
+#
+# Detections of one landmark in two views match when their lines of sight differ little enough; a track is a
+# connected set of matching detections, as in COLMAP. A landmark may have several tracks (seen from opposite
+# sides, say), and each is a point of its new.
+
+
+class Tracks:
+    """Detections and their grouping, view by view; L landmarks, at most ``capacity`` views.
+
+    ``cosine_limit`` (L,) is the smallest cosine between two lines of sight that still match, per landmark.
+    """
+
+    def __init__(self, cosine_limit: Floats | Floats32, capacity: int) -> None:
+        self._cosine_limit = cosine_limit.astype(np.float32)
+        self.n_views = 0
+        self._directions = np.zeros((capacity, len(cosine_limit), 3), dtype=np.float32)
+        # The number of a view in the track, or -1: which one is arbitrary, equal numbers are one track.
+        # A row per landmark, since tracks are listed landmark by landmark.
+        self._labels = np.full((len(cosine_limit), capacity), -1, dtype=np.int16)
+
+    def copy(self, capacity: int) -> Tracks:
+        """The same tracks with room for ``capacity`` views."""
+        other = Tracks(self._cosine_limit, capacity)
+        other.n_views = n = self.n_views
+        other._directions[:n] = self._directions[:n]
+        other._labels[:, :n] = self._labels[:, :n]
+        return other
+
+    def add(
+        self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0, point_views: int = 1
+    ) -> int:
+        """Add a view: the landmarks (K,) that it detects, and unit directions (K, 3) from them to the camera.
+
+        Returns its matches, detections that match one of a point; a point takes ``point_views`` views, once there are as many. A
+        view with fewer matches than ``needed`` is not added.
+        """
+        m, capacity = self.n_views, self._labels.shape[1]
+        here = directions.astype(np.float32, copy=False)
+        # All earlier detections of these landmarks: which of the new ones (0 to K - 1), in which view, in which track.
+        before = self._labels.take(landmarks, axis=0).ravel()
+        index = np.flatnonzero(before >= 0)
+        new = index // capacity
+        view = index - new * capacity
+        track = before[index].astype(np.int64)
+        cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[new]), here.take(new, axis=0))
+        linked = cosine >= self._cosine_limit[landmarks][new]
+        joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
+        joined[track[linked], new[linked]] = True
+        lengths = np.bincount(track * len(landmarks) + new, minlength=joined.size).reshape(joined.shape)
+        matches = int((joined & (lengths >= min(point_views, m))).any(axis=0).sum())
+        if matches < needed:
+            return matches
+        self.n_views = m + 1
+        self._directions[m, landmarks] = here
+        label = np.where(joined.any(axis=0), joined.argmax(axis=0), m)
+        # Where this view joins several tracks, they become one.
+        merged = joined[track, new]
+        self._labels[landmarks[new[merged]], view[merged]] = label[new[merged]]
+        self._labels[landmarks, m] = label
+        return matches
+
+    def shared(self) -> Ints:
+        """(V, V) landmarks that two views detect and match with each other directly."""
+        counts = np.zeros((self.n_views, self.n_views), dtype=np.int64)
+        detected = self._labels[:, : self.n_views] >= 0
+        for a in range(self.n_views):
+            for b in range(a):
+                both = np.flatnonzero(detected[:, a] & detected[:, b])
+                cosine = np.einsum("ij,ij->i", self._directions[a, both], self._directions[b, both])
+                counts[a, b] = counts[b, a] = np.count_nonzero(cosine >= self._cosine_limit[both])
+        return counts
+
+    def directions_of(self, views: Ints, landmarks: Ints) -> Floats32:
+        """(T, 3) directions from landmarks to cameras, ``directions[views, landmarks]`` in a third of the time."""
+        flat = self._directions.reshape(-1, 3)
+        return flat.take(views * self._directions.shape[1] + landmarks, axis=0)
+
+    def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
+        """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
+        count, capacity = self._labels.shape
+        # Small integers sort and divide several times faster, np.floor_divide faster than np.divmod.
+        small = np.int32 if count * capacity * capacity <= np.iinfo(np.int32).max else np.int64
+        labels = self._labels.ravel()
+        index: Ints = np.flatnonzero(labels >= 0)
+        label = labels.take(index)
+        index = index.astype(small)
+        view = index % capacity
+        key = (index - view + label) * capacity + view
+        # By landmark, track, view. Most landmarks have one track, so nearly in order: a merge sort is fast on that.
+        key.sort(kind="stable")
+        track = key // capacity
+        view = key - track * capacity
+        first = np.flatnonzero(np.concatenate([[True], track[1:] != track[:-1]])) if len(key) else key
+        length = np.diff(np.append(first, len(key)))
+        long = length >= min_views
+        keep = np.repeat(long, length)
+        offsets = np.concatenate([[0], np.cumsum(length[long])]).astype(np.int64)
+        return (track[first[long]] // capacity).astype(np.int64), offsets, view[keep].astype(np.int64)
+
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often

@@ -13,7 +13,7 @@ import numpy as np
 
 from nbv.config import DenseConfig
 from nbv.geometry.frames import angles_deg
-from nbv.geometry.matchability import nearest_views, stereo_partners
+from nbv.geometry.visibility import nearest_views, stereo_partners
 from nbv.types import Bools, Floats, Floats32
 
 # Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at 98aed9d;

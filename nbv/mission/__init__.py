@@ -3,7 +3,6 @@
 ``loop`` is the loop; ``fidelity`` surrounds it with what missions of every fidelity share; ``recorder`` watches it.
 """
 
-from nbv.mission.function import MissionFunction
-from nbv.mission.result import MissionResult
+from nbv.mission.result import MissionFunction, MissionResult
 
 __all__ = ["MissionFunction", "MissionResult"]

@@ -17,17 +17,16 @@ from nbv.config.mission_config import parameters
 from nbv.errors import MissionFailure, UserError
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, gate_class, make_gate
-from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
-from nbv.mission.result import MissionResult, Status
+from nbv.mission.result import Keep, Log, MissionResult, Status, no_log
 from nbv.mission.run_directory import FLIGHT, LOCATED, PROGRESS, RESULT, RunDirectory
 from nbv.mission.target_prior import with_size_error, with_target_error, with_true_target
 from nbv.plugins import used
+from nbv.process import Stopwatch
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.safe_files import write_atomic
-from nbv.stopwatch import Stopwatch
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -121,7 +120,7 @@ class Fidelity(ABC):
         cache: bool | Store = True,
         log: Log = no_log,
     ) -> MissionResult:
-        """Run one mission and measure it: a `nbv.mission.function.MissionFunction`, which has the other parameters.
+        """Run one mission and measure it: a `nbv.mission.result.MissionFunction`, which has the other parameters.
 
         ``overwrite``: a finished mission in ``directory`` may be replaced. ``cache``: what missions share is kept in the user's store, or in
         the one given; the outcome is the same without. ``log`` is given lines of text as the mission goes on.

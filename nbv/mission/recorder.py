@@ -8,12 +8,11 @@ import time
 from nbv.config import MissionConfig
 from nbv.convert import json_ready
 from nbv.geometry.ply import write_ply
-from nbv.mission.function import Log, no_log
 from nbv.mission.planning_state import save_state
-from nbv.mission.result import IterationRecord
+from nbv.mission.result import IterationRecord, Log, no_log
 from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file
 from nbv.planner import Plan
-from nbv.stopwatch import Stopwatch
+from nbv.process import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport
 
 LEAST_GAIN = 0.01  # of the surface, for planned views to be worth more than an orbit

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
-from nbv.config import IDEAL
+from nbv.config import IDEAL, MissionConfig
 from nbv.convert import json_ready
 from nbv.errors import UserError
 from nbv.mission.run_directory import RESULT, read_result
@@ -114,3 +114,28 @@ def value_at_path(metrics: Mapping[str, Any], path: str) -> Any:
     for part in path.removeprefix("" if "registered" in metrics else "registered.").split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
     return value
+
+
+# Functions that run whole missions: the signature that all fidelities share, photogrammetric, geometric and others.
+
+
+Keep = Literal["all", "summary"]
+Log = Callable[[str], None]  # is given a line of text for what a mission has found or chosen
+
+
+def no_log(line: str) -> None:
+    """Ignore the line."""
+
+
+class MissionFunction(Protocol):
+    """A function that runs one mission and measures it; it may take further options.
+
+    The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these. ``rock`` is a catalogue
+    name or the path of a mesh, ``replicate`` the index of the draws. Into ``directory`` the run directory is written, nothing for
+    None; of it ``keep`` ``"summary"`` leaves the configuration and ``mission.json``. The result of a mission that failed says so.
+    `UserError` for an unknown rock, a bad mesh, an unwritable directory, a missing backend.
+    """
+
+    def __call__(
+        self, config: MissionConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep
+    ) -> MissionResult: ...

@@ -6,7 +6,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.geometry.target import find_target
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.families import generated_name
 from nbv.rocks.rock import DEFAULT_HEIGHT_M

@@ -20,16 +20,14 @@ import numpy as np
 
 from nbv.cache import Arrays, Store, cache_key, digest
 from nbv.config import DENSE_BACKENDS, MissionConfig
-from nbv.dense.coarse import coarse_depth
 from nbv.dense.reconstruct import dense_cloud
-from nbv.dense.views import PosedViews
+from nbv.dense.stereo import PosedViews, coarse_depth
 from nbv.errors import MissionFailure
-from nbv.memory import give_back_freed_memory
 from nbv.mission.planning_state import arrays_of, model_of
+from nbv.process import Stopwatch, give_back_freed_memory
 from nbv.sparse.colmap import export_colmap
-from nbv.sparse.correspondences import Correspondences
+from nbv.sparse.features import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Cloud, LazyCloud, Point, PointCloud, Reconstructor, SparseModel, UpdateReport
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.

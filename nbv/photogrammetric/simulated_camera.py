@@ -14,7 +14,7 @@ from nbv.cache import Arrays, Store, cached
 from nbv.config import RENDERERS, CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
-from nbv.memory import give_back_freed_memory
+from nbv.process import give_back_freed_memory
 from nbv.rocks import Rock
 from nbv.scene import Renderer, Sensor
 from nbv.types import Camera, Capture, Floats, Viewpoint

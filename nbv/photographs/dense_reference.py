@@ -14,17 +14,14 @@ from nbv.cache import cached
 from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
 from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.dense import PosedViews, make_backend, patchmatch_runs
-from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.stereo import points_to_search, sgbm_depth_maps
-from nbv.dense.views import shrunk, shrunk_camera
+from nbv.dense.stereo import check_consistency, points_to_search, sgbm_depth_maps, shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.cleaning import inlier_mask, select
-from nbv.evaluation.metric import azimuth_sectors, f_score
+from nbv.evaluation.registry import azimuth_sectors, f_score
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas
-from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.target import GROUND_BAND_M
-from nbv.memory import give_back_freed_memory
+from nbv.geometry.visibility import nearest_neighbours
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.object_frame import ObjectFrame
 from nbv.photographs.photograph_set import (
@@ -35,6 +32,7 @@ from nbv.photographs.photograph_set import (
     read_image,
     read_mask,
 )
+from nbv.process import give_back_freed_memory
 from nbv.rocks import Rock
 from nbv.rocks.rock import make_rock
 from nbv.rocks.texture import linear_from_srgb

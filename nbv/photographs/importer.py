@@ -23,7 +23,7 @@ from PIL import Image
 from nbv.cache import Store
 from nbv.config import CameraConfig
 from nbv.errors import UserError
-from nbv.evaluation.registration import moved
+from nbv.evaluation.evaluate import moved
 from nbv.geometry.frames import align_umeyama
 from nbv.photographs.dense_reference import (
     ReferenceMaker,

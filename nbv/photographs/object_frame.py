@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
-from nbv.geometry.neighbours import without_isolated
 from nbv.geometry.target import GROUND_BAND_M, find_target
+from nbv.geometry.visibility import without_isolated
 from nbv.photographs.import_source import ImportSource
 from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
 from nbv.photographs.sparse_model import SolvedModel

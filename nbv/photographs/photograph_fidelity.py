@@ -9,7 +9,7 @@ their real positions.
 
 There is no true surface, so a mission's cloud is measured against the set's dense reference. Scores have the names that they
 have on rocks, and their meaning on a rock of 1.6 m: 48 mm stand for 3 % of the object's height. The cloud is registered first
-(`nbv.evaluation.registration`). Only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and
+(`nbv.evaluation.evaluate`). Only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and
 Temples, and what most masks show as the object. The ground plane is not removed: the reference has no ground, and part of a low
 object may be a plane itself (a quarter of a mound of sand was lost so).
 """
@@ -30,20 +30,20 @@ from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.errors import MissionFailure
 from nbv.evaluation import Evaluation
 from nbv.evaluation.cleaning import clean_cloud, select
+from nbv.evaluation.evaluate import moved, register_cloud
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.registration import moved, register_cloud
 from nbv.evaluation.registry import compute_metrics
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.gates import GroundTruthOracle
 from nbv.geometry.frames import angles_deg, azimuths_elevations_deg, heading_to, unit_vectors
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.visibility import nearest_neighbours
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
-from nbv.photogrammetric.cloud_fidelity import CloudFidelity
+from nbv.photogrammetric.photogrammetric_fidelity import CloudFidelity
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photographs.object_frame import IN_MASK
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet, gaps_deg
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.rocks import DEFAULT_HEIGHT_M
 from nbv.types import Bools, Camera, CandidatePool, Capture, Cloud, Floats, Ints, PointCloud, Viewpoint
 from nbv.viewpoints import ViewpointSource, seed_viewpoints

@@ -25,7 +25,7 @@ from nbv.photographs.folder import SAME_RATIO, shrunk_size
 from nbv.photographs.import_source import ImportSource, files_of_photographs
 from nbv.safe_files import expanded, read_bytes
 from nbv.sparse.colmap import camera_from_world_poses, files_of, model_of, pipeline_options
-from nbv.sparse.matching import match_pair
+from nbv.sparse.features import match_pair
 from nbv.types import Floats, Ints
 
 FEWEST_REGISTERED = 6

@@ -10,7 +10,7 @@ import numpy as np
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
-from nbv.geometry.neighbours import knn_d95_m
+from nbv.geometry.visibility import knn_d95_m
 from nbv.safe_files import read_yaml
 from nbv.scorers import Rankings
 from nbv.scorers.prediction import predict

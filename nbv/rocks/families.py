@@ -22,9 +22,9 @@ import numpy as np
 from nbv.errors import UserError
 from nbv.plugins import Registry
 from nbv.rocks import sdf
-from nbv.rocks.albedo import Paint
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
 from nbv.rocks.sdf import Recipe, facets, grounded, rough, warp
+from nbv.rocks.texture import Paint
 from nbv.types import Floats
 
 HEIGHT_M, HIGHEST_SHAPE_M = (0.8, 3.0), 2.0

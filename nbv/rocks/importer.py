@@ -14,7 +14,6 @@ import numpy as np
 from nbv.cache import Arrays, Store, cached, digest
 from nbv.errors import UserError
 from nbv.geometry import mesh as meshes
-from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import GLTF, MAX_FILE_BYTES, FileMesh, UnusableMesh, read_mesh_file, side_files
 from nbv.rocks.rock import (
     DEFAULT_HEIGHT_M,
@@ -26,7 +25,7 @@ from nbv.rocks.rock import (
     rock_arrays,
     rock_of,
 )
-from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
+from nbv.rocks.texture import fill_gutters, procedural_albedo, sample, shrink, texel_side
 from nbv.safe_files import expanded, is_file, read_bytes
 from nbv.types import Floats, Ints
 

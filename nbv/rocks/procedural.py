@@ -7,11 +7,11 @@ from skimage.measure import marching_cubes
 
 from nbv.cache import Arrays, Store, cached
 from nbv.geometry.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
-from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import FAMILY_REGISTRY, generated_name, generated_recipe
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock, rock_arrays, rock_of
 from nbv.rocks.sdf import Recipe, Shape
+from nbv.rocks.texture import procedural_albedo
 from nbv.types import Floats, Floats32, Ints
 
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)

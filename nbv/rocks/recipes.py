@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 
 from nbv.rocks import sdf
-from nbv.rocks.albedo import Paint
 from nbv.rocks.rock import Split
 from nbv.rocks.sdf import Recipe, facets, grounded, rough, warp
+from nbv.rocks.texture import Paint
 from nbv.types import Floats
 
 RECIPES: dict[str, Recipe] = {}

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from nbv.rocks.albedo import Paint, octaves
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
+from nbv.rocks.texture import Paint, octaves
 from nbv.types import Floats
 
 Shape = Callable[[Floats], Floats]  # (N, 3) points in metres -> (N,) signed distance, negative inside

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, cached
 from nbv.config import CameraConfig, SceneConfig
-from nbv.geometry.mesh import vertex_normals
-from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.geometry.mesh import RayCaster, rays_of, vertex_normals
 from nbv.rocks.rock import Rock
 from nbv.rocks.texture import linear_from_srgb
 from nbv.scene.ground import GroundSpec, synthesise_ground

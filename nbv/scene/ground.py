@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.types import Floats32
 
 MEAN_ALBEDO = 0.21  # linear; lunar mare to highland is 0.07 to 0.25

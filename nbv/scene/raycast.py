@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.geometry.frames import intrinsic_matrix
-from nbv.geometry.raycasting import RayCaster, RayHits
+from nbv.geometry.mesh import RayCaster, RayHits
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.view import camera_position, grey_levels
 from nbv.types import Floats, Floats32

@@ -4,8 +4,7 @@ A scorer is a main term with weights (`Scorer`); Eq. 1 and the terms that all sh
 configuration may name stand in ``registry``.
 """
 
-from nbv.scorers.covis import COVIS
-from nbv.scorers.registry import Rankings
+from nbv.scorers.registry import COVIS, Rankings
 from nbv.scorers.scorer import Scorer, SharedTerms
 
 __all__ = ["COVIS", "Rankings", "Scorer", "SharedTerms"]

@@ -19,10 +19,9 @@ from scipy.spatial import ConvexHull
 from nbv.config import DenseConfig, MissionConfig
 from nbv.geometry.carving import Solid, carved
 from nbv.geometry.frames import angles_deg, directions_from
-from nbv.geometry.matchability import usable_angles
 from nbv.geometry.stereo_chance import good_view, logistic, reconstruction_probability
-from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum, incidences_deg
-from nbv.random_streams import keyed_rng
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum, incidences_deg, usable_angles
+from nbv.process import keyed_rng
 from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock
 from nbv.types import Bools, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell

@@ -13,7 +13,7 @@ from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import directions_from, wrap_angle
 from nbv.geometry.visibility import in_frustum
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.scorers.prediction import Prediction
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, SparseConfig
 from nbv.errors import MissionFailure
+from nbv.process import Stopwatch
 from nbv.sparse.colmap import CAMERA_ID, colmap_camera, files_of, model_of, pipeline_options
-from nbv.sparse.matching import VerifiedPair
-from nbv.stopwatch import Stopwatch
+from nbv.sparse.features import VerifiedPair
 
 _SEED = 0
 _MAX_INITIAL_PAIRS = 3  # seed models tried before giving up

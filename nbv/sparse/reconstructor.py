@@ -18,8 +18,7 @@ from nbv.sparse.colmap import (
     registered_names,
     to_sparse_model,
 )
-from nbv.sparse.correspondences import Correspondences
-from nbv.sparse.features import Features
+from nbv.sparse.features import Correspondences, Features
 from nbv.sparse.mapper import IncrementalModel
 from nbv.types import Capture, Floats, UpdateReport
 

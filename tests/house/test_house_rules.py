@@ -14,7 +14,6 @@ OWN_WORDS = {
     "nbv/config/mission_config.py",
     "nbv/safe_files.py",
     "tuner/campaign/ledger.py",
-    "tuner/campaign/storage.py",
 }
 
 

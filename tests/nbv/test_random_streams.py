@@ -2,7 +2,7 @@
 
 import pytest
 
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 
 
 def test_streams_are_pinned():

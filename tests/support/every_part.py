@@ -9,7 +9,7 @@ import numpy as np
 
 from nbv.config import Weights
 from nbv.dense.stereo import sgbm_depth_maps
-from nbv.evaluation.metric import Metric
+from nbv.evaluation.registry import Metric
 from nbv.gates import Gate
 from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.rocks import sdf

@@ -9,8 +9,7 @@ import synthetic
 from in_process import InProcessExecutor
 
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
+from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from nbv.config import preset
 from tuner.comparison.of_campaign import PlannedComparison
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.result import ComparisonFacts
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.plan import EvaluationPlan, EvaluationRun
+from tuner.comparison.statistics import ComparisonFacts
 from tuner.missions.job import Record, Trial
 from tuner.problem.goal import Goal
 

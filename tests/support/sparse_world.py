@@ -8,9 +8,8 @@ from scene_helpers import around
 
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.geometry.frames import camera_centers_m, intrinsic_matrix, look_at
-from nbv.sparse.features import Features
-from nbv.sparse.matching import VerifiedPair
-from nbv.stopwatch import Stopwatch
+from nbv.process import Stopwatch
+from nbv.sparse.features import Features, VerifiedPair
 from nbv.types import Capture, Viewpoint
 
 CAMERA = CameraConfig()

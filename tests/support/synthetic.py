@@ -9,7 +9,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
-from tuner.problem.problem import Problem
+from tuner.problem.search_space import Problem
 from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import Sampler, SamplerSettings
 

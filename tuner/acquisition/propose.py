@@ -17,11 +17,9 @@ from botorch.utils.sampling import draw_sobol_normal_samples, draw_sobol_samples
 from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from nbv.types import Floats
-from tuner.problem.regions import Region
-from tuner.problem.search_space import Values
-from tuner.surrogate.fit import EXACT_MISSIONS
+from tuner.problem.search_space import Region, Values
+from tuner.surrogate.fit import EXACT_MISSIONS, numerics, pruned
 from tuner.surrogate.model import InstanceMeanGP, moments
-from tuner.surrogate.numerics import numerics, pruned
 
 POINTS_AT_ONCE = 128
 LOCAL_BEST = 4

@@ -16,8 +16,7 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.convert import json_ready
 from nbv.safe_files import write_atomic
-from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, evidence_of
-from tuner.answer.gate import GateFacts, gate_facts
+from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
 from tuner.problem.baselines import (
     ANSWERS,

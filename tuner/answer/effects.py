@@ -12,11 +12,9 @@ from scipy import stats
 from nbv.types import Floats
 from tuner.problem.baselines import grouped
 from tuner.problem.observations import Observation, configuration_key, distinct_configurations
-from tuner.problem.regions import SEEDS, Region
-from tuner.problem.search_space import Parameter, SearchSpace, Values
-from tuner.surrogate.fit import posterior_means
+from tuner.problem.search_space import SEEDS, Parameter, Region, SearchSpace, Values
+from tuner.surrogate.fit import interval_95, posterior_means
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.posterior import interval_95
 
 GRID = 41  # values along a parameter
 SOBOL_POINTS = 512

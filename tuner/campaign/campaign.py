@@ -21,13 +21,13 @@ import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
-from tuner.campaign.events import CampaignStatus
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -36,7 +36,7 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
 )
 from tuner.missions.job import MissionJob, Trial, repeated
-from tuner.missions.long_runs import exclusive
+from tuner.missions.run_jobs import exclusive
 from tuner.problem.observations import Observation, Proposal, configuration_key
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many
@@ -46,6 +46,75 @@ from tuner.samplers.registry import make_sampler
 if TYPE_CHECKING:
     from tuner.campaign.ledger import Ledger
     from tuner.surrogate.model import InstanceMeanGP
+
+
+# What a campaign tells while it runs and when it ends: events, counts, the summary of a session.
+
+
+EventKind = Literal[
+    "launched",
+    "finished",
+    "failed",
+    "lost",  # the machine ended the mission; its trial stays open
+    "recommendation",
+    "interrupted",
+    "stopped",
+    "done",
+]
+Ending = Literal["budget", "interrupted", "failing", "exhausted"]
+
+
+@dataclass(frozen=True)
+class CampaignEvent:
+    kind: EventKind
+    elapsed_s: float  # since this session began
+    finished: int  # missions finished so far, failed ones included, repeats left out
+    budget: int
+    trial: Trial | None = None
+    recommendation: Recommendation | None = None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CampaignStatus:
+    name: str
+    budget: int
+    complete: int
+    failed: int
+    running: int  # in flight, or interrupted and waiting for a resume
+    per_rock: dict[str, int]
+    per_condition: dict[str, int]
+    failures: dict[str, int]  # by reason
+    mission_wall_s: float
+    repeats: int = 0  # trials that took the photographs of an earlier one: they use no budget
+    exhausted: str = ""  # why the search ended before the budget was used, so that a resume runs nothing
+
+    @property
+    def finished(self) -> int:
+        """Missions with an outcome, failures included, repeats left out."""
+        return self.complete + self.failed - self.repeats
+
+    @property
+    def remaining(self) -> int:
+        return max(0, self.budget - self.finished)
+
+
+@dataclass(frozen=True)
+class CampaignSummary:
+    """How one session (``run_campaign``) ended."""
+
+    stopped: Ending
+    message: str
+    elapsed_s: float
+    ask_s: float  # spent by the sampler
+    status: CampaignStatus
+    recommendation: Recommendation | None
+
+    @property
+    def found(self) -> bool:
+        """Whether the search has come to its end, with a recommendation."""
+        return self.stopped in ("budget", "exhausted") and self.recommendation is not None
+
 
 # After so many trials in a row without a new photograph the search space has no other plan to try.
 MAX_CONSECUTIVE_REPEATS = 12
@@ -180,7 +249,7 @@ class Campaign:
         )
 
     def recommendations(self, *, save: bool = True, latest: bool = False) -> dict[str, Recommendation]:
-        """Return the best of every region by its name (`tuner.problem.regions`), by one surrogate; nothing while `nothing_yet`.
+        """Return the best of every region by its name (`tuner.problem.search_space`), by one surrogate; nothing while `nothing_yet`.
 
         Those that were saved after these very missions are read. ``latest``: also those that were saved before further missions
         ended, since a model of thousands takes long.
@@ -303,7 +372,7 @@ class Campaign:
         Of the objective's mean over the training instances, in the metric's unit. Raises `UserError`: a name that is not tuned, a
         value outside its range, no mission that succeeded.
         """
-        from tuner.surrogate.posterior import interval_95  # noqa: PLC0415  loads torch
+        from tuner.surrogate.fit import interval_95  # noqa: PLC0415  loads torch
 
         space, sign = self.settings.space, self.settings.objective.sign
         by_path = {p.path: p for p in space.parameters}

@@ -6,15 +6,17 @@ import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from nbv.cache import digest
+from nbv.cache import Store, digest
 from nbv.config import IDEAL, Condition, MissionConfig, under
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from tuner.campaign.rock_choice import procedural_rocks, rock_arguments
+from nbv.rocks import list_rocks, load_coarse_rock
+from nbv.safe_files import is_file
 from tuner.missions.registry import DEFAULT_FIDELITY, code_of, kind_on
 from tuner.problem.baselines import (
     ARMS,
@@ -32,19 +34,48 @@ from tuner.problem.baselines import (
     reference_of,
     target_must_be_located,
 )
+from tuner.problem.goal import COUNTS, Objective
 from tuner.problem.instances import (
     Instance,
     are_drawn,
+    family_of,
     held_out_rocks_of,
     instances_over,
     training_rock,
     with_families,
 )
-from tuner.problem.objective import COUNTS, Objective
 from tuner.problem.observations import mission_key
-from tuner.problem.problem import Problem
-from tuner.problem.regions import regions_of
-from tuner.problem.search_space import SearchSpace, Values, value_at
+from tuner.problem.search_space import Problem, SearchSpace, Values, regions_of, value_at
+
+# Which rocks a command runs unless told otherwise, and which it may not.
+
+
+def rock_arguments(rocks: Sequence[str], *, tuned: bool = False) -> list[str]:
+    """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
+
+    Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first mission.
+
+    Raises `UserError`: an unknown rock or a bad mesh; a held-out rock where they are to be ``tuned`` on: nothing is
+    tuned on these, and no default is chosen on them.
+    """
+    for rock in rocks:
+        if family_of(rock):
+            continue
+        if load_coarse_rock(rock, Store()).split == "held-out" and tuned:
+            raise UserError(
+                f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
+            )
+    return absolute_rocks(rocks)
+
+
+def absolute_rocks(rocks: Sequence[str]) -> list[str]:
+    return [str(Path(rock).resolve()) if is_file(Path(rock)) else rock for rock in rocks]
+
+
+def procedural_rocks(split: str) -> list[str]:
+    """Return the procedural rocks of a split, ``train`` or ``held-out``, in catalogue order."""
+    return [info.name for info in list_rocks() if info.split == split and info.source == "procedural"]
+
 
 HIGHEST_DEG = 60.0
 MOST_ENDS = 256

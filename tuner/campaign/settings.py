@@ -20,18 +20,15 @@ from nbv.config import (
 )
 from nbv.config.declaration import OneOrMore, Section, declared, setting
 from nbv.errors import UserError
-from nbv.mission.function import Keep
-from tuner.campaign.mission_problem import MissionProblem
-from tuner.campaign.rock_choice import procedural_rocks
+from nbv.mission.result import Keep
+from tuner.campaign.mission_problem import MissionProblem, procedural_rocks
 from tuner.missions.registry import DEFAULT_FIDELITY, FIDELITIES
-from tuner.problem.goal import Goal
+from tuner.problem.goal import DEFAULT_METRIC, Goal, Objective, direction_of
 from tuner.problem.instances import require_rocks
-from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES, Block, Proposal
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.samplers.base import SamplerSettings
-from tuner.samplers.design import initial_design_size
+from tuner.samplers.base import SamplerSettings, initial_design_size
 from tuner.samplers.registry import SAMPLERS
 
 # Panels of the command's help.

@@ -16,7 +16,7 @@ from nbv.dense import with_best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import PREDICTED, all_metrics
 from nbv.safe_files import read_yaml, to_yaml, write_atomic
-from tuner.campaign.rock_choice import absolute_rocks, rock_arguments
+from tuner.campaign.mission_problem import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal

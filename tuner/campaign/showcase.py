@@ -7,10 +7,9 @@ import contextlib
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import MissionJob, load_trial
-from tuner.missions.long_runs import Stop
 from tuner.missions.pool import Executor
 from tuner.missions.registry import mission_kind
-from tuner.missions.run_jobs import JobList, run_jobs
+from tuner.missions.run_jobs import JobList, Stop, run_jobs
 
 SHOWN = "shown"  # in a campaign's directory
 

@@ -18,8 +18,7 @@ from nbv.errors import UserError
 from nbv.safe_files import read_json
 from tuner.answer.answer import ANSWER_FILE, Answer
 from tuner.campaign.begin import begin_campaign, extend_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignSummary
+from tuner.campaign.campaign import Campaign, CampaignSummary
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings, settings_there
 from tuner.campaign.showcase import run_showcase, showcase_jobs

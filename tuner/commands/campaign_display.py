@@ -8,12 +8,11 @@ from typing import Any
 from nbv.config import IDEAL
 from nbv.convert import json_ready
 from tuner.answer.answer import ANSWER_FILE, Answer, answer_of
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent, CampaignStatus
+from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
 from tuner.commands.console import MissionProgress, output
 from tuner.missions.registry import mission_kind
-from tuner.problem.objective import COUNTS
+from tuner.problem.goal import COUNTS
 from tuner.report import words
 from tuner.report.labels import bracketed, counted, duration, metric_label, number_text
 

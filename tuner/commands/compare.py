@@ -11,7 +11,7 @@ from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, load_co
 from nbv.errors import UserError
 from nbv.safe_files import is_file
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_choice import rock_arguments
+from tuner.campaign.mission_problem import rock_arguments
 from tuner.commands.console import (
     CONDITION_HELP,
     LOADING_ROCKS,
@@ -28,8 +28,8 @@ from tuner.commands.console import (
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import is_orbit
+from tuner.problem.goal import DEFAULT_METRIC
 from tuner.problem.instances import Instance
-from tuner.problem.objective import DEFAULT_METRIC
 
 TARGETS = 60
 DEFAULT = ("hyb-h", "predicted", "random", "greedy-oracle", "orbit", "orbit-two", "orbit-by-height")

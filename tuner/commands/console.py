@@ -29,13 +29,12 @@ from nbv.config import (
 )
 from nbv.convert import json_ready
 from nbv.dense import patchmatch_runs, with_best_dense_stage
-from nbv.dense.card import cards
+from nbv.dense.patchmatch import cards
 from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
 from nbv.safe_files import parse_yaml
 from tuner.campaign.settings import CampaignSettings
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationEvent, EvaluationRun, run_evaluation
+from tuner.comparison.plan import EvaluationEvent, EvaluationPlan, EvaluationRun, run_evaluation
 from tuner.missions.pool import Executor, local_pool
 from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance

@@ -13,7 +13,7 @@ import typer
 
 from nbv.cache import Store
 from nbv.dense import patchmatch_runs
-from nbv.dense.card import cards
+from nbv.dense.patchmatch import cards
 from tuner.commands.console import AsJson, answer_json, output, show_table, working
 
 GIB = 2**30

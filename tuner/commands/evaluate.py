@@ -37,8 +37,8 @@ from tuner.commands.options import (
     Workers,
 )
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
-from tuner.comparison.result import ComparisonFacts
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.plan import EvaluationRun
+from tuner.comparison.statistics import ComparisonFacts
 from tuner.missions.pool import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration

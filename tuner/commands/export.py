@@ -21,10 +21,8 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
-from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.comparison.run import EvaluationRun
-from tuner.export.mission_files import mission_config, read_flight
-from tuner.export.route import Home, qgc_plan
+from tuner.comparison.plan import PLAN_FILE, EvaluationPlan, EvaluationRun
+from tuner.export.route import Home, mission_config, qgc_plan, read_flight
 from tuner.export.table import write_missions
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
 from tuner.problem.baselines import ANSWERS, base_name, baseline, gate_in_words, is_ablation

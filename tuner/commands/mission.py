@@ -33,7 +33,7 @@ from tuner.commands.console import (
     working,
 )
 from tuner.commands.options import Overrides
-from tuner.export.mission_files import planned_config
+from tuner.export.route import planned_config
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
 from tuner.report.labels import duration, format_number
 from tuner.report.words import gate_words

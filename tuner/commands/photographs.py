@@ -27,7 +27,7 @@ from tuner.commands.console import (
     show_table,
 )
 from tuner.commands.options import Overrides, Timeout, Workers
-from tuner.problem.objective import DEFAULT_METRIC
+from tuner.problem.goal import DEFAULT_METRIC
 from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)

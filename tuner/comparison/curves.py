@@ -25,7 +25,7 @@ from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.verdict import Kind, kind_of
+from tuner.comparison.statistics import Kind, kind_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of

@@ -10,14 +10,18 @@ from pathlib import Path
 
 from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
 from nbv.errors import UserError
-from nbv.mission.function import Keep
+from nbv.mission.result import Keep
+from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.earlier_campaigns import learn_from
-from tuner.campaign.mission_problem import Evaluated
-from tuner.campaign.rock_choice import rock_arguments
+from tuner.campaign.mission_problem import Evaluated, rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationEvent, EvaluationRun, evaluation_directory, run_evaluation
+from tuner.comparison.plan import (
+    EvaluationEvent,
+    EvaluationPlan,
+    EvaluationRun,
+    evaluation_directory,
+    run_evaluation,
+)
 from tuner.missions.pool import Executor, MissionPool, local_pool
 from tuner.missions.registry import DEFAULT_FIDELITY, mission_kind
 from tuner.problem.baselines import (
@@ -28,9 +32,8 @@ from tuner.problem.baselines import (
     label,
     reference_of,
 )
-from tuner.problem.goal import Goal
-from tuner.problem.objective import Objective
-from tuner.problem.regions import TUNED
+from tuner.problem.goal import Goal, Objective
+from tuner.problem.search_space import TUNED
 from tuner.recommendation.recommendation import Recommendation
 
 AT_THE_END = 1  # replicates of the comparison that a campaign ends in

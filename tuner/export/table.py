@@ -11,7 +11,7 @@ from typing import Any
 from nbv.errors import UserError
 from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.plan import EvaluationRun
 from tuner.missions.job import Trial
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # with which a spreadsheet takes a text for a formula

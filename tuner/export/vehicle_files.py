@@ -14,7 +14,7 @@ from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import PARAMETERS, write_mission, write_scoring, write_text
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.objective import dotted
+from tuner.problem.goal import dotted
 from tuner.problem.observations import changes, short
 from tuner.problem.search_space import value_at
 from tuner.recommendation.recommendation import Recommendation

@@ -15,13 +15,12 @@ from typing import Any, Literal
 from nbv import plugins
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.mission.function import Keep
-from nbv.mission.result import MissionResult
+from nbv.mission.result import Keep, MissionResult
 from nbv.mission.run_directory import RESULT, read_result
 from nbv.safe_files import remove, write_atomic
 from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.goal import Objective
 from tuner.problem.instances import Instance
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, photographs_key
 
 MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending

@@ -30,8 +30,8 @@ from typing import Any, Self
 from nbv import plugins
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import RESULT, WORKER_LOG
+from nbv.process import ONE_THREAD
 from nbv.safe_files import write_atomic
-from nbv.threads import ONE_THREAD
 from tuner.missions.job import MissionJob, Trial, load_trial, record_failure, remove_earlier_result
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, modules_of
 

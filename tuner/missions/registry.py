@@ -104,7 +104,7 @@ class MissionKind:
     def require_dense_stage(self, config: Any) -> None:
         """Raise `UserError` where missions with photographs would end at their dense stage on this machine."""
         if self.photographs and config.dense.backend == "patchmatch":
-            from nbv.dense.card import require_cuda  # noqa: PLC0415  loads OpenCV, wasted where no card is asked for
+            from nbv.dense.patchmatch import require_cuda  # noqa: PLC0415  loads OpenCV, wasted where no card is asked for
 
             require_cuda()
 
@@ -143,7 +143,9 @@ BUILT_IN = {
         loads=("open3d", "torch"),
     ),
     "geometric": _GEOMETRIC,
-    "curve": replace(_GEOMETRIC, runs="nbv.geometric.curve_fidelity:run_curve_mission", every_number=True),
+    "curve": replace(
+        _GEOMETRIC, runs="nbv.geometric.geometric_fidelity:run_curve_mission", every_number=True
+    ),
     PHOTOGRAPHS: MissionKind(
         "nbv.photographs.photograph_fidelity:run_photographs_mission",
         targets="photographs",

@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from nbv.gates import gate_class
 from nbv.mission.target_prior import target_must_be_found
 from tuner.problem.observations import mission_key
-from tuner.problem.regions import TUNED, TUNED_GATE, TUNED_PLANNER
+from tuner.problem.search_space import TUNED, TUNED_GATE, TUNED_PLANNER
 
 
 @dataclass(frozen=True)

@@ -31,14 +31,11 @@ from tuner.problem.observations import (
     changes,
     configuration_key,
 )
-from tuner.problem.problem import Problem
-from tuner.problem.regions import Region
-from tuner.problem.search_space import Values
+from tuner.problem.search_space import Problem, Region, Values
 from tuner.problem.standardise import FEW
 from tuner.recommendation.recommendation import Limit, Outlier, Recommendation
+from tuner.surrogate.fit import interval_95, numerics, probability_positive
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.numerics import numerics
-from tuner.surrogate.posterior import interval_95, probability_positive
 
 TOP = 5
 MAY_KEEP = 0.5  # where nothing meets the constraint: probability from which on the likeliest is taken

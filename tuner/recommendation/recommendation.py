@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from tuner.problem.objective import Direction
+from tuner.problem.goal import Direction
 from tuner.problem.observations import changes, short
 
 
@@ -46,7 +46,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The best configuration of one region of the search space (`tuner.problem.regions`) that has been run.
+    """The best configuration of one region of the search space (`tuner.problem.search_space`) that has been run.
 
     Of those run often enough (``tuner.recommendation.choose``) that are not worse than the best posterior mean it is the one with
     the fewest changes, which may be the default (``keep_default``).
@@ -54,7 +54,7 @@ class Recommendation:
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training instances, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
-    (``tuner.surrogate.posterior``).
+    (``tuner.surrogate.fit``).
 
     ``noise_sd``, ``leave_one_out`` and ``outliers`` are of `Goal.shown`: of the quality where photographs are counted.
     """

@@ -17,22 +17,28 @@ from nbv.safe_files import to_yaml
 from tuner.answer import effects
 from tuner.answer.answer import Answer, answer_of
 from tuner.answer.evidence import Evidence, evidence_of
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignStatus
+from tuner.campaign.campaign import Campaign, CampaignStatus
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.missions.job import Trial
 from tuner.problem.baselines import in_table_order, is_ablation, label
+from tuner.problem.goal import COUNTS
 from tuner.problem.instances import Instance
-from tuner.problem.objective import COUNTS
-from tuner.problem.regions import Region
-from tuner.problem.search_space import Parameter
+from tuner.problem.search_space import Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
-from tuner.report.figures import draw_best_so_far, draw_contour, draw_outcomes, draw_slices, plan_figure
+from tuner.report.figures import (
+    draw_best_so_far,
+    draw_contour,
+    draw_outcomes,
+    draw_slices,
+    embed,
+    plan_figure,
+)
 from tuner.report.labels import (
+    Table,
     decimals_for,
     difference_text,
     duration,
@@ -46,8 +52,6 @@ from tuner.report.labels import (
 )
 from tuner.report.mission_view import write_mission_view
 from tuner.report.pages import recorded, recorded_rows, write_page
-from tuner.report.style import embed
-from tuner.report.table import Table
 from tuner.surrogate.model import InstanceMeanGP
 
 REPORT_FILE, VIEW_FILE = "report.html", "view.html"

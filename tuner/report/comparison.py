@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.result import (
+from tuner.comparison.plan import EvaluationPlan, EvaluationRun
+from tuner.comparison.statistics import (
+    PAPER_TABLE_I,
     ComparisonFacts,
+    ComparisonRow,
+    ComparisonTable,
+    Kind,
+    MetricRow,
+    Verdict,
 )
-from tuner.comparison.run import EvaluationRun
-from tuner.comparison.statistics import PAPER_TABLE_I, ComparisonRow, ComparisonTable, MetricRow
-from tuner.comparison.verdict import Kind, Verdict
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import (
     ANSWERS,
@@ -25,6 +28,9 @@ from tuner.problem.baselines import (
 )
 from tuner.problem.baselines import label as strategy_label
 from tuner.report.labels import (
+    Cell,
+    Row,
+    Table,
     counted,
     decimals_for,
     difference_text,
@@ -36,7 +42,6 @@ from tuner.report.labels import (
     short_names,
 )
 from tuner.report.pages import recorded, recorded_rows, write_tables
-from tuner.report.table import Cell, Row, Table
 
 REPORT_FILE = "report.html"
 LEGEND = (

@@ -17,13 +17,12 @@ from nbv.provenance import provenance
 from nbv.safe_files import write_atomic
 from nbv.types import Floats
 from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, leaves_room, panels
-from tuner.comparison.verdict import Kind
+from tuner.comparison.statistics import Kind
 from tuner.export.table import write_rows
 from tuner.problem.intervals import Interval
-from tuner.report import style
-from tuner.report.labels import MISSING, ceiling_text, counted, difference_text
+from tuner.report import figures as style
+from tuner.report.labels import MISSING, Cell, Row, Table, ceiling_text, counted, difference_text
 from tuner.report.pages import write_tables
-from tuner.report.table import Cell, Row, Table
 
 _Curve = tuple[Floats, list[Interval]]
 SHOWN = {

@@ -22,17 +22,15 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from nbv.photographs.photograph_set import gaps_deg
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.plan import EvaluationPlan, EvaluationRun
 from tuner.missions.job import Trial
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
 from tuner.problem.baselines import photographs as taken_by
+from tuner.problem.goal import DEFAULT_METRIC
 from tuner.problem.intervals import Interval, mean_interval
-from tuner.problem.objective import DEFAULT_METRIC
-from tuner.report.labels import difference_text
-from tuner.report.style import BLUE, GREY, LIGHT, MARKERS, look, new_figure, save_figure
-from tuner.report.table import Table
+from tuner.report.figures import BLUE, GREY, LIGHT, MARKERS, look, new_figure, save_figure
+from tuner.report.labels import Table, difference_text
 
 NUMBERS = (16, 20, 24, 32, 48)
 SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together

@@ -23,14 +23,14 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.evaluation import ground_truth
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.mesh import RayCaster
 from nbv.geometry.ply import read_ply
-from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.visibility import nearest_neighbours
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL
 from nbv.rocks import Rock
 from nbv.types import CandidatePool, Floats, PlanningState
-from tuner.export.mission_files import (
+from tuner.export.route import (
     Flight,
     mission_config,
     planned_config,

@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import read_result
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import write_atomic
-from tuner.report.table import Table
+from tuner.report.labels import Table
 
 MOST_READ = 200  # missions whose documents are read
 

@@ -12,9 +12,11 @@ from tuner.answer.answer import Answer, AnswerTable, Flight, Row
 from tuner.problem.baselines import is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
-from tuner.problem.regions import TUNED_GATE
+from tuner.problem.search_space import TUNED_GATE
 from tuner.report.labels import (
+    Cell,
     MetricLabel,
+    Table,
     bracketed,
     counted,
     difference_text,
@@ -23,13 +25,12 @@ from tuner.report.labels import (
     parameter_label,
     short_names,
 )
-from tuner.report.table import Cell, Table
-from tuner.report.table import Row as Line
+from tuner.report.labels import Row as Line
 
 if TYPE_CHECKING:
     from nbv.mission.result import IterationRecord
     from tuner.answer.effects import Effect, ParameterRow
-    from tuner.answer.gate import GateFacts
+    from tuner.answer.evidence import GateFacts
 
 REFERENCE = "hyb-h"
 FLY_MARK = "→"

@@ -1,4 +1,4 @@
-"""Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.earlier_campaigns``).
+"""Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.begin``).
 
 Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
 surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing

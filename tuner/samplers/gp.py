@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +11,20 @@ from typing import Any
 from tuner.acquisition.constrained import (
     Constraint,
     propose_constrained,
+    thompson_configurations,
     two_models,
 )
 from tuner.acquisition.propose import propose
-from tuner.acquisition.thompson import thompson_configurations
-from tuner.problem.observations import Observation, Proposal, distinct_configurations
-from tuner.problem.regions import Region
-from tuner.problem.search_space import Values
-from tuner.recommendation.choose import REPLICATES
+from tuner.problem.observations import (
+    Observation,
+    Proposal,
+    blocks_evaluated,
+    configuration_key,
+    distinct_configurations,
+    next_block,
+)
+from tuner.problem.search_space import Region, Values
+from tuner.recommendation.choose import JOINT, REPLICATES, TOP
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
@@ -25,11 +32,66 @@ from tuner.samplers.base import (
     in_flight,
     initial_proposal,
     missions_asked,
+    near_default,
+    places_for_earlier,
+    sobol_point,
+    stays_near_default,
 )
-from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
-from tuner.samplers.verification import verification
+from tuner.surrogate.fit import numerics
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.numerics import numerics
+
+# Running the favourite once more before it is recommended.
+#
+# The search runs a new configuration with every mission, and one that ran once may not be recommended
+# (``tuner.recommendation.choose``). The last missions of a budget therefore run the favourites of the regions on the (instance,
+# replicate) blocks that they have not seen; under a constraint so do those of the last third, where exploring promises less than a
+# mission's noise.
+
+
+def verification(
+    model: InstanceMeanGP,
+    region: Region,
+    history: Sequence[Observation],
+    pending: Sequence[Observation],
+    replicates: int,
+    expected_gain: float,
+    *,
+    last: bool = False,
+    constraint: Constraint | None = None,
+) -> Proposal | None:
+    """Return the favourite on a block that it has not run, in an instance that it has run least; None where exploring is worth more.
+
+    ``model``: of the objective. ``region``: whose favourite. ``replicates``: per instance, numbered from 0.
+    ``expected_gain``: what the best mission of the search promises, objective's unit; infinite where that is
+    not known. ``last``: whether to verify whatever exploring promises.
+
+    The favourite has the best posterior mean, and exploring is worth more where it promises more than the noise of a mission.
+    """
+    if expected_gain >= model.noise_sd and not last:
+        return None
+    ran = distinct_configurations(model.space, model.observations)
+    configurations = [values for values in ran if region.contains(values)] or ran
+    if constraint is not None:
+        configurations = [v for v, keeps in zip(configurations, constraint.keeps(configurations)) if keeps]
+        if not configurations:
+            return None
+    if len(configurations) > JOINT:
+        configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
+    values = configurations[int(model.posterior(configurations).mean.argmax())]
+    missions: list[Observation] = [*history, *pending]
+    evaluated = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
+    counts = {
+        instance: sum((instance, k) in evaluated for k in range(replicates)) for instance in model.instances
+    }
+    least = min(counts.values())
+    if least >= replicates:
+        return None
+    fewest = [instance for instance, count in counts.items() if count == least]
+    why = {"expected_gain": expected_gain} if math.isfinite(expected_gain) else {}
+    proposal = Proposal(values, {"sampler": "gp", "phase": "verification", "region": region.name, **why})
+    instance, replicate = next_block(fewest, replicates, missions, proposal)
+    return dataclasses.replace(proposal, instance=instance, replicate=replicate)
+
 
 MIN_FEASIBLE_FOR_MODEL = 2
 ASIDE = 1000  # points of the sequence that the design does not reach

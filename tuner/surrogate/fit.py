@@ -6,22 +6,116 @@ Beyond `EXACT_MISSIONS` hyperparameters are fitted to `FITTED_MISSIONS` drawn fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import math
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+from botorch.acquisition.utils import prune_inferior_points
+from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
 from botorch.exceptions.errors import ModelFittingError
 from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
+from botorch.models.model import Model
+from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.constraints import LogTransformedInterval
 from gpytorch.kernels import Kernel
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
+from scipy import special
+from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats, Ints
 from tuner.problem.search_space import SearchSpace
 from tuner.surrogate.kernel import MIN_NOISE_VARIANCE, NOISE_VARIANCE, landscape_kernel, log_normal
-from tuner.surrogate.numerics import numerics, tensor
+
+# Numerical conventions: float64, one thread, one computation at a time, and random generators of its own.
+
+
+PRUNING_SAMPLES = 2048
+NORMAL_95 = 1.959963984540054
+
+
+_turn = threading.RLock()
+
+
+@contextlib.contextmanager
+def numerics() -> Iterator[None]:
+    """Take turns with other threads, use one thread, hide warnings about tiny data sets.
+
+    BoTorch's fits change the process's warning filters, and threads and filters are the process's here too; torch's global random
+    state is neither used nor changed. More threads than one make matrices of this size slower, several times so on a busy machine.
+    """
+    with _turn, threadpool_limits(1), warnings.catch_warnings():
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        for category in (InputDataWarning, OptimizationWarning, BotorchWarning, RuntimeWarning):
+            warnings.simplefilter("ignore", category)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+
+
+def pruned(model: Model, inputs: torch.Tensor, seed: int, **options: Any) -> torch.Tensor:
+    """Return those of (n, inputs) that may be the best; as BoTorch's, whose sampler takes its seed from the global state."""
+    sampler = SobolQMCNormalSampler(torch.Size([PRUNING_SAMPLES]), seed=seed)
+    return prune_inferior_points(model, inputs, sampler=sampler, **options)
+
+
+def tensor(array: Floats | Sequence[Sequence[float]] | Sequence[Floats]) -> torch.Tensor:
+    """float64 tensor, the only precision used here."""
+    return torch.as_tensor(np.asarray(array, dtype=np.float64), dtype=torch.float64)
+
+
+# The joint posterior of some configurations, and its intervals: by Student's t, not by the normal distribution.
+#
+# The Gaussian process is over-confident: a search proposes what the model over-estimates, and its standard deviations are
+# estimates themselves.
+
+
+FREEDOM = 5.0  # degrees of freedom of intervals and probabilities
+CANCELLED = 1e-13  # of variances: what is left of their difference is rounding
+
+
+def interval_95(mean: float, sd: float) -> tuple[float, float]:
+    """Return the 95 % interval of Student's t around ``mean``, scaled by ``sd``, with `FREEDOM` degrees of freedom."""
+    half = float(special.stdtrit(FREEDOM, 0.975)) * sd
+    return mean - half, mean + half
+
+
+def probability_positive(mean: float, sd: float) -> float:
+    """Return the probability by the same distribution that a quantity is above 0; a half where ``sd`` is 0."""
+    return 0.5 if sd == 0.0 else float(special.stdtr(FREEDOM, mean / sd))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Joint Gaussian posterior of the mean outcome over the training rocks, without observation noise.
+
+    In the objective's unit, oriented so that larger is better.
+    """
+
+    mean: Floats  # (m,)
+    covariance: Floats  # (m, m)
+
+    @property
+    def sd(self) -> Floats:
+        """(m,) standard deviations."""
+        return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+
+    def difference(self, index: int, reference: int) -> tuple[float, float]:
+        """Return ``(mean, sd)`` of entry ``index`` minus entry ``reference``."""
+        c = self.covariance
+        variance = c[index, index] + c[reference, reference] - 2 * c[index, reference]
+        known = variance <= CANCELLED * (c[index, index] + c[reference, reference])
+        return float(self.mean[index] - self.mean[reference]), 0.0 if known else math.sqrt(variance)
+
 
 MAX_ITERATIONS = 75
 # With fewer missions the marginal likelihood says nothing about seven hyperparameters; they stay at the priors' modes.

@@ -34,10 +34,18 @@ from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
-from tuner.surrogate.fit import Feasibility, fitted, fitted_subset, posterior_means, with_promising
+from tuner.surrogate.fit import (
+    NORMAL_95,
+    Feasibility,
+    Posterior,
+    fitted,
+    fitted_subset,
+    numerics,
+    posterior_means,
+    tensor,
+    with_promising,
+)
 from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
-from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
-from tuner.surrogate.posterior import Posterior
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 

@@ -141,12 +141,12 @@ def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
 
 
 def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):
-    first = cache_key("nbv.geometry.sampling", 1)
-    assert cache_key("nbv.geometry.sampling", 1) == first
-    others = [cache_key("nbv.geometry.sampling", 2), cache_key("nbv.geometry.neighbours", 1)]
+    first = cache_key("nbv.geometry.mesh", 1)
+    assert cache_key("nbv.geometry.mesh", 1) == first
+    others = [cache_key("nbv.geometry.mesh", 2), cache_key("nbv.geometry.visibility", 1)]
     code_digest.cache_clear()
-    monkeypatch.setattr("nbv.cache.keys.versions", lambda: {"numpy": "0"})
-    others.append(cache_key("nbv.geometry.sampling", 1))
+    monkeypatch.setattr("nbv.cache.store.versions", lambda: {"numpy": "0"})
+    others.append(cache_key("nbv.geometry.mesh", 1))
     code_digest.cache_clear()
     assert len({first, *others}) == 4
 

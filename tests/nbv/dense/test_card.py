@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from nbv.dense import card
+from nbv.dense import patchmatch as card
 from nbv.errors import MissionFailure
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.consistency import check_consistency
-from nbv.dense.views import PosedViews, pixel_matrix
+from nbv.dense.stereo import PosedViews, check_consistency, pixel_matrix
 from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=32, height_px=24, focal_px=40.0)

@@ -6,8 +6,7 @@ import pytest
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import fusion
 from nbv.dense.fusion import fuse
-from nbv.dense.stereo import backproject, depth_normals
-from nbv.dense.views import PosedViews
+from nbv.dense.stereo import PosedViews, backproject, depth_normals
 from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=64, height_px=48, focal_px=60.0)

@@ -8,11 +8,11 @@ from scene_helpers import around
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
+    PosedViews,
     backproject,
     estimate_depth,
     sgbm_depth_maps,
 )
-from nbv.dense.views import PosedViews
 from nbv.geometry.frames import camera_centers_m, look_at
 
 CONFIG = DenseConfig(agreeing_views=3)

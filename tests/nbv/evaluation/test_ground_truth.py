@@ -17,9 +17,7 @@ from nbv.evaluation.ground_truth import (
     rock_floors,
 )
 from nbv.geometric.world import SURFACE_SAMPLES, world_of
-from nbv.geometry.mesh import drop_unused_vertices, face_areas
-from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.sampling import sample_surface
+from nbv.geometry.mesh import RayCaster, drop_unused_vertices, face_areas, sample_surface
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.rock import make_rock
 from nbv.types import PointCloud

@@ -9,14 +9,17 @@ from scipy.spatial import cKDTree
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.metric import (
+from nbv.evaluation.registry import (
+    METRICS,
     Distances,
     azimuth_sectors,
+    compute_metrics,
+    find_metric,
+    measure_all,
     sector_centers_deg,
     share_by_sector,
 )
-from nbv.evaluation.registry import METRICS, compute_metrics, find_metric, measure_all
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.visibility import nearest_neighbours
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()

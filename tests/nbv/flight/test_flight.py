@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from nbv.config import FlightConfig, MissionConfig, preset
 from nbv.errors import UserError
 from nbv.flight import Airspace, Flight, Pose
-from nbv.flight.energy import power_w
 from nbv.flight.flight import arrival_position
-from nbv.flight.leg import fly_straight
+from nbv.flight.leg import fly_straight, power_w
 from nbv.geometric import run_geometric_mission
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.viewpoints import raw_candidates, seed_viewpoints

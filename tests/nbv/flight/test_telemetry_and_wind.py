@@ -12,9 +12,8 @@ from nbv.config import (
     WindConfig,
 )
 from nbv.flight import Flight, Pose
-from nbv.flight.leg import fly_straight
+from nbv.flight.leg import fly_straight, ground_speed_m_s, mean_wind_m_s, sway_m
 from nbv.flight.telemetry import TelemetryErrors
-from nbv.flight.wind import ground_speed_m_s, mean_wind_m_s, sway_m
 from nbv.geometry.frames import invert_rigid, look_at
 from nbv.viewpoints import raw_candidates
 

@@ -10,7 +10,7 @@ from nbv import plugins
 from nbv.config import SCORERS, MissionConfig, gate_kinds
 from nbv.errors import UserError
 from nbv.gates import gate_class, make_gate
-from nbv.gates.controls import RandomGate
+from nbv.gates.registry import RandomGate
 
 
 def config(kind: str, **values: object) -> MissionConfig:

@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from nbv.config import DenseConfig
-from nbv.geometric.tracks import Tracks
+from nbv.geometric.world import Tracks
 from nbv.geometry.stereo_chance import reconstruction_probability
 
 DENSE = DenseConfig(agreeing_views=3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nbv.config import MissionConfig
-from nbv.geometry.neighbours import knn_d95_m
+from nbv.geometry.visibility import knn_d95_m
 
 ALL = MissionConfig()
 

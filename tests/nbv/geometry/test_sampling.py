@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.sampling import sample_surface, sample_surface_evenly
+from nbv.geometry.mesh import RayCaster, sample_surface, sample_surface_evenly
 
 
 def test_samples_are_area_weighted_and_lie_on_the_surface():

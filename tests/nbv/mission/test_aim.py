@@ -10,8 +10,8 @@ from nbv.errors import UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity, run_geometric_mission
 from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
 from nbv.photographs.photograph_fidelity import PhotographFidelity
+from nbv.process import Stopwatch
 from nbv.rocks import load_coarse_rock
-from nbv.stopwatch import Stopwatch
 
 CAMPAIGN = preset("campaign")
 TALL = "boulder-20001"  # 2.6 m

@@ -19,14 +19,14 @@ from nbv.cache import Store
 from nbv.config import CameraConfig, MissionConfig, load_condition, preset, under
 from nbv.config.mission_config import parameters
 from nbv.dense import patchmatch
-from nbv.dense.card import Card
+from nbv.dense.patchmatch import Card
 from nbv.errors import MissionFailure, UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity
 from nbv.mission.result import MissionResult
 from nbv.photogrammetric.photogrammetric_fidelity import PhotogrammetricFidelity
 from nbv.photographs.photograph_fidelity import PhotographFidelity
+from nbv.process import Stopwatch
 from nbv.scene import Renderer, build_scene, make_renderer
-from nbv.stopwatch import Stopwatch
 from nbv.types import PointCloud
 from nbv.viewpoints import seed_viewpoints
 

@@ -11,7 +11,7 @@ from nbv.geometric.geometric_fidelity import PoseCamera
 from nbv.geometry.frames import camera_centers_m
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
-from nbv.stopwatch import Stopwatch
+from nbv.process import Stopwatch
 from nbv.types import PointCloud, SparseModel, UpdateReport
 
 
@@ -123,7 +123,7 @@ def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
 
 def test_no_second_counts_for_two_stages(monkeypatch):
     clock = iter([0.0, 1.0, 4.0, 10.0])
-    monkeypatch.setattr("nbv.stopwatch.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("nbv.process.time.perf_counter", lambda: next(clock))
     watch = Stopwatch()
     with watch.timed("photograph"), watch.timed("scene"):
         pass

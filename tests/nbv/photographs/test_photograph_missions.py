@@ -14,7 +14,7 @@ from nbv import plugins
 from nbv.config import preset
 from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.errors import MissionFailure, UserError
-from nbv.evaluation.metric import Metric
+from nbv.evaluation.registry import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.photograph_fidelity import (

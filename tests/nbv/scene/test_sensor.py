@@ -11,11 +11,10 @@ from scene_helpers import SMALL_CAMERA
 from nbv.config import MissionConfig, SceneConfig, SensorConfig
 from nbv.errors import UserError
 from nbv.geometry.frames import look_at
-from nbv.random_streams import keyed_rng
+from nbv.process import keyed_rng
 from nbv.rocks.texture import srgb_from_linear
 from nbv.scene import Sensor
-from nbv.scene.lens import Lens
-from nbv.scene.sensor import add_sensor_noise, compressed
+from nbv.scene.sensor import Lens, add_sensor_noise, compressed
 
 TARGET = np.array([0.0, 0.0, 0.8])
 POSE = look_at(np.array([3.0, -2.0, 2.0]), TARGET)

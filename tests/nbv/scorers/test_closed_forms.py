@@ -14,7 +14,7 @@ from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, 
 from nbv.dense import reconstruct
 from nbv.errors import MissionFailure, UserError
 from nbv.scorers import Rankings
-from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance
+from nbv.scorers.registry import geometry_gain, mean_neighbour_distance
 from nbv.scorers.scorer import angular_penalty, box_points, novelty
 from nbv.types import PlanningState, SparseModel
 

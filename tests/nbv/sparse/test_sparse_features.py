@@ -8,8 +8,7 @@ from sparse_world import TARGET
 
 from nbv.config import CameraConfig, MissionConfig, SparseConfig
 from nbv.geometry.frames import look_at
-from nbv.sparse.correspondences import Correspondences
-from nbv.sparse.features import extract_features
+from nbv.sparse.features import Correspondences, extract_features
 
 
 def textured(seed=0):

@@ -4,8 +4,7 @@ import pytest
 
 from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
-from nbv.sparse.features import Features
-from nbv.sparse.matching import match_pair, verify_pair
+from nbv.sparse.features import Features, match_pair, verify_pair
 
 
 def descriptors(rng, count, like=None, noise=0.0):

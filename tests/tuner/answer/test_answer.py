@@ -17,14 +17,13 @@ from nbv.config import MissionConfig, SeedConfig, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import answer_of, flight_of, table_of
-from tuner.answer.evidence import Evidence, evidence_of, kind_of_target
-from tuner.answer.gate import GateFacts
+from tuner.answer.evidence import Evidence, GateFacts, evidence_of, kind_of_target
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.problem.baselines import PAPER_STRATEGIES, ablations, baseline
-from tuner.problem.objective import Objective
-from tuner.problem.regions import LEAST_PLANNED, TUNED_GATE, TUNED_PLANNER
+from tuner.problem.goal import Objective
+from tuner.problem.search_space import LEAST_PLANNED, TUNED_GATE, TUNED_PLANNER
 from tuner.problem.space_files import load_search_space
 from tuner.report import words
 

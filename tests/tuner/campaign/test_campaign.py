@@ -18,13 +18,12 @@ from in_process import InProcessExecutor
 from nbv.errors import UserError
 from tuner.campaign import session
 from tuner.campaign.begin import begin_campaign, extend_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
+from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.cli import app
 from tuner.missions.job import Trial
 from tuner.missions.pool import MissionPool
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report import write_campaign_report
 

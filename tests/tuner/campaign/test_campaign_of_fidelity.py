@@ -16,7 +16,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Objective
 from tuner.problem.space_files import space_from_dict
 
 FRACTION, _ = synthetic.SPACE.parameters

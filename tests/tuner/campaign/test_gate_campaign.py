@@ -15,7 +15,7 @@ import pytest
 from nbv.geometric import run_geometric_mission
 from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.simplify import known_photographs, simplified
+from tuner.campaign.session import known_photographs, simplified
 from tuner.missions.job import MissionJob, repeated
 from tuner.problem.baselines import label
 from tuner.problem.observations import photographs_key

@@ -9,7 +9,7 @@ import optuna
 import pytest
 
 from tuner.campaign.campaign import Campaign
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
 
 PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()

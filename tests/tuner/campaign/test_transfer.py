@@ -8,8 +8,8 @@ import pytest
 import synthetic
 
 from nbv.errors import UserError
+from tuner.campaign.begin import learn_from
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.earlier_campaigns import learn_from
 from tuner.cli import app
 from tuner.comparison.of_campaign import require_comparable
 from tuner.problem.observations import Observation

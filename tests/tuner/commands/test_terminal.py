@@ -12,8 +12,7 @@ import pytest
 import typer
 
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
+from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate

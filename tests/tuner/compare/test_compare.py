@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.geometric.curve_fidelity import run_curve_mission
+from nbv.geometric.geometric_fidelity import run_curve_mission
 from tuner.cli import app
 from tuner.comparison.curves import (
     BASE,
@@ -31,7 +31,7 @@ from tuner.comparison.curves import (
     what_scores_0,
 )
 from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.verdict import Kind
+from tuner.comparison.statistics import Kind
 from tuner.problem.baselines import baseline
 from tuner.problem.instances import Instance
 from tuner.report.curves import answer_table, verdict_lines, write_curves

@@ -11,8 +11,7 @@ from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from nbv.photographs.photograph_fidelity import PhotographViewpoints
 from tuner.cli import app
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationRun
+from tuner.comparison.plan import EvaluationPlan, EvaluationRun
 from tuner.missions.job import Trial
 from tuner.report.enough import ALL, draw_enough, enough_plans, enough_text, read_enough, seconds
 

@@ -7,8 +7,7 @@ from in_process import InProcessExecutor
 import tuner
 from nbv.config import load_conditions, preset, under
 from nbv.errors import UserError
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import run_evaluation
+from tuner.comparison.plan import EvaluationPlan, run_evaluation
 
 HIGH = {"flight.min_camera_altitude_m": 1.6}  # above an orbit at 10°
 

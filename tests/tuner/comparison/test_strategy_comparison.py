@@ -9,8 +9,7 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
-from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.run import EvaluationEvent, evaluation_directory, run_evaluation
+from tuner.comparison.plan import EvaluationEvent, EvaluationPlan, evaluation_directory, run_evaluation
 from tuner.comparison.statistics import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,

@@ -24,8 +24,7 @@ from nbv.errors import UserError
 from nbv.rocks.catalogue import read_rock, write_rock
 from nbv.rocks.rock import make_rock
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
+from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.missions import dask_pool
 from tuner.missions.dask_pool import DaskPool

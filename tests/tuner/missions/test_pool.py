@@ -17,9 +17,8 @@ from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import WORKER_LOG
 from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial
-from tuner.missions.long_runs import Stop
 from tuner.missions.pool import Executor, MissionPool, run_job
-from tuner.missions.run_jobs import JobList
+from tuner.missions.run_jobs import JobList, Stop
 from tuner.missions.run_jobs import run_jobs as fly_all
 
 
@@ -193,7 +192,7 @@ CTRL_C = """
 import pathlib, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
 from test_pool import job, pool
-from tuner.missions.long_runs import stop_signals
+from tuner.missions.run_jobs import stop_signals
 from tuner.missions.run_jobs import JobList, run_jobs
 with stop_signals() as stop, pool(2) as executor:
     run_jobs(JobList([job(pathlib.Path(sys.argv[1]), rock, n) for n, rock in enumerate(["a", "hang"])]), executor, stop)

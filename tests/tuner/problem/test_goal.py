@@ -1,8 +1,7 @@
 import pytest
 
 from nbv.errors import UserError
-from tuner.problem.goal import parse_goal
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Objective, parse_goal
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 

@@ -6,7 +6,7 @@ import pytest
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.problem.objective import Objective, direction_of
+from tuner.problem.goal import Objective, direction_of
 from tuner.problem.standardise import RockStandardiser
 
 

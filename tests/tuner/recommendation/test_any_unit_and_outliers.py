@@ -8,12 +8,10 @@ import synthetic
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tuner.problem.goal import Goal
+from tuner.problem.goal import Goal, Objective
 from tuner.problem.instances import Instance
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.problem import Problem
-from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.search_space import Parameter, Problem, SearchSpace
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation

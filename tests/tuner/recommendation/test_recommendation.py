@@ -9,8 +9,7 @@ import synthetic
 from tuner.problem.goal import Goal, parse_goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation
-from tuner.problem.problem import Problem
-from tuner.problem.search_space import Values
+from tuner.problem.search_space import Problem, Values
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.recommendation import Recommendation

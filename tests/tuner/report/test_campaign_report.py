@@ -13,7 +13,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
-from tuner.problem.objective import Objective
+from tuner.problem.goal import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.report import words, write_campaign_report
 from tuner.report.campaign_page import reproduce_command

@@ -7,11 +7,10 @@ from pathlib import Path
 from made_evaluations import made_facts, made_run
 from rich.console import Console
 
-from tuner.comparison.statistics import comparison_table
-from tuner.comparison.verdict import Kind, judge
-from tuner.problem.objective import Objective
+from tuner.comparison.statistics import Kind, comparison_table, judge
+from tuner.problem.goal import Objective
 from tuner.report.comparison import cell, strategy_table, table_i, warnings_of, write_comparison_report
-from tuner.report.table import Table
+from tuner.report.labels import Table
 
 PAPER_ROWS = [f"{name} ↓ (mm)" for name in ("Hausdorff", "Mean C2C", "Median C2C", "P95 C2C")]
 PAPER_ROWS += ["Completeness ↑ (%)", "F-score ↑ (%)"] * 2

@@ -14,8 +14,8 @@ from nbv.cache import Store
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
+from nbv.geometry.mesh import sample_surface
 from nbv.geometry.ply import write_ply
-from nbv.geometry.sampling import sample_surface
 from nbv.rocks import load_rock
 from nbv.types import PointCloud
 from tuner.report import write_mission_view

@@ -11,9 +11,8 @@ import torch
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.sampling import SobolQMCNormalSampler
 
-from tuner.acquisition.constrained import Constraint, two_models
+from tuner.acquisition.constrained import Constraint, thompson_configurations, two_models
 from tuner.acquisition.propose import LogNoisyImprovement, propose
-from tuner.acquisition.thompson import thompson_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp

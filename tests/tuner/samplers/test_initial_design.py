@@ -4,7 +4,7 @@ import pytest
 import synthetic
 
 from tuner.problem.observations import Observation
-from tuner.samplers.design import initial_design_size, sobol_point
+from tuner.samplers.base import initial_design_size, sobol_point
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
 

@@ -8,12 +8,10 @@ import torch
 
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint, propose_constrained, two_models
-from tuner.problem.goal import Goal
+from tuner.problem.goal import Goal, Objective
 from tuner.problem.instances import Instance
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.problem import Problem
-from tuner.problem.search_space import Values
+from tuner.problem.search_space import Problem, Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation

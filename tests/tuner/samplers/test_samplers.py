@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.acquisition.thompson import thompson_configurations
+from tuner.acquisition.constrained import thompson_configurations
 from tuner.problem.goal import Goal
 from tuner.problem.observations import Observation
 from tuner.recommendation.choose import recommend

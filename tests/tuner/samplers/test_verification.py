@@ -8,7 +8,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
 from tuner.samplers.base import SamplerSettings
-from tuner.samplers.verification import verification
+from tuner.samplers.gp import verification
 from tuner.surrogate.model import InstanceMeanGP
 
 ROCKS = ("r0", "r1", "r2")

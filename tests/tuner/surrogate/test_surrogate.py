@@ -10,8 +10,8 @@ from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.surrogate import fit
+from tuner.surrogate.fit import NORMAL_95
 from tuner.surrogate.model import InstanceMeanGP
-from tuner.surrogate.numerics import NORMAL_95
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
