@@ -11,7 +11,7 @@ from nbv.geometric import run_geometric_mission
 from tuner.export.photogrammetry_nbv import write_mission, write_scoring, write_text
 from tuner.export.table import write_rows
 from tuner.export.vehicle_files import Exported, vehicle_files
-from tuner.problem.baselines import TUNED_PLANNER
+from tuner.problem.baselines import TUNED_PLANNER, label
 from tuner.problem.observations import short
 from tuner.problem.space_files import load_search_space
 
@@ -83,7 +83,7 @@ def test_a_strategy_that_is_named_is_what_is_said_and_written(gatetune, campaign
     )
     config = config_from_dict(yaml.safe_load(out.read_text()))
     assert (config.seed.lowest_deg, config.adaptive_budget) == (10.0, 0)
-    assert "Plain orbit at 10°: " in said and "Fly " not in said
+    assert f"{label('orbit')}: " in said and "Fly " not in said
     assert f"seed.count {config.seed.count} (default {campaign.settings.problem.base.seed.total})" in said
 
 
