@@ -56,7 +56,7 @@ def candidate_pool(
     counts = {"raw": len(raw)}
 
     z, travel = positions[:, 2], np.linalg.norm(positions - vehicle_position_m, axis=1)
-    of_ring = np.array([v.band == "ring" for v in raw])
+    of_ring = np.array([v.band == "ring" for v in raw], dtype=bool)
     allowed = (
         ((z >= pool.min_altitude_m) | of_ring) & (z <= pool.max_altitude_m) & (travel <= pool.max_travel_m)
     )

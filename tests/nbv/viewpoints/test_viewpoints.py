@@ -121,3 +121,25 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
         [np.cos(pool.headings_rad), np.sin(pool.headings_rad)]
     )
     np.testing.assert_allclose(aim, 0.0, atol=1e-9)
+
+
+def test_what_the_seed_ring_lacks_is_a_candidate_for_predicted_alone_however_low():
+    values = {
+        "seed.count": 12,
+        "seed.lowest_deg": 10.0,
+        "seed.radius_m": 3.5,
+        "pool.min_altitude_m": 2.0,
+        "sparse.min_registered_seeds": 6,
+    }
+    registering = {"sparse.min_registered_seeds": 6, "sparse.ground_features": 2000}
+    paper = preset("campaign").with_values({**values, **registering})
+    planned = paper.with_values({"gate.kind": "predicted"})
+    here, none = np.array(paper.target_m), np.zeros((0, 3))
+    of_paper, of_planned = (candidate_pool(config, here, none) for config in (paper, planned))
+    assert "ring" not in of_paper.bands
+    ring = np.array(of_planned.bands) == "ring"
+    assert ring.sum() == 36  # three between each two seeds
+    assert np.allclose(of_planned.elevations_deg[ring], 10.0)
+    seeds = np.array([seed.position_m for seed in seed_viewpoints(planned)])
+    apart_m = np.linalg.norm(of_planned.positions_m[ring][:, None] - seeds[None], axis=2)
+    assert apart_m.min() > 0.4
