@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from made_evaluations import made_trial
 from photographed_ball import spread, write_set
-from tuner.comparison.advice import leaves_room
 from typer.testing import CliRunner
 
 from nbv.config import preset
