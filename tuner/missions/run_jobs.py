@@ -8,8 +8,9 @@ import fcntl
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Future
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Protocol, TypeVar
 
 from nbv.errors import UserError
@@ -155,9 +156,12 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
     Raises `UserError`: a mission met a user's mistake, which every other one would meet too.
     """
     running: dict[Future[Trial], tuple[MissionJob, list[Trial]]] = {}  # with the attempts that have ended
+    done: SimpleQueue[Future[Trial]] = SimpleQueue()
 
     def submit(job: MissionJob, attempts: list[Trial]) -> None:
-        running[executor.submit(job)] = job, attempts
+        future = executor.submit(job)
+        running[future] = job, attempts
+        future.add_done_callback(done.put)
 
     try:
         while not stop.is_set() and not source.cancelled:
@@ -169,9 +173,13 @@ def run_jobs(source: JobQueue, executor: Executor, stop: Stop) -> None:
                 free = executor.capacity - len(running)
             if not running:
                 return
-            done, _ = wait(running, _POLL_S, FIRST_COMPLETED)
+            arrived: list[Future[Trial]] = []
+            with contextlib.suppress(Empty):
+                arrived.append(done.get(timeout=_POLL_S))
+                while True:
+                    arrived.append(done.get_nowait())
             ended = []
-            for future in [future for future in running if future in done]:  # in the order of their start
+            for future in arrived:
                 job, earlier = running.pop(future)
                 attempts = [*earlier, future.result()]
                 if attempts[-1].reason == "user_error":

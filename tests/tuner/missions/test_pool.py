@@ -218,7 +218,7 @@ def test_ctrl_c_ends_missions_at_once_without_a_word(loads: bool, tmp_path: Path
         assert coordinator.wait(10.0) == 0
         took_s = time.monotonic() - began
         assert coordinator.stdout is not None and coordinator.stdout.read() == b""
-    assert took_s < 3.0
+    assert took_s < 5.0  # a second, where nothing else runs
     assert not psutil.wait_procs(below, timeout=20.0)[1]
 
 
