@@ -7,6 +7,7 @@ Open3D's own readers of these end the process where a polygon names a vertex bey
 from __future__ import annotations
 
 import io
+import logging
 import re
 import zipfile
 from dataclasses import dataclass
@@ -262,6 +263,7 @@ def _check_gltf(path: Path, notes: list[str]) -> tuple[int, bool]:
 def _without(path: Path, kind: str, notes: list[str]) -> tuple[Floats, Ints, list[Linear]]:
     """Values (V, 9), faces and no textures of a PLY, STL or OFF file."""
     content = read_bytes(path, MAX_FILE_BYTES)
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its warnings would be a second message
     try:
         # In PLY files `fix_texture` would part vertices from their colours.
         options = {"fix_texture": False, "skip_materials": True} if kind == ".ply" else {}

@@ -18,7 +18,7 @@ from nbv.evaluation.ground_truth import (
 )
 from nbv.geometric.world import SURFACE_SAMPLES, world_of
 from nbv.geometry.mesh import RayCaster, drop_unused_vertices, face_areas, sample_surface
-from nbv.rocks import load_coarse_rock
+from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import make_rock
 from nbv.types import PointCloud
 
@@ -94,15 +94,15 @@ def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
 
 def dome_on_ground(*, ground_m=3.0, tilt_deg=0.0, bumps_m=0.0):
     """A dome of 1.3 m across and 0.9 m height in one sheet with ground, as a scan has it; ``ground_m`` 0: the dome alone."""
-    side = np.linspace(-1, 1, 121) * max(ground_m, 1.3) / 2
+    side = np.linspace(-1, 1, 61) * max(ground_m, 1.3) / 2
     x, y = (a.ravel() for a in np.meshgrid(side, side))
     radius = np.hypot(x, y) / 0.65
     level = np.tan(np.deg2rad(tilt_deg)) * x + bumps_m * np.sin(9 * x) * np.cos(8 * y)
     vertices = np.stack(
         [x, y, np.where(radius < 1, 0.9 * np.sqrt(np.maximum(1 - radius**2, 0)), level)], axis=1
     )
-    k = (np.arange(120)[:, None] * 121 + np.arange(120)).ravel()
-    faces = np.concatenate([[k, k + 1, k + 121], [k + 1, k + 122, k + 121]], axis=1).T
+    k = (np.arange(60)[:, None] * 61 + np.arange(60)).ravel()
+    faces = np.concatenate([[k, k + 1, k + 61], [k + 1, k + 62, k + 61]], axis=1).T
     if not ground_m:
         faces = faces[(radius[faces] < 1).any(axis=1)]
     vertices, faces = drop_unused_vertices(vertices, faces)
@@ -111,14 +111,14 @@ def dome_on_ground(*, ground_m=3.0, tilt_deg=0.0, bumps_m=0.0):
 
 
 GROUNDS = [{}, {"tilt_deg": 4.0}, {"ground_m": 2.2}, {"ground_m": 4.0, "bumps_m": 0.01}]
-SMALL = preset("campaign").with_values({"evaluation.gt_samples": 20_000})
+SMALL = preset("campaign").with_values({"evaluation.gt_samples": 5_000})
 
 
 @pytest.mark.parametrize("ground", GROUNDS, ids=str)
 def test_truth_and_cloud_lose_the_same_ground(ground, monkeypatch):
     rock = dome_on_ground(**ground)
-    points, normals = sample_surface(rock.vertices_m, rock.faces, 150_000, 3)
-    beside = np.random.default_rng(0).uniform(-2.5, 2.5, (100_000, 2))
+    points, normals = sample_surface(rock.vertices_m, rock.faces, 40_000, 3)
+    beside = np.random.default_rng(0).uniform(-1.5, 1.5, (12_000, 2))
     beside = beside[np.abs(beside).max(axis=1) > np.abs(points[:, :2]).max()]
     beside = np.column_stack([beside, np.zeros(len(beside))])
     cloud = PointCloud(
@@ -147,6 +147,6 @@ def test_a_geometric_mission_measures_no_ground():
 
 
 def test_a_rock_has_no_ground():
-    for name in ("slab", "mushroom", "stack-20001", "mesa-0"):
-        rock = load_coarse_rock(name)
+    for name in ("slab-1", "overhang-20001", "stack-20001", "mesa-0"):
+        rock = generate_rock(name, grid_m=0.05)
         assert measured_faces(rock.vertices_m, rock.faces, SMALL.evaluation) is rock.faces, name
