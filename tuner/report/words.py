@@ -70,8 +70,7 @@ def _what(answer: Answer, fly: Flight) -> str:
 def _worth(answer: Answer, fly: Flight) -> list[str]:
     """The flown plan against Hyb-H and, where it is tuned, against the best plain plan, on all targets."""
     gains = {name: gain for name, gain in fly.against.items() if gain is not None}
-    plain = {name: gain for name, gain in gains.items() if name != REFERENCE and name not in answer.recommended}
-    chosen = min(plain, key=lambda name: plain[name].mean, default="") if fly.is_tuned else ""
+    chosen = next((table.best_plain for table in answer.tables), "") if fly.is_tuned else ""
     named = [name for name in (chosen, REFERENCE) if name in gains]
     if not named:
         return []
@@ -116,17 +115,13 @@ def name_in_text(strategy: str) -> str:
     name = label(strategy)
     if strategy.startswith("tuned"):
         return f"the {name[:1].lower()}{name[1:]}"
-    return (
-        f"the {name.replace('Plain orbit', 'orbit')}"
-        if is_orbit(strategy)
-        else name[:1].lower() + name[1:]
-        if name.startswith("Random")
-        else name
-    )
+    if is_orbit(strategy):
+        return f"the {name[:1].lower()}{name[1:]}"
+    return name[:1].lower() + name[1:] if name.startswith("Random") else name
 
 
 def plan_words(config: MissionConfig) -> str:
-    """``16 photographs at 10°, then 4 by the gate (geometry scorer predicted, f_b < 1 or d95 > 0.14 m)``."""
+    """``16 photographs at 10°, then 4 by the gate of Covis and B-aware``."""
     seed = config.seed
     if seed.count and seed.layout == "turn":
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
@@ -135,7 +130,7 @@ def plan_words(config: MissionConfig) -> str:
         rings = f"{seed.total} photographs on the paper's rings"
     if not config.adaptive_budget:
         return rings
-    by = {"random": "at random", "hyb-h": "by the gate"}.get(
+    by = {"random": "at random", "hyb-h": f"by the gate of Covis and {label(config.gate.geometry_scorer)}"}.get(
         config.gate.kind, f"by {label(config.gate.kind)}"
     )
     if config.stop.may_end_early:
