@@ -161,7 +161,7 @@ class Flight:
             if not self.report:
                 import tuner.report.campaign_page as page
 
-                page.write_campaign_report = lambda campaign: (campaign.directory / "report.html").touch()
+                page.write_campaign_report = lambda campaign, *_: (campaign.directory / "report.html").touch()
             if asks:
                 hold_calls(channel)
             if before is not None:

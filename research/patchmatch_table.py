@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense import PosedViews, card, patchmatch
+from nbv.dense import PosedViews, patchmatch
 from nbv.dense.reconstruct import dense_cloud
 from nbv.types import PointCloud
 
@@ -122,9 +122,9 @@ def match_one(job: tuple[Path, str, str, Path]) -> str:
     file, row, backend, target = job
     views, values, seconds = read(file), dict(ROWS[row]), [0.0]
     more = {name: values.pop(name) for name in [*values] if name.startswith("filter")}
-    plain = card.patch_match
+    plain = patchmatch.patch_match
 
-    def timed(workspace: Path, options: Any, free: card.Card) -> None:
+    def timed(workspace: Path, options: Any, free: patchmatch.Card) -> None:
         began = time.perf_counter()
         plain(workspace, {**options, **more}, free)
         seconds[0] = time.perf_counter() - began

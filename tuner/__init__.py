@@ -33,7 +33,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "campaign.campaign": ["Campaign"],
         "campaign.settings": ["CampaignSettings"],
         "comparison.objective": ["objective"],
-        "comparison.run": ["EvaluationRun"],
+        "comparison.plan": ["EvaluationRun"],
         "recommendation.recommendation": ["Recommendation"],
         "jobs": ["evaluate", "reproduce", "tune"],
     },

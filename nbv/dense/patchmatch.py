@@ -17,16 +17,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nbv.errors import MissionFailure, UserError
-
-# isort: off
-# cv2 (through views) before pycolmap: the other order makes libpng crash the process.
-from nbv.dense.stereo import DepthMaps, PosedViews, pixel_matrix
-import pycolmap
-# isort: on
-
 import numpy as np
 from PIL import Image as PillowImage
+
+# cv2 (through stereo) before pycolmap, which functions import: the other order makes libpng crash the process.
+from nbv.dense.stereo import DepthMaps, PosedViews, pixel_matrix
+from nbv.errors import MissionFailure, UserError
 
 # The NVIDIA cards of this machine: one dense stage at a time on each, in a process of its own.
 #
@@ -208,6 +204,8 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
         *(f"stereo/{n}" for n in ("depth_maps", "normal_maps", "consistency_graphs")),
     ):
         (workspace / folder).mkdir(parents=True)
+    import pycolmap  # noqa: PLC0415
+
     matrix = pixel_matrix(views.camera)
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
@@ -230,6 +228,8 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
 
 def read_depth_maps(workspace: Path, names: Sequence[str]) -> DepthMaps:
     """COLMAP's depths (H, W) in metres by view; NaN where it has none. Views without a file are left out."""
+    import pycolmap  # noqa: PLC0415
+
     maps = {}
     for name in sorted(names):
         file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.photometric.bin"

@@ -121,6 +121,8 @@ def earned_by_group(
 def importances(model: InstanceMeanGP, region: Region) -> Floats:
     """Return (d,) total Sobol indices of the posterior mean in the region; 0 for what is held there."""
     space = region.space
+    if space.dimension == 1:
+        return np.ones(1)
 
     def mean_at(unit: Floats) -> Floats:
         snapped = np.array([space.snap(u) for u in region.project(unit.T)])

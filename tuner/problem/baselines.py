@@ -266,6 +266,8 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
         seed = dataclasses.replace(config.seed if config.seed.count else seed, count=seeds)
         budget = number - seeds
         sparse = tuned.with_values(_registering(sparse, seeds)).sparse
+    if name in PAPER_STRATEGIES:
+        seed = paper_seeds(seed)
     return ending_at(config, number).changed(seed=seed, sparse=sparse, stop={"adaptive_budget": budget})
 
 

@@ -297,7 +297,7 @@ def _range_text(parameter: Parameter) -> str:
 
 TUNED, TUNED_GATE, TUNED_PLANNER = "tuned", "tuned-gate", "tuned-planner"
 LEAST_PLANNED = 3  # views that a tuned planner plans
-CHOOSES_VIEWS = ("gate.", "covis.", "b_aware.", "predicted.", "shared.", "plugins.")
+CHOOSES_VIEWS = ("gate.", "covis.", "b_aware.", "predicted.", "shared.", "plugins.", "stop.knn_region")
 SEEDS, PHOTOGRAPHS = "seed.count", "stop.max_photographs"
 
 
@@ -317,9 +317,11 @@ class Region:
         )
 
     def with_gate_of(self, values: Mapping[str, Any]) -> Region:
-        """Return the part of the region in which views are chosen as at ``values``."""
+        """Return the part of the region in which views are chosen as at ``values``; all of it where that leaves nothing to search."""
         gate = {path: values[path] for path in self.space.paths if path.startswith(CHOOSES_VIEWS)}
-        return dataclasses.replace(self, held={**self.held, **gate})
+        held = {**self.held, **gate}
+        free = any(p.kind == "float" and p.path not in held for p in self.space.parameters)
+        return dataclasses.replace(self, held=held) if free else self
 
     def inside(self, unit: Floats) -> Bools:
         """Return (n,) which of (n, d) unit positions lie in the region."""

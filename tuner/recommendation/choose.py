@@ -161,6 +161,7 @@ class Choice:
         # Where even the default has failed there is nothing better than what has not.
         # What has an outcome that all others contradict may be as bad as that.
         contradicted = {configuration_key(space, o.values) for o in self.outliers}
+        contradicted -= {configuration_key(space, self.problem.default)}
         allowed = [a and configuration_key(space, v) not in contradicted for a, v in zip(allowed, values)]
         keeping = [i for i, keep in enumerate(keeps) if keep]
         eligible = [i for i in keeping if allowed[i]] or keeping

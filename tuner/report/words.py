@@ -130,9 +130,10 @@ def plan_words(config: MissionConfig) -> str:
         rings = f"{seed.total} photographs on the paper's rings"
     if not config.adaptive_budget:
         return rings
-    by = {"random": "at random", "hyb-h": f"by the gate of Covis and {label(config.gate.geometry_scorer)}"}.get(
-        config.gate.kind, f"by {label(config.gate.kind)}"
-    )
+    by = {
+        "random": "at random",
+        "hyb-h": f"by the gate of Covis and {label(config.gate.geometry_scorer)}",
+    }.get(config.gate.kind, f"by {label(config.gate.kind)}")
     if config.stop.may_end_early:
         return f"{rings}, then planned ones {by} until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
     return f"{rings}, then {config.adaptive_budget} {by}"

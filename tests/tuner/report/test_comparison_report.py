@@ -106,7 +106,7 @@ def test_the_page_names_failures(tmp_path: Path) -> None:
     page = write_comparison_report(facts)
     source = page.read_text()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
-    assert source.count('id="verdict"') == 1 and "12 paired missions on 4 rocks" in text
+    assert source.count('id="verdict"') == 1 and "12 paired missions on 4 targets" in text
     assert text.index("Covis is better") < text.index("Table I on the whole")
     assert "B-aware 3; reasons: seed_model_failed 3" in text and "9 + 3 failed" in text
     assert "paper 480.9" in text and "condition ideal" in text

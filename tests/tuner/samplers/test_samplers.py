@@ -47,7 +47,7 @@ def test_gp_beats_random_on_four_rocks() -> None:
     for name, values in score.items():
         for seed in range(8):
             history = synthetic.play(make_sampler(name, synthetic.sampler_settings(seed, 5)), 16, 0.05, seed)
-            result = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False)
+            (result,) = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False).values()
             values.append(synthetic.true_value(result.values))
     assert np.mean(score["gp"]) > 0.95  # 1 is perfect, the paper's values give 0.51
     assert np.mean(score["gp"]) > np.mean(score["random"]) + 0.02
