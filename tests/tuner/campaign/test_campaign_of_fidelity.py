@@ -10,8 +10,8 @@ import pytest
 import synthetic
 from in_process import InProcessExecutor
 
+from nbv import plugins
 from nbv.errors import MissionFailure, UserError
-from nbv.plugins import register
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
@@ -34,11 +34,11 @@ def toy(config, rock, replicate, directory, **_):
     return {"quality": 1 - x, "observable": {"f_score_48mm": 90 + x}, "costs": costs}
 
 
-register("fidelities", "toy", toy)
-
-
 @pytest.fixture(autouse=True)
 def in_process(monkeypatch):
+    """The fidelity is these tests' own: workers of others would import it, too."""
+    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
+    plugins.register("fidelities", "toy", toy)
     monkeypatch.setattr("tuner.commands.campaign.executor_at", lambda *_: InProcessExecutor())
     monkeypatch.setattr("tuner.comparison.of_campaign.local_pool", lambda *_: InProcessExecutor())
 
