@@ -104,7 +104,7 @@ def test_what_does_not_count_is_said_and_a_read_only_campaign_is_evaluated(gatet
     assert "does not count" in gatetune.ok(*evaluate, "--out", tmp_path / "elsewhere")
     assert "does not count" not in gatetune.ok(*evaluate)
 
-    def refuse(_):
+    def refuse(*_):
         raise UserError("cannot write it")
 
     def read_only(*_):
