@@ -84,8 +84,10 @@ def gatetune(words: list[str], folder: Path) -> str:
 
 
 def photograph_terminal(said: str, words: list[str], folder: Path) -> None:
-    """The last lines of what a command said."""
-    shown = [f"$ gatetune {' '.join(words[:2])} ...", *said.splitlines()[-LINES:]]
+    """What a command answered, without the lines before it."""
+    lines = said.splitlines()
+    first = next((i for i, line in enumerate(lines) if line.startswith("Fly ")), len(lines) - LINES)
+    shown = [f"$ gatetune {' '.join(words[:2])} ...", *lines[first:]]
     page = folder / "terminal.html"
     page.write_text(TERMINAL.format(html.escape("\n".join(shown))))
     photograph(page.as_uri(), (800, 24 + 21 * (len(shown) + 1)), "terminal")

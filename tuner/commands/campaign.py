@@ -172,7 +172,9 @@ def status(
     counts = campaign.status()
     show_counts(counts)
     answer = show_answer(campaign, save=False)
-    with contextlib.suppress(OSError):  # `list` reads it; a folder that cannot be written is looked at all the same
+    with contextlib.suppress(
+        OSError
+    ):  # `list` reads it; a folder that cannot be written is looked at all the same
         answer.save(campaign)
     missions = {**vars(counts), "finished": counts.finished, "trials": counts.complete + counts.failed}
     answer_json(

@@ -185,7 +185,7 @@ def _split_table(
         rows.append([group, words.effect_text(effect), *measured])
     caption = (
         f"In {unit or 'the metric’s unit'}: the tuned configuration minus the same with that group as in the paper. The first column is the "
-        "surrogate's, the others are paired missions of `gatetune evaluate`; a dash was not run."
+        "surrogate's, the others are paired missions of gatetune evaluate; a dash was not run."
     )
     return Table.of("", ("group", "by the model", "held-out targets", "training targets"), rows, caption)
 

@@ -142,17 +142,15 @@ def plan_words(config: MissionConfig) -> str:
 # -- tables ------------------------------------------------------------------------------------------------------
 
 
-def table_lines(table: AnswerTable, answer: Answer) -> Table:
-    """The strategies, kind by kind, with the paired differences from Hyb-H and from the best plain plan."""
+def table_lines(table: AnswerTable, answer: Answer, *, narrow: bool = False) -> Table:
+    """The strategies, kind by kind, with the paired differences from Hyb-H and from the best plain plan; ``narrow``: without costs."""
     several = len(table.kinds) > 1
     means = [*table.kinds, "all"] if several else ["all"]
     unit = metric_label(answer.metric)
     short_metric = "F" if "f_score" in answer.metric else unit.name
     columns = [
         "strategy",
-        "photos",
-        "planned",
-        "flight s",
+        *([] if narrow else ["photos", "planned", "flight s"]),
         *(f"{short_metric} {m}" if several else short_metric for m in means),
     ]
     reference = label(REFERENCE) if any(row.strategy == REFERENCE for row in table.rows) else "default"
@@ -164,9 +162,7 @@ def table_lines(table: AnswerTable, answer: Answer) -> Table:
             kind = row.kind
             rows.append(Line(kind))
         texts = [
-            format_number(row.photographs, 0),
-            format_number(row.planned, 0),
-            format_number(row.flight_s, 0),
+            *(() if narrow else [format_number(c, 0) for c in (row.photographs, row.planned, row.flight_s)]),
             *(format_number(row.means.get(m), digits) for m in means),
             difference_text(row.from_reference, digits) if row.from_reference else "–",
             difference_text(row.from_baseline, digits) if row.from_baseline else "–",
