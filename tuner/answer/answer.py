@@ -18,6 +18,7 @@ from nbv.convert import json_ready
 from nbv.safe_files import write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
+from tuner.missions.job import repeated
 from tuner.problem.baselines import (
     ANSWERS,
     SIMPLEST_FIRST,
@@ -144,8 +145,14 @@ def answer_of(campaign: Campaign) -> Answer:
     tables = [table for table in tables if table.rows and found]
     fly = flight_of(evidence, found, number) if found else None
     counts: dict[str, int] = collections.Counter()
-    for t in campaign.trials():
-        if t.record.status and (by := CHOSEN_BY.get(str(t.record.metadata.get("phase")), "design")):
+    trials = campaign.trials()
+    again = repeated(trials)  # they took the photographs of an earlier mission
+    for t in trials:
+        if (
+            t.number not in again
+            and t.record.status
+            and (by := CHOSEN_BY.get(str(t.record.metadata.get("phase")), "design"))
+        ):
             counts[by] += 1
     return Answer(
         metric=s.goal.shown.metric,
