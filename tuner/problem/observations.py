@@ -30,7 +30,7 @@ class Observation:
     # Oriented so that larger is better; None: in flight, or failed, i.e. infeasible.
     outcome: float | None = None
     raw: float | None = None  # the metric as measured
-    reason: str = ""  # why it failed, in snake_case: "worker_died: signal 6", "timeout", "seed_model_failed"
+    reason: str = ""  # why it failed, in snake_case: "worker_died: SIGABRT", "timeout", "seed_model_failed"
     # Outcome of a second objective, oriented alike; None: none asked for, or missing.
     second: float | None = None
     condition: str = IDEAL  # its name

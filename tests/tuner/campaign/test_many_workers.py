@@ -15,7 +15,7 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
 from tuner.problem.space_files import load_search_space
 
-WORKERS, MISSION_S, BUDGET = 512, 20.0, 2048
+WORKERS, MISSION_S, BUDGET = 512, 20.0, 1536
 
 
 class SimulatedWorkers(Executor):
