@@ -21,12 +21,12 @@ from nbv.rocks.families import SHAPES, generated_name
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import CONFIRMATION, EVALUATION
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.comparison.statistics import score_of
+from tuner.comparison.statistics import over_rocks, same_photographs, score_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import ANSWERS, ablations, is_ablation
 from tuner.problem.goal import Objective
-from tuner.problem.intervals import Interval, mean_interval
+from tuner.problem.intervals import Interval
 from tuner.problem.observations import Block, configuration_key, mission_key
 from tuner.recommendation.recommendation import Recommendation
 
@@ -71,12 +71,12 @@ class Evidence:
 
     def mean(self, strategy: str) -> Interval | None:
         """Return the mean score over targets; None without a mission."""
-        return _over_targets(self.scores(strategy))
+        return over_rocks(self.scores(strategy))
 
     def gain(self, strategy: str, over: str) -> Interval | None:
         """Return the mean paired difference on the missions that both flew, positive where ``strategy`` is better."""
         ours, theirs, sign = self.scores(strategy), self.scores(over), self.objective.sign
-        return _over_targets(
+        return over_rocks(
             {block: sign * (ours[block] - theirs[block]) for block in sorted(ours.keys() & theirs.keys())}
         )
 
@@ -90,29 +90,7 @@ class Evidence:
 
     def same_photographs(self) -> dict[str, str]:
         """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
-        taken = {
-            name: {
-                (r.instance, r.replicate): r.record.photographs
-                for r in self.missions(name)
-                if r.record.status != "failed"
-            }
-            for name in self.configs
-        }
-        twins, names = dict[str, str](), list(self.configs)
-        for i, name in enumerate(names):
-            for earlier in names[:i]:
-                both = taken[name].keys() & taken[earlier].keys()
-                if both and all(taken[name][b] and taken[name][b] == taken[earlier][b] for b in both):
-                    twins[name] = twins.get(earlier, earlier)
-                    break
-        return twins
-
-
-def _over_targets(scores: Mapping[Block, float]) -> Interval | None:
-    by_target: dict[str, list[float]] = collections.defaultdict(list)
-    for (instance, _), score in scores.items():
-        by_target[instance.rock].append(score)
-    return mean_interval(by_target)
+        return same_photographs(self.records, list(self.configs), on_common=True)
 
 
 def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evidence:

@@ -79,7 +79,7 @@ def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[Block, 
 
 def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
     """Mean of a metric over rocks, with its interval; None without a mission that has it."""
-    return _over_rocks(values_of(records, strategy, key))
+    return over_rocks(values_of(records, strategy, key))
 
 
 def strategy_difference(records: Sequence[Trial], strategy: str, reference: str, key: str) -> Interval | None:
@@ -88,10 +88,11 @@ def strategy_difference(records: Sequence[Trial], strategy: str, reference: str,
     The ``missions`` of the interval are these pairs. None without one.
     """
     ours, theirs = (values_of(records, name, key) for name in (strategy, reference))
-    return _over_rocks({block: ours[block] - theirs[block] for block in sorted(ours.keys() & theirs.keys())})
+    return over_rocks({block: ours[block] - theirs[block] for block in sorted(ours.keys() & theirs.keys())})
 
 
-def _over_rocks(values: Mapping[Block, float]) -> Interval | None:
+def over_rocks(values: Mapping[Block, float]) -> Interval | None:
+    """Return the mean over rocks of values by block, with its interval; None without one."""
     by_rock: dict[str, list[float]] = {}
     for (instance, _), value in values.items():
         by_rock.setdefault(instance.rock, []).append(value)
@@ -132,17 +133,25 @@ class ComparisonTable:
     same: dict[str, str]  # by strategy an earlier one whose photographs it took in every mission
 
 
-def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dict[str, str]:
-    """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
+def same_photographs(
+    records: Sequence[Trial], strategies: Sequence[str], *, on_common: bool = False
+) -> dict[str, str]:
+    """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy.
+
+    ``on_common``: of the blocks that both finished, where strategies may have flown on different ones.
+    """
     taken: dict[str, dict[Block, str]] = {name: {} for name in strategies}
     for r in records:
         if r.strategy in taken and r.record.status != "failed":
             taken[r.strategy][r.instance, r.replicate] = r.record.photographs
     twins: dict[str, str] = {}
     for i, name in enumerate(strategies):
-        views = taken[name]
         for earlier in strategies[:i]:
-            if views and all(views.values()) and views == taken[earlier]:
+            views, theirs = taken[name], taken[earlier]
+            if on_common:
+                both = views.keys() & theirs.keys()
+                views, theirs = {b: views[b] for b in both}, {b: theirs[b] for b in both}
+            if views and all(views.values()) and views == theirs:
                 twins[name] = twins.get(earlier, earlier)
                 break
     return twins

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nbv.config import MissionConfig
-from tuner.answer.answer import Answer, AnswerTable, Flight, Row
+from tuner.answer.answer import Answer, AnswerTable, Flight
 from tuner.problem.baselines import is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
@@ -91,19 +91,16 @@ def _tuned(answer: Answer, fly: Flight) -> list[str]:
                 f"{_capital(name_in_text(name))} leads it by {difference_text(lead)} {unit} on {counted(lead.rocks, 'target')}, "
                 "which is not shown to be a difference."
             )
-    table = next((table for table in answer.tables if table.held_out), None) or next(
-        iter(answer.tables), None
-    )
-    gate = (
-        next((row for row in table.rows if row.strategy == TUNED_GATE), None) if table is not None else None
-    )
+    table = answer.tables[0] if answer.tables else None  # the held-out one, where there is one
+    rows = () if table is None else table.rows
+    gate = next((row for row in rows if row.strategy == TUNED_GATE), None)
     if (
         table is not None
         and gate is not None
         and gate.strategy != fly.strategy
         and gate.from_reference is not None
     ):
-        where = f"{counted(gate.from_reference.rocks, _targets_word(table))}"
+        where = counted(gate.from_reference.rocks, _targets_word(table))
         said.append(
             f"The tuned gate, with the paper's seeds and pool, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
         )
@@ -113,9 +110,7 @@ def _tuned(answer: Answer, fly: Flight) -> list[str]:
 def name_in_text(strategy: str) -> str:
     """A strategy inside a sentence: ``the tuned planner``, ``Hyb-H``, ``the orbit at 15°``."""
     name = label(strategy)
-    if strategy.startswith("tuned"):
-        return f"the {name[:1].lower()}{name[1:]}"
-    if is_orbit(strategy):
+    if strategy.startswith("tuned") or is_orbit(strategy):
         return f"the {name[:1].lower()}{name[1:]}"
     return name[:1].lower() + name[1:] if name.startswith("Random") else name
 
@@ -215,14 +210,11 @@ def interval_words(gains: Sequence[Interval]) -> str:
     return f"95 % intervals {', '.join(methods)}"
 
 
-def parameters_table(
-    name: str, rows: Sequence[ParameterRow], metric: MetricLabel, *, all_rows: bool = True
-) -> Table:
+def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel) -> Table:
     """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
-    shown = [row for row in rows if all_rows or row.earned is not None]
     lines = [
         Line(
-            parameter_label(row.path).name if all_rows else row.path,
+            parameter_label(row.path).name,
             tuple(
                 map(
                     Cell,
@@ -236,7 +228,7 @@ def parameters_table(
                 )
             ),
         )
-        for row in shown
+        for row in rows
     ]
     columns = (
         "parameter",
@@ -348,8 +340,3 @@ def _targets_word(table: AnswerTable) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def row_of(answer: Answer, strategy: str) -> Row | None:
-    """The first row of a strategy, on held-out targets where there is one."""
-    return next((row for table in answer.tables for row in table.rows if row.strategy == strategy), None)

@@ -239,14 +239,11 @@ class GPSampler:
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
         region = self._region(number)
         near = len(problem.answers) == 1 and stays_near_default(space.dimension, s.trusted_default)
-        values = (
-            sobol_point(space, s.seed, number // 2 - 1 if near else number - 1)
-            if not near or number % 2 == 0
-            else {}
-        )
         if near and number % 2 == 1:
             values = near_default(space, problem.default, s.seed, number)
             metadata["near"] = "default"
+        else:
+            values = sobol_point(space, s.seed, number // 2 - 1 if near else number - 1)
         return Proposal(
             space.from_unit(region.project(space.to_unit(values))), {**metadata, "region": region.name}
         )
