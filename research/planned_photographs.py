@@ -18,17 +18,9 @@ import numpy as np
 
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
+from research.adaptive_plans import BASE
 
 SEEDS = 12  # of the planner: wider rings than of 11 have no stereo pairs within 35 degrees
-BASE: dict[str, Any] = {
-    "dense.agreeing_views": 3,
-    "sparse.ground_features": 2000,
-    "sparse.min_registered_seeds": 6,
-    "seed.radius_m": 3.5,
-    "seed.lowest_deg": 10.0,
-    "stop.criterion": "budget",
-    **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
-}
 CONTROL = "orbit at 15°"
 Rows = dict[tuple[str, str, int, int], dict[str, Any]]  # by plan, target, photographs, replicate
 HEAD = ("plan", "target", "photographs", "replicate", "f_score", "registered", "seeds", "all", "orbit")

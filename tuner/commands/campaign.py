@@ -230,7 +230,9 @@ def _row(directory: Path) -> dict[str, Any]:
     try:
         campaign = Campaign.open(directory, read_only=True)
         s, counts = campaign.settings, campaign.status()
-        saved = read_json(directory / ANSWER_FILE) if (directory / ANSWER_FILE).is_file() else {}
+        saved: dict[str, Any] = {}
+        with contextlib.suppress(UserError):  # damaged: `status` makes it anew
+            saved = read_json(directory / ANSWER_FILE) if (directory / ANSWER_FILE).is_file() else {}
     except UserError as error:
         return {**row, "values": None, "answer": f"cannot be read: {error}"}
     answer = f"none yet: {campaign.nothing_yet()}"

@@ -145,6 +145,11 @@ class SearchSpace:
             return self
         base = preset.with_values({p: v for p, v in self.base.items() if not p.startswith("stop.")})
         seeds, number = base.seed, base.seed.total + base.adaptive_budget
+        for p in self.parameters:
+            if p.path == SEEDS and p.low > number:
+                raise UserError(
+                    f"search space {self.name!r}: seed.count begins at {p.low:g}, and a mission takes {number} photographs; lower it"
+                )
         seeded: Values = {
             "seed.count": seeds.total,
             "seed.layout": seeds.layout if seeds.count else "rings",

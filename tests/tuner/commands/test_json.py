@@ -49,6 +49,9 @@ def test_campaigns_are_listed_with_their_answers(
     gatetune.ok("campaign", "status", runs / "one")
     saved = json.loads((runs / "one" / "recommendation.json").read_text())
     assert "not computed yet" in rows["one"]["answer"]
+    (runs / "two" / "answer.json").write_text('{"fly": 3')
+    damaged = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["two"]
+    assert damaged["budget"] == 2 and "cannot be read" not in damaged["answer"]
     again = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["one"]
     assert again["values"] == {name: each["values"] for name, each in saved.items()}
     assert again["answer"].startswith("fly ")

@@ -117,6 +117,16 @@ def test_mistakes_are_named(text: str, message: str) -> None:
     assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
 
 
+def test_more_seeds_than_photographs_are_refused() -> None:
+    space = space_from_dict(
+        parse_yaml(EQUAL.replace("low: 8, high: 30", "low: 33, high: 40"), "my.yaml"), "my.yaml"
+    )
+    with pytest.raises(
+        UserError, match=r"seed\.count begins at 33, and a mission takes 32 photographs; lower it"
+    ):
+        space.fitted(preset("campaign"))
+
+
 def test_one_parameter_may_set_several_paths() -> None:
     shared = "{low: 0.1, high: 2.0, also: [predicted.weights.nov, covis.weights.nov]}"
     text = f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n"
