@@ -362,7 +362,7 @@ class Campaign:
         return found
 
     def recommended_config(self, name: str = "") -> MissionConfig:
-        """Return one of the recommendations as a complete configuration, by default that of the largest region; raises as `recommended`."""
+        """Return one of the recommendations as a complete configuration under no condition, by default that of the largest region; raises as `recommended`."""
         found = self.recommended()
         return self.settings.problem.config(found[name or list(found)[-1]].values)
 
