@@ -180,7 +180,7 @@ PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "control
 _SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in BASELINES.values()} | {
     TUNED_GATE: (
         "Tuned gate",
-        "thresholds, weights and repairing scorer tuned; seeds and pool as in the paper",
+        "thresholds, weights and repairing scorer tuned; seeds as in the paper",
     ),
     TUNED_PLANNER: ("Tuned planner", "seeds and pool tuned besides, at least three views planned"),
     TUNED: ("Tuned", "the recommended configuration"),

@@ -102,7 +102,7 @@ def _tuned(answer: Answer, fly: Flight) -> list[str]:
     ):
         where = counted(gate.from_reference.rocks, _targets_word(table))
         said.append(
-            f"The tuned gate, with the paper's seeds and pool, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
+            f"The tuned gate, with the paper's seeds, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
         )
     return said[:2]
 
