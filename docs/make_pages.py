@@ -35,42 +35,36 @@ COMMAND_ORDER = (
     "config",
     "doctor",
 )
+LEFT_OUT = ("sparse", "dense", "evaluation")  # sections of which the page says only where they are listed
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 
 
 def commands_page() -> str:
-    """Every command of ``gatetune`` with its arguments and options, as Markdown."""
+    """Every command of ``gatetune`` and what it does, and the settings of a campaign, as Markdown."""
     import typer
 
     from tuner.cli import app
 
-    root = typer.main.get_command(app)
+    leaves = dict(_leaves(typer.main.get_command(app), ()))
     lines = [
         "# Commands",
         "",
-        "`--help` has an example of each. An option stands at the first command that has it. `--out` is where a result is written, "
-        "`--json` prints it as JSON (a campaign: an object per event).",
+        "`gatetune COMMAND --help` lists the options of a command and shows an example. `--out` says where a result is written; "
+        "`--json` prints it as JSON, of a running campaign one object for each event.",
         "",
+        "|command|what it does|",
+        "|-|-|",
     ]
-    told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
-    leaves = _leaves(root, ())
-    for path, command in sorted(leaves, key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
-        arguments = [p for p in command.params if p.param_type_name == "argument"]
-        options = [p for p in command.params if p.param_type_name == "option"]
-        options = [p for p in options if p.name not in ("help", "out") and "--json" not in p.opts]
-        usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
+    for path, command in sorted(leaves.items(), key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
+        arguments = [p.name.upper() for p in command.params if p.param_type_name == "argument"]
         purpose = " ".join(command.help.split()).partition(" Example: ")[0]
-        lines += [f"## `{usage}`", "", purpose, ""]
-        new = [p for p in options if (p.name, p.help) not in told]
-        for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in new):
-            if panel:
-                lines += [f"**{panel}**", ""]
-            lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
-            lines.append("")
-        told |= {(p.name, p.help) for p in options}
-        if path == ("campaign", "run"):
-            lines += _settings_file()
-    return "\n".join(lines).rstrip() + "\n"
+        lines.append(f"|`{' '.join([*path, *arguments])}`|{purpose}|")
+    options = [p for p in leaves["campaign", "run"].params if p.param_type_name == "option"]
+    options = [p for p in options if p.name not in ("help", "out") and "--json" not in p.opts]
+    lines += ["", "## Options of `gatetune campaign run`", ""]
+    for panel in dict.fromkeys(p.rich_help_panel for p in options):
+        lines += [f"**{panel}**", "", *(_option(p) for p in options if p.rich_help_panel == panel), ""]
+    return "\n".join([*lines, *_settings_file()]).rstrip() + "\n"
 
 
 def parameters_page() -> str:
@@ -80,16 +74,19 @@ def parameters_page() -> str:
     lines = [
         "# Parameters",
         "",
-        "A parameter's path is its section and name, which ends in its unit: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
-        "paper, with the section; **code**, the authors' public code or simulator; none: gatetune's own. "
-        "`gatetune config show` prints any preset with the reasons; `--set PATH=VALUE` changes a parameter.",
+        "A parameter's path is its section and its name, which ends in its unit: `gate.d95_m`. `--set PATH=VALUE` changes it. "
+        "Defaults are those of preset `paper`. `gatetune config show` prints the values of any preset, and where each comes "
+        "from: the paper's text, the authors' public code, or gatetune. That command also lists the sections that are left out "
+        "here: `sparse` (structure from motion), `dense` (stereo and fusion) and `evaluation` (cleaning and metrics).",
         "",
         *_presets_table(),
     ]
-    lines += ["", "## Parameters by section", "", "|name|default|meaning|source|", "|-|-|-|-|"]
+    lines += ["", "## Parameters by section", "", "|name|default|meaning|", "|-|-|-|"]
     section = ""
     for p in parameters().values():
-        if p.path in ("preset", "condition"):  # their names, which their files and options set
+        if (
+            p.path in ("preset", "condition") or p.section in LEFT_OUT
+        ):  # the names are set by files and options
             continue
         if p.section != section:
             section = p.section
@@ -97,9 +94,7 @@ def parameters_page() -> str:
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
         value = _as_written(p.default) or "empty"
         name = p.path.removeprefix(f"{section}.")
-        # `gatetune config show` says where, or why.
-        source = {"text": f"|{p.origin}", "gatetune": ""}.get(p.source, f"|{p.source}")
-        row = f"|`{name}`|{value}|{p.meaning}{choices}{source}"
+        row = f"|`{name}`|{value}|{p.meaning}{choices}"
         if name.startswith("weights.") and row in lines:  # every scorer has its own of them
             row = "|`weights.*`|the same as of `covis`"
         if row != lines[-1]:
@@ -113,11 +108,14 @@ def _presets_table() -> list[str]:
     lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
     for name, preset in PRESETS.items():
         sections: dict[str, list[str]] = {}
+        base = PRESETS["campaign"].values if name == "photographs" else {}
         for path, value in preset.values.items():
             section, _, field = path.partition(".")
-            sections.setdefault(section, []).append(f"`{field}` {_as_written(value)}")
+            if base.get(path) != value:
+                sections.setdefault(section, []).append(f"`{field}` {_as_written(value)}")
         changes = "; ".join(f"**{section}** {', '.join(values)}" for section, values in sections.items())
-        lines.append(f"|`{name}`|{preset.purpose}|{changes or 'nothing'}|")
+        changes = f"as `campaign`, and {changes}" if base else changes or "nothing"
+        lines.append(f"|`{name}`|{preset.purpose}|{changes}|")
     return lines
 
 

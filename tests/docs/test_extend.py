@@ -1,4 +1,4 @@
-"""Every example of docs/extend.md and CONTRIBUTING.md works: a part is one new file, a setting one line."""
+"""Every example of the pages about extending works: a part is one new file, a setting one line."""
 
 import os
 import re
@@ -18,8 +18,10 @@ PLAIN_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 def examples():
     """(heading, [(title, code)]) of every section with code."""
-    text = (ROOT / "docs/extend.md").read_text() + (ROOT / "CONTRIBUTING.md").read_text()
-    sections = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    pages = ("docs/extend.md", "docs/how-to/your-mission.md", "CONTRIBUTING.md")
+    sections = [
+        s for page in pages for s in re.split(r"^## ", (ROOT / page).read_text(), flags=re.MULTILINE)[1:]
+    ]
     found = [(section.splitlines()[0], BLOCK.findall(section)) for section in sections]
     return [(heading, blocks) for heading, blocks in found if blocks]
 

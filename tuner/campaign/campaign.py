@@ -249,10 +249,11 @@ class Campaign:
         )
 
     def recommendations(self, *, save: bool = True, latest: bool = False) -> dict[str, Recommendation]:
-        """Return the best of every region by its name (`tuner.problem.search_space`), by one surrogate; nothing while `nothing_yet`.
+        """Return what is recommended in every region by its name (`tuner.problem.search_space`); nothing while `nothing_yet`.
 
-        Those that were saved after these very missions are read. ``latest``: also those that were saved before further missions
-        ended, since a model of thousands takes long.
+        That is the configuration with the fewest changes among those that ran often enough and are not worse than the one with
+        the largest posterior mean (`tuner.recommendation.choose`). Those that were saved after these very missions are read.
+        ``latest``: also those that were saved before further missions ended, since a model of thousands takes long.
         """
         history = self.history()
         if self.nothing_yet(history):
