@@ -10,9 +10,9 @@ import numpy as np
 from nbv.config import preset
 from tuner.comparison.of_campaign import PlannedComparison
 from tuner.comparison.plan import EvaluationPlan, EvaluationRun
-from tuner.comparison.statistics import ComparisonFacts
 from tuner.missions.job import Record, Trial
 from tuner.problem.goal import Goal
+from tuner.report.comparison import ComparisonFacts
 
 
 def made_metrics(quality: float) -> dict[str, object]:

@@ -28,7 +28,6 @@ from tuner.problem.baselines import (
     kind_of,
     label,
     photographs,
-    sees_ground_truth,
 )
 from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.recommendation.recommendation import Recommendation
@@ -78,6 +77,7 @@ class AnswerTable:
     replicates: tuple[int, int]  # fewest and most of one target
     rows: tuple[Row, ...]
     best_plain: str  # the best plain plan there; empty without one
+    reference: str  # the strategy of `Row.from_reference`
 
 
 @dataclass(frozen=True)
@@ -217,6 +217,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
         (min(counts.values(), default=0), max(counts.values(), default=0)),
         tuple(map(row, names)),
         plain,
+        reference,
     )
 
 
@@ -318,12 +319,3 @@ def next_step(
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
-
-
-def oracle_gain(evidence: Evidence, plain: str) -> Interval | None:
-    """Return what a planner that sees the true surface gains over the best plain plan; None where it was not run."""
-    oracle = next(
-        (name for name in evidence.configs if sees_ground_truth(name) and base_name(name) == "greedy-oracle"),
-        "",
-    )
-    return evidence.gain(oracle, plain) if oracle and plain else None

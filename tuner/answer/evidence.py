@@ -90,7 +90,7 @@ class Evidence:
 
     def same_photographs(self) -> dict[str, str]:
         """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
-        return same_photographs(self.records, list(self.configs), on_common=True)
+        return same_photographs(self.records, list(self.configs))
 
 
 def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evidence:

@@ -138,7 +138,8 @@ def show_answer(campaign: Campaign, *, save: bool = True) -> Answer:
     for sentence in words.sentences(answer):
         output.print(sentence, style="bold", highlight=False)
     if answer.tables:
-        output.print(*words.table_lines(answer.tables[0], answer, narrow=output.width < 100).for_terminal())
+        fly, narrow = "" if answer.fly is None else answer.fly.strategy, output.width < 100
+        output.print(*words.table_lines(answer.tables[0], answer.metric, fly, narrow=narrow).for_terminal())
     if answer.recommended:
         output.print(*words.values_table(answer).for_terminal())
         for name, gate in answer.gates.items():

@@ -38,7 +38,6 @@ from tuner.commands.options import (
 )
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.comparison.plan import EvaluationRun
-from tuner.comparison.statistics import ComparisonFacts
 from tuner.missions.pool import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration
@@ -204,23 +203,19 @@ def _report(planned: PlannedComparison, evaluated: EvaluationRun) -> None:
     """Print the tables of one comparison, and write its page."""
     from tuner.report import comparison
 
-    plan, paper, facts = planned.plan, planned.source is None, ComparisonFacts(planned, evaluated)
+    paper, facts = planned.source is None, comparison.ComparisonFacts(planned, evaluated)
     with working("writing the report"):
         report = comparison.write_comparison_report(facts, f"gatetune {shlex.join(sys.argv[1:])}")
     for line in comparison.verdict_lines(facts):
         output.print(line, style="bold")
-    tables = {
-        "Results by strategy": facts.summary,
-        **{f"Under {name}": t for name, t in facts.conditions.items()},
-    }
-    shown = [comparison.strategy_table(t, name, planned.goal.shown.metric) for name, t in tables.items()]
+    shown = comparison.result_tables(facts, narrow=output.width < 100)
     if paper and "whole" in facts.tables:  # no mission that has ended well, no table
         title = "Table I: completeness and distances on the whole surface"
         shown.append(comparison.table_i(facts.tables["whole"], title, paper=True, differences=False))
     for table in shown:
         output.print(*table.for_terminal())
     if paper:
-        output.print(comparison.paper_note(plan.fidelity))
+        output.print(comparison.paper_note(planned.plan.fidelity))
     output.print(f"{duration(evaluated.elapsed_s)}; report: {report}")
     document = comparison.evaluation_document(facts)
     answer_json({"title": planned.title, "directory": report.parent, "report": report, **document})

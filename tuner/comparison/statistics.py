@@ -7,18 +7,13 @@ mission per strategy, distances in mm, shares in percent.
 from __future__ import annotations
 
 import collections
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 
 from nbv.evaluation.registry import find_metric
-from tuner.comparison.of_campaign import PlannedComparison
-from tuner.comparison.plan import EvaluationRun
 from tuner.missions.job import Trial
-from tuner.problem.baselines import ANSWERS, PAPER_STRATEGIES, in_table_order
-from tuner.problem.goal import Goal, Objective
+from tuner.problem.goal import Objective
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.problem.observations import Block
 
@@ -28,11 +23,10 @@ class MetricRow:
     """One line of a table in the layout of Table I."""
 
     group: str
-    label: str  # empty: the metric's usual name
+    label: str
     key: str  # path of the metric, with the surface as its first part
     unit: str
     higher_is_better: bool
-    decimals: int | None = 1  # None: as its spread deserves
 
 
 _DISTANCES, _AT_48, _AT_80 = "Dense cloud vs. GT", "Thresholded @ 48 mm", "Thresholded @ 80 mm"
@@ -130,16 +124,10 @@ class ComparisonTable:
     rows: list[ComparisonRow]
     missions: dict[str, int]  # with metrics, by strategy
     failures: dict[str, int]  # failed missions, by strategy
-    same: dict[str, str]  # by strategy an earlier one whose photographs it took in every mission
 
 
-def same_photographs(
-    records: Sequence[Trial], strategies: Sequence[str], *, on_common: bool = False
-) -> dict[str, str]:
-    """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy.
-
-    ``on_common``: of the blocks that both finished, where strategies may have flown on different ones.
-    """
+def same_photographs(records: Sequence[Trial], strategies: Sequence[str]) -> dict[str, str]:
+    """Return the strategies that took an earlier strategy's photographs on all pairs of both, with that strategy."""
     taken: dict[str, dict[Block, str]] = {name: {} for name in strategies}
     for r in records:
         if r.strategy in taken and r.record.status != "failed":
@@ -147,11 +135,8 @@ def same_photographs(
     twins: dict[str, str] = {}
     for i, name in enumerate(strategies):
         for earlier in strategies[:i]:
-            views, theirs = taken[name], taken[earlier]
-            if on_common:
-                both = views.keys() & theirs.keys()
-                views, theirs = {b: views[b] for b in both}, {b: theirs[b] for b in both}
-            if views and all(views.values()) and views == theirs:
+            both = taken[name].keys() & taken[earlier].keys()
+            if both and all(taken[name][b] and taken[name][b] == taken[earlier][b] for b in both):
                 twins[name] = twins.get(earlier, earlier)
                 break
     return twins
@@ -181,11 +166,7 @@ def comparison_table(
         table,
         {name: counts[name] for name in strategies},
         {name: failures[name] for name in strategies},
-        same_photographs(records, strategies),
     )
-
-
-# Whether one strategy is better than another: an enumeration with numbers, which pages and terminal put into words.
 
 
 class Kind(StrEnum):
@@ -196,122 +177,12 @@ class Kind(StrEnum):
     NO_DIFFERENCE = "no difference"  # detected
     NO_INTERVAL = "no interval"  # too few missions
     NOT_PAIRED = "not paired"  # no mission in common
-    SAME = "same photographs"  # in every mission
 
 
-@dataclass(frozen=True)
-class Verdict:
-    kind: Kind
-    strategy: str
-    reference: str
-    metric: str
-    gain: Interval | None  # positive where it is better; None: not paired
-
-
-def judge(records: Sequence[Trial], strategy: str, reference: str, objective: Objective) -> Verdict:
-    """Return the verdict on ``strategy`` from the blocks that both finished."""
-    d = strategy_difference(records, strategy, reference, objective.metric)
-    if d is None:
-        return Verdict(Kind.NOT_PAIRED, strategy, reference, objective.metric, None)
-    gain = d if objective.direction == "maximise" else d.reversed
-    return Verdict(kind_of(gain), strategy, reference, objective.metric, gain)
-
-
-def kind_of(gain: Interval) -> Kind:
-    """Return the kind of a difference that is oriented so that positive is better."""
+def kind_of(gain: Interval | None) -> Kind:
+    """Return the kind of a difference that is oriented so that positive is better; None: no mission in common."""
+    if gain is None:
+        return Kind.NOT_PAIRED
     if gain.low is None or gain.high is None:
         return Kind.NO_INTERVAL
     return Kind.BETTER if gain.low > 0 else Kind.WORSE if gain.high < 0 else Kind.NO_DIFFERENCE
-
-
-# What strategies that ran against each other have: tables, and verdicts with their numbers.
-#
-# `tuner.report.comparison` puts these into words, for terminal, pages and JSON.
-
-
-_COSTS = (
-    MetricRow("", "photos", "costs.images", "", False, 0),
-    MetricRow("", "flight", "costs.flight_time_s", "s", False, 0),
-)
-_QUALITY = (
-    MetricRow("", "F 48", "observable.f_score_48mm", "%", True),
-    MetricRow("", "F 80", "observable.f_score_80mm", "%", True),
-    MetricRow("", "C 48", "observable.completeness_48mm", "%", True),
-    MetricRow("", "C 80", "observable.completeness_80mm", "%", True),
-    MetricRow("", "C2C", "observable.c2c_mean_mm", "mm", False),
-)
-
-
-def row_of(o: Objective) -> MetricRow:
-    """A table row of any metric, which is labelled and rounded where it is shown."""
-    return MetricRow("", "", o.metric, "", o.direction == "maximise", None)
-
-
-def by_strategy(
-    records: Sequence[Trial], strategies: Sequence[str], reference: str, goal: Goal
-) -> ComparisonTable:
-    """Costs, the objectives and the usual measures of a cloud.
-
-    What no mission has is left out. Missions of a plug-in's fidelity may have their own costs.
-    """
-    objectives = [row_of(o) for o in (goal.shown, *goal.objectives)]
-    if not any("images" in r.costs for r in records):
-        costs = sorted({f"costs.{name}" for r in records for name in r.costs})
-        objectives += [row_of(Objective(name, "minimise")) for name in costs]
-    rows = {row.key: row for row in (*_COSTS, *objectives)} | {row.key: row for row in (*_COSTS, *_QUALITY)}
-    table = comparison_table(records, strategies, reference, list(rows.values()))
-    shown = [row for row in table.rows if any(row.cells.values())]
-    return dataclasses.replace(table, rows=shown)
-
-
-class ComparisonFacts:
-    """What a comparison found: tables, from the shortest to the longest, and verdicts."""
-
-    def __init__(self, planned: PlannedComparison, run: EvaluationRun) -> None:
-        self.planned, self.run = planned, run
-        self.plan, self.records = run.plan, run.records
-        self.reference, self.goal = planned.reference, planned.goal
-        self.strategies = tuple(in_table_order(self.plan.strategies))
-
-    @cached_property
-    def tables(self) -> dict[str, ComparisonTable]:
-        """Table I by surface; empty where no mission has those metrics."""
-        rows = {"whole": TABLE_I_ROWS, "observable": TABLE_I_ROWS_OBSERVABLE}
-        return {
-            name: comparison_table(self.records, self.strategies, self.reference, of)
-            for name, of in rows.items()
-            if any("whole" in r.metrics for r in self.records)
-        }
-
-    @cached_property
-    def summary(self) -> ComparisonTable:
-        """All strategies over all conditions."""
-        return by_strategy(self.records, self.strategies, self.reference, self.goal)
-
-    @cached_property
-    def conditions(self) -> dict[str, ComparisonTable]:
-        """The same, condition by condition; empty where there is one."""
-        names = [c.name for c in self.plan.conditions]
-        return {
-            name: by_strategy(
-                [r for r in self.records if r.condition == name], self.strategies, self.reference, self.goal
-            )
-            for name in names
-            if len(names) > 1
-        }
-
-    @cached_property
-    def verdicts(self) -> list[Verdict]:
-        """On the tuned strategies, without one on the paper's, against the reference."""
-        others = [name for name in self.plan.strategies if name != self.reference]
-        subjects = [name for name in others if name in ANSWERS]
-        subjects = subjects or [name for name in others if name in PAPER_STRATEGIES] or others[:1]
-        out, metric = list[Verdict](), self.goal.shown
-        for name in subjects:
-            if self.plan.owners[name] == self.plan.owners[self.reference]:
-                continue
-            if same_photographs(self.records, (self.reference, name)):
-                out.append(Verdict(Kind.SAME, name, self.reference, metric.metric, None))
-            else:
-                out.append(judge(self.records, name, self.reference, metric))
-        return out

@@ -23,7 +23,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.missions.job import Trial
-from tuner.problem.baselines import in_table_order, is_ablation, label
+from tuner.problem.baselines import label
 from tuner.problem.goal import COUNTS
 from tuner.problem.instances import Instance
 from tuner.problem.search_space import Parameter, Region
@@ -76,7 +76,7 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
     answer = answer or answer_of(campaign)
     found, metric = answer.recommended, metric_label(s.objective.metric)
     names, evidence = _instance_names(s), evidence_of(campaign, answer.recommended)
-    flown = None if answer.fly is None else answer.configs[answer.fly.strategy]
+    fly = "" if answer.fly is None else answer.fly.strategy
     model = campaign.surrogate() if found else None
     main = found[list(found)[-1]] if found else None
     return write_page(
@@ -87,10 +87,10 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         subtitle=_subtitle(s),
         measure=measure_text(metric.full, s.fidelity, s.rocks, [c.name for c in s.conditions]),
         advised=words.sentences(answer),
-        plan="" if flown is None else embed(plan_figure(flown)),
+        plan=embed(plan_figure(answer.configs[fly])) if fly else "",
         next=answer.next,
-        result_tables=[words.table_lines(table, answer) for table in answer.tables],
-        by_target=_by_target(evidence, answer) if found else None,
+        result_tables=[words.table_lines(table, answer.metric, fly) for table in answer.tables],
+        by_target=words.by_target(evidence, answer.metric) if found else None,
         legend=words.legend(answer) if answer.tables else "",
         tuned=[]
         if model is None
@@ -212,25 +212,6 @@ def _configurations(model: InstanceMeanGP, region: Region, campaign: Campaign, s
             ]
         )
     return Table.of("", ("changes", "posterior mean [95 %]", "missions", "planned views"), rows)
-
-
-def _by_target(evidence: Evidence, answer: Answer) -> Table:
-    """The mean of every strategy on every target."""
-    targets = [rock for held_out in (True, False) for rock in evidence.on(held_out=held_out).targets]
-    rows = []
-    for name in in_table_order(n for n in evidence.configs if not is_ablation(n)):
-        scores: dict[str, list[float]] = collections.defaultdict(list)
-        for (instance, _), score in evidence.scores(name).items():
-            scores[instance.rock].append(score)
-        if scores:
-            rows.append(
-                [
-                    label(name),
-                    *(format_number(sum(v) / len(v) if (v := scores.get(t)) else None) for t in targets),
-                ]
-            )
-    caption = f"{metric_label(answer.metric).full}, mean over replicates; held-out targets first."
-    return Table.of("", ("strategy", *short_names(targets)), rows, caption)
 
 
 # -- what limits the answer ------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from nbv.config import MissionConfig
 from tuner.answer.answer import Answer, AnswerTable, Flight
-from tuner.problem.baselines import is_orbit, label
+from tuner.problem.baselines import in_table_order, is_ablation, is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
 from tuner.problem.search_space import TUNED_GATE
@@ -30,7 +30,7 @@ from tuner.report.labels import Row as Line
 if TYPE_CHECKING:
     from nbv.mission.result import IterationRecord
     from tuner.answer.effects import Effect, ParameterRow
-    from tuner.answer.evidence import GateFacts
+    from tuner.answer.evidence import Evidence, GateFacts
 
 REFERENCE = "hyb-h"
 FLY_MARK = "→"
@@ -137,19 +137,23 @@ def plan_words(config: MissionConfig) -> str:
 # -- tables ------------------------------------------------------------------------------------------------------
 
 
-def table_lines(table: AnswerTable, answer: Answer, *, narrow: bool = False) -> Table:
-    """The strategies, kind by kind, with the paired differences from Hyb-H and from the best plain plan; ``narrow``: without costs."""
+def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool = False) -> Table:
+    """The strategies, kind by kind, with the paired differences from the reference and from the best baseline.
+
+    ``fly``: the strategy that is marked; ``narrow``: without costs.
+    """
     several = len(table.kinds) > 1
     means = [*table.kinds, "all"] if several else ["all"]
-    unit = metric_label(answer.metric)
-    short_metric = "F" if "f_score" in answer.metric else unit.name
+    unit = metric_label(metric)
+    short_metric = "F" if "f_score" in metric else unit.name
     columns = [
         "strategy",
         *([] if narrow else ["photos", "planned", "flight s"]),
         *(f"{short_metric} {m}" if several else short_metric for m in means),
     ]
-    reference = label(REFERENCE) if any(row.strategy == REFERENCE for row in table.rows) else "default"
-    columns += [f"from {reference}", f"from {label(table.best_plain)}" if table.best_plain else "from best"]
+    flown_reference = any(row.strategy == table.reference for row in table.rows)
+    columns.append(f"from {label(table.reference) if flown_reference else 'default'}")
+    columns.append(f"from {label(table.best_plain)}" if table.best_plain else "from best")
     digits = 1 if unit.unit in ("%", "mm") else 3
     rows, kind = list[Line](), ""
     for row in table.rows:
@@ -162,12 +166,9 @@ def table_lines(table: AnswerTable, answer: Answer, *, narrow: bool = False) -> 
             difference_text(row.from_reference, digits) if row.from_reference else "–",
             difference_text(row.from_baseline, digits) if row.from_baseline else "–",
         ]
-        flown = answer.fly is not None and row.strategy == answer.fly.strategy
-        rows.append(
-            Line(
-                f"{FLY_MARK} {row.label}" if flown else f"  {row.label}", tuple(map(Cell, texts)), best=flown
-            )
-        )
+        flown = row.strategy == fly
+        name = f"{FLY_MARK} {row.label}" if flown else f"  {row.label}"
+        rows.append(Line(name, tuple(map(Cell, texts)), best=flown))
     return Table(title_of(table), tuple(columns), rows, " ".join(notes_of(table)))
 
 
@@ -197,6 +198,21 @@ def notes_of(table: AnswerTable) -> list[str]:
     if fewer:
         said.append(f"On fewer targets: {', '.join(fewer)}; compare differences, not means.")
     return said
+
+
+def by_target(evidence: Evidence, metric: str) -> Table:
+    """The mean of every strategy on every target."""
+    targets = [rock for held_out in (True, False) for rock in evidence.on(held_out=held_out).targets]
+    rows = []
+    for name in in_table_order(n for n in evidence.configs if not is_ablation(n)):
+        scores: dict[str, list[float]] = collections.defaultdict(list)
+        for (instance, _), score in evidence.scores(name).items():
+            scores[instance.rock].append(score)
+        if scores:
+            means = (format_number(sum(v) / len(v) if (v := scores.get(t)) else None) for t in targets)
+            rows.append([label(name), *means])
+    caption = f"{metric_label(metric).full}, mean over replicates; held-out targets first."
+    return Table.of("Target by target", ("strategy", *short_names(targets)), rows, caption)
 
 
 def legend(answer: Answer) -> str:

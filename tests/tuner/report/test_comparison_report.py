@@ -7,9 +7,15 @@ from pathlib import Path
 from made_evaluations import made_facts, made_run
 from rich.console import Console
 
-from tuner.comparison.statistics import Kind, comparison_table, judge
-from tuner.problem.goal import Objective
-from tuner.report.comparison import cell, strategy_table, table_i, warnings_of, write_comparison_report
+from tuner.comparison.statistics import Kind, comparison_table, kind_of
+from tuner.report.comparison import (
+    cell,
+    result_tables,
+    table_i,
+    verdict_lines,
+    warnings_of,
+    write_comparison_report,
+)
 from tuner.report.labels import Table
 
 PAPER_ROWS = [f"{name} ↓ (mm)" for name in ("Hausdorff", "Mean C2C", "Median C2C", "P95 C2C")]
@@ -44,16 +50,16 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
     mean_c2c, f_score = table.rows[1], table.rows[5]
     kinds = {"tuned": Kind.BETTER, "covis": Kind.WORSE, "random": Kind.NO_DIFFERENCE}
-    for row in (mean_c2c, f_score):
-        asked = Objective(row.metric.key, "maximise" if row.metric.higher_is_better else "minimise")
-        assert {name: judge(run.records, name, "hyb-h", asked).kind for name in kinds} == kinds
+    assert {name: kind_of(f_score.differences[name]) for name in kinds} == kinds
+    assert {name: kind_of(mean_c2c.differences[name].reversed) for name in kinds} == kinds
+    assert verdict_lines(made_facts(run))[0].startswith("Tuned is better than Hyb-H in F-score @ 48 mm")
     assert cell(mean_c2c, "tuned").below[1].startswith("−") and len(cell(mean_c2c, "hyb-h").below) == 1
 
 
 def test_no_interval_no_verdict() -> None:
     facts = made_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
-    (verdict,) = facts.verdicts
-    assert verdict.kind is Kind.NO_INTERVAL and verdict.gain is not None and verdict.gain.mean > 5.0
+    (row,) = facts.judged
+    assert kind_of(row.from_reference) is Kind.NO_INTERVAL and row.from_reference.mean > 5.0
     assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
 
 
@@ -65,20 +71,18 @@ def test_terminal_tables() -> None:
         assert max(map(len, text.splitlines())) <= width and "…" not in text
     names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
     run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
-    many = made_facts(run)
-    table = strategy_table(many.summary, "", "observable.f_score_48mm")
+    (table,) = result_tables(made_facts(run), narrow=True)
     text = printed(table, 80)
     assert max(map(len, text.splitlines())) <= 80 and "…" not in text
     assert all(c.text in text for row in table.rows for c in row.cells)
-    assert [row.name for row in table.rows if row.best] == ["Tuned"]
 
 
 def test_strategies_on_fewer_rocks_are_named() -> None:
     run = made_run(LEVELS)
     records = [r for r in run.records if (r.strategy, r.rock) != ("covis", "slab")]
     facts = made_facts(dataclasses.replace(run, records=records))
-    caption = strategy_table(facts.summary, "", "observable.f_score_48mm").caption
-    assert "On fewer of them: Covis; compare differences, not means." in caption
+    (table,) = result_tables(facts)
+    assert "On fewer targets: Covis; compare differences, not means." in table.caption
 
 
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
@@ -90,12 +94,10 @@ def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_pat
     ]
     plan = dataclasses.replace(run.plan, fidelity="geometric")
     facts = made_facts(dataclasses.replace(run, plan=plan, records=records, directory=tmp_path))
-    assert facts.summary.same == {"hyb-h": "b-aware"}
-    table = strategy_table(facts.summary, "", "observable.f_score_48mm")
+    (table,) = result_tables(facts)
     assert "Hyb-H took the same photographs as B-aware." in table.caption
     for width in (60, 80):
         assert max(map(len, printed(table, width).splitlines())) <= width
-    assert ("b-aware", Kind.SAME) in [(v.strategy, v.kind) for v in facts.verdicts]
     page = write_comparison_report(facts).read_text()
     assert "dense clouds against" not in page, "nothing was photographed"
 
@@ -108,9 +110,13 @@ def test_the_page_names_failures(tmp_path: Path) -> None:
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
     assert source.count('id="verdict"') == 1 and "12 paired missions on 4 targets" in text
     assert text.index("Covis is better") < text.index("Table I on the whole")
-    assert "B-aware 3; reasons: seed_model_failed 3" in text and "9 + 3 failed" in text
+    assert (
+        "B-aware: 3 failed missions of 12." in text
+        and "seed_model_failed 3" in text
+        and "9 + 3 failed" in text
+    )
     assert "paper 480.9" in text and "condition ideal" in text
     assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
-    assert slab.count("<td>–</td>") == 1  # rock by rock: the rock on which it failed
+    assert slab.count("<td>0.0</td>") == 1  # target by target: the one on which it failed
     assert source.count("Hausdorff ↓ (mm)") == 2  # two surfaces
