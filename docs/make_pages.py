@@ -110,10 +110,11 @@ def _presets_table() -> list[str]:
         sections: dict[str, list[str]] = {}
         base = PRESETS["campaign"].values if name == "photographs" else {}
         for path, value in preset.values.items():
-            section, _, field = path.partition(".")
+            section, _, field = path.rpartition(".")
             if base.get(path) != value:
                 sections.setdefault(section, []).append(f"`{field}` {_as_written(value)}")
-        changes = "; ".join(f"**{section}** {', '.join(values)}" for section, values in sections.items())
+        named = (f"**{section}** {', '.join(values)}" for section, values in sections.items())
+        changes = "; ".join(text.removeprefix("**** ") for text in named)
         changes = f"as `campaign`, and {changes}" if base else changes or "nothing"
         lines.append(f"|`{name}`|{preset.purpose}|{changes}|")
     return lines
@@ -145,7 +146,7 @@ def _settings_file() -> list[str]:
         "options of the command override it. Relative paths start at the file's folder.",
         "",
         "    rocks: [slab, scans/shale.obj]",
-        "    overrides: {stop.adaptive_budget: 12}",
+        "    overrides: {photographs: 20, seeds: 12}",
         "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
         "",
         f"Every option above is a field, except `--quick` and *Execution* other than `--keep`; {', '.join(renamed)} have other "

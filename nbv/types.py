@@ -152,8 +152,8 @@ class PlanningState:
     n_seeds: int
     vehicle_position_m: Floats  # (3,) where the vehicle estimates to be
     vehicle_heading_rad: float
-    captures_used: int  # adaptive captures so far
-    adaptive_budget: int
+    captures_used: int  # planned views so far
+    planned_views: int  # of the mission, at most
     d95_m: float  # 95th-percentile KNN distance of the sparse cloud
     iteration: int
 

@@ -22,9 +22,9 @@ BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,
     "sparse.min_registered_seeds": 6,
+    "seed.layout": "turn",
     "seed.radius_m": 3.5,
     "seed.lowest_deg": 10.0,
-    "stop.adaptive_budget": 0,
     "stop.criterion": "budget",
     **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
 }

@@ -238,7 +238,7 @@ FILLING = [
         "mission view mission",
         "mission explain mission",
         "mission init own",
-        "mission run --fidelity geometric --rock boulder --out new --set stop.adaptive_budget=2",
+        "mission run --fidelity geometric --rock boulder --out new --set photographs=26",
         "export flown --to csv",
         "export flown --to gatetune.yaml --anyway",
         "export mission --to plan --home 47,8",
@@ -333,7 +333,7 @@ def make_seeds(folder: Path) -> None:
     SEEDS["command line"] = ["\0".join(a).encode() for a in ARGUMENTS]
     os.environ["GATETUNE_HOME"] = str(folder / "home")
     (folder / "home").mkdir(exist_ok=True)  # a mission that finds its rock in a cache makes none
-    few = preset("campaign").with_values({"stop.adaptive_budget": 2})
+    few = preset("campaign").with_values({"photographs": 26})
     run_geometric_mission(few, "boulder", 0, folder / "mission")
     SEEDS[DISK] = ["\0".join([*a, "8000"]).encode() for a in FILLING]
     for target in TARGETS:

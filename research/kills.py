@@ -21,7 +21,7 @@ from pathlib import Path
 COMMANDS = {
     "compare": "compare --strategy random --strategy orbit --strategy orbit-two --numbers 12:20:2 --targets 3 --workers 2",
     "campaign": "campaign run --fidelity geometric --sampler sobol --space gate --budget 10 --replicates 1 --rock boulder "
-    "--rock slab --workers 2 --set stop.adaptive_budget=4 --name kills --resume-if-present",
+    "--rock slab --workers 2 --set photographs=28 --name kills --resume-if-present",
 }
 OF_THE_CLOCK = {"wall_s", "costs.wall_s", "finished", "started", "directory"}
 

@@ -30,8 +30,11 @@ from nbv.geometric import run_geometric_mission
 from nbv.photogrammetric import run_photogrammetric_mission
 kind, rock, replicate = sys.argv[1], sys.argv[2], int(sys.argv[3])
 config = preset("campaign")
+two_numbers = hasattr(config, "photographs")  # which earlier versions said otherwise
 if kind == "photogrammetric":
-    values = {"seed.count": 12, "sparse.ground_features": 2000, "stop.adaptive_budget": 8, "dense.agreeing_views": 3}
+    number = {"photographs": 20, "seeds": 12, "seed.layout": "turn"}
+    values = number if two_numbers else {"seed.count": 12, "stop.adaptive_budget": 8}
+    values |= {"sparse.ground_features": 2000, "dense.agreeing_views": 3}
     config = under(config, load_condition("indoors")).with_values(values)
 run = run_geometric_mission if kind == "geometric" else run_photogrammetric_mission
 time.perf_counter = time.process_time

@@ -42,7 +42,7 @@ def config_of(plan: str) -> MissionConfig:
     config = BASELINES["orbit"].orbit(base, number).with_values(values)
     if kind == "predicted":
         alone = BASELINES["predicted"].values
-        config = config.with_values({**alone, "gate.kind": kind, "stop.adaptive_budget": PHOTOGRAPHS - SEEDS})
+        config = config.with_values({**alone, "gate.kind": kind, "photographs": PHOTOGRAPHS})
     return under(config, load_conditions(["indoors"])[0])
 
 

@@ -30,14 +30,10 @@ def plans(photographs: int) -> dict[str, dict[str, Any]]:
     """What differs from `BASE`, by plan."""
 
     def planned(seeds: int, kind: str) -> dict[str, Any]:
-        return {"seed.count": seeds, "stop.adaptive_budget": photographs - seeds, "gate.kind": kind}
+        return {"photographs": photographs, "seeds": seeds, "gate.kind": kind}
 
     def orbit(elevation_deg: float) -> dict[str, Any]:
-        return {
-            "seed.count": photographs,
-            "seed.lowest_deg": elevation_deg,
-            "stop.adaptive_budget": 0,
-        }
+        return {"photographs": photographs, "seeds": photographs, "seed.lowest_deg": elevation_deg}
 
     return {
         CONTROL: orbit(15.0),

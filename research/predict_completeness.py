@@ -40,11 +40,11 @@ PHOTOGRAPHED = ("machine-0", "plates-0", "limbs-0", "handle-0", "boulder", "brec
 BOOTSTRAP = 1000
 TWO_RINGS = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
 PLANS: dict[str, dict[str, Any]] = {
-    "orbit-16": {"seed.count": 16},
-    "orbit-24": {"seed.count": 24},
-    "two-rings-24": {"seed.count": 24, **TWO_RINGS},
-    "two-rings-40": {"seed.count": 40, **TWO_RINGS},
-    "adaptive": {"seed.count": 12, "stop.adaptive_budget": 36, "gate.kind": "predicted"},
+    "orbit-16": {"photographs": 16, "seeds": 16},
+    "orbit-24": {"photographs": 24, "seeds": 24},
+    "two-rings-24": {"photographs": 24, "seeds": 24, **TWO_RINGS},
+    "two-rings-40": {"photographs": 40, "seeds": 40, **TWO_RINGS},
+    "adaptive": {"photographs": 48, "seeds": 12, "gate.kind": "predicted"},
 }
 ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
 COMPARED = (16, 20, 24, 28, 32, 40)

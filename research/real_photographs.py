@@ -35,7 +35,8 @@ COLUMNS += ("seeds_registered", "planned", "planned_registered")
 def base_config(rock: str, seeds: int, views: int) -> MissionConfig:
     """``seeds`` on a ring and ``views``; on a set of photographs at their median elevation, as ``photographs enough`` runs."""
     name, _, condition = rock.partition("@")
-    values: dict[str, Any] = {"seed.count": seeds, "stop.adaptive_budget": views, "seed.lowest_deg": 20.0}
+    values: dict[str, Any] = {"photographs": seeds + views, "seeds": seeds}
+    values |= {"seed.layout": "turn", "seed.lowest_deg": 20.0}
     values |= {
         "sparse.min_registered_seeds": 3,
         "sparse.ground_features": 0 if seeds >= FEWEST_BY_SIFT else 2000,
@@ -53,9 +54,7 @@ def arm(base: MissionConfig, name: str) -> MissionConfig:
     name, _, more = name.partition(";")
     kind, _, weights = name.partition(", ")
     if kind == "ring":
-        return base.with_values(
-            {"seed.count": base.seed.total + base.adaptive_budget, "stop.adaptive_budget": 0}
-        )
+        return base.changed(seeds=base.photographs)
     values: dict[str, Any] = {"gate.kind": kind}
     zeros = {"paper": (), "novelty 0": ("nov",), "alone": OTHER_TERMS}[weights or "paper"]
     scorers = set(SCORERS.values()) if kind not in SCORERS else {SCORERS[kind]}

@@ -35,6 +35,7 @@ Elevations = tuple[Elevation, ...]
 Count = Annotated[int, Meta(ge=0)]
 OneOrMore = Annotated[int, Meta(ge=1)]
 TwoOrMore = Annotated[int, Meta(ge=2)]
+ThreeOrMore = Annotated[int, Meta(ge=3)]
 
 _EARLIER_NAMES = {  # which are still read
     "matchable": "predicted",

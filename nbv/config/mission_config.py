@@ -15,11 +15,14 @@ from typing import Any
 from nbv.config.declaration import (
     ADDED,
     Declaration,
+    Section,
+    ThreeOrMore,
     code,
     declared,
     leaves,
     not_in_paper,
     replaced,
+    text,
 )
 from nbv.config.names import DENSE_BACKENDS, GATES, RENDERERS, SCORERS
 from nbv.config.sections_planning import (
@@ -57,12 +60,18 @@ _REMOVED: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class MissionConfig:
+class MissionConfig(Section):
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
 
     preset: str = not_in_paper("paper", "name of the preset that it began as")
     condition: str = not_in_paper(IDEAL, "name of the condition that it is under", added=True)
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
+    photographs: ThreeOrMore = code(
+        64, "mission file, 24 + 40", "photographs of a mission, registered or not: seeds, and planned views"
+    )
+    seeds: ThreeOrMore = text(
+        24, "III", "photographs taken before any view is planned; as many as photographs: none is planned"
+    )
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED)
@@ -86,6 +95,7 @@ class MissionConfig:
     )  # settings of plug-ins that are not their defaults, by name: ``config.mine.alpha``
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for plugin in self.plugins_used:
             _ = plugin.loaded  # one that cannot be is said now
         if self.wind.strongest_m_s >= self.flight.max_speed_m_s:
@@ -96,21 +106,23 @@ class MissionConfig:
         self._require_seeds_that_register()
 
     def _require_seeds_that_register(self) -> None:
-        """Layouts of ``seed.count`` that cannot become a model are refused before a flight."""
-        seeds = self.seed
-        if not seeds.count:
-            return
-        _ = self.adaptive_budget
-        if seeds.count < self.sparse.min_registered_seeds:
+        """Seeds that are more than the photographs, or cannot become a model, are refused before a flight."""
+        seeds, least = self.seeds, self.sparse.min_registered_seeds
+        if seeds > self.photographs:
             raise UserError(
-                f"seed.count {seeds.count} is below sparse.min_registered_seeds {self.sparse.min_registered_seeds}: "
-                "no such mission can go on; lower the latter or take more seeds"
+                f"seeds is {seeds}, more than the {self.photographs} photographs of a mission; take fewer seeds, or more "
+                "photographs"
             )
-        step_deg = 360.0 / max(seeds.upper_count, seeds.count - seeds.upper_count)
+        if seeds < least:
+            raise UserError(
+                f"seeds is {seeds}, below sparse.min_registered_seeds {least}: no such mission can go on; lower the latter "
+                "or take more seeds"
+            )
+        step_deg = 360.0 / (seeds if self.seed.layout == "rings" else max(n for _, n in self.seed_rings))
         if not self.sparse.ground_features and step_deg > WIDEST_STEP_DEG:
             raise UserError(
-                f"seed.count {seeds.count} puts seeds {step_deg:.0f} degrees apart, and SIFT alone does not hold views "
-                f"more than {WIDEST_STEP_DEG:g} apart together; set sparse.ground_features (2000), or seed.count to "
+                f"seeds is {seeds}, which puts them {step_deg:.0f} degrees apart, and SIFT alone does not hold views "
+                f"more than {WIDEST_STEP_DEG:g} apart together; set sparse.ground_features (2000), or seeds to "
                 f"{int(-(-360 // WIDEST_STEP_DEG))} or more"
             )
 
@@ -127,7 +139,9 @@ class MissionConfig:
             raise UserError(
                 f"target.ground_m {self.target.ground_m:g} is not below the target's centre, at {self.target_m[2]:g} m; lower it"
             )
-        lowest_m, least_m = self.target_m[2] + self.seed.lowest_view_m, self.flight.min_camera_altitude_m
+        lowest_deg = min(elevation_deg for elevation_deg, _ in self.seed_rings)
+        lowest_m = self.target_m[2] + self.seed.radius_m * math.sin(math.radians(lowest_deg))
+        least_m = self.flight.min_camera_altitude_m
         if lowest_m < least_m:
             raise UserError(
                 f"the lowest ring of seeds meets the ground: it lies at {lowest_m:.2f} m, and the camera flies no lower "
@@ -167,20 +181,14 @@ class MissionConfig:
         return self.fills_rings or self.stop.criterion == "predicted"
 
     @property
-    def adaptive_budget(self) -> int:
-        """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves.
+    def planned_views(self) -> int:
+        """Photographs after the seeds, at most: a stopping criterion may hold earlier."""
+        return self.photographs - self.seeds
 
-        `UserError` where the seeds alone are more.
-        """
-        seeds, stop = self.seed.total, self.stop
-        if not stop.max_photographs:
-            return stop.adaptive_budget
-        if stop.max_photographs < seeds:
-            raise UserError(
-                f"stop.max_photographs {stop.max_photographs} is below the {seeds} seeds; allow more photographs, or "
-                "fewer seeds (seed.count)"
-            )
-        return min(stop.adaptive_budget, stop.max_photographs - seeds)
+    @property
+    def seed_rings(self) -> tuple[tuple[float, int], ...]:
+        """Elevation (degrees) and number of views of each ring of seeds, in the order flown."""
+        return self.seed.rings(self.seeds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""
@@ -210,8 +218,8 @@ class MissionConfig:
             tree["matchable"] = {**tree.pop("predicted"), "views": 6}
         if of_plugins := [[plugin.name, plugin.facts] for plugin in self.plugins_used]:
             tree["plugins_used"] = of_plugins
-        text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        canonical_json = json.dumps(tree, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(canonical_json.encode()).hexdigest()[:16]
 
     def with_values(self, values: dict[str, Any]) -> MissionConfig:
         """A copy with the named parameter paths replaced, e.g. ``{"covis.weights.nov": 0.3}``.

@@ -37,7 +37,7 @@ PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
 
 # Chosen by the noise of missions on training rocks: docs/results/index.md.
 _CAMPAIGN: dict[str, Any] = {
-    "stop.adaptive_budget": 8,
+    "photographs": 32,
     "stop.criterion": "budget",
     "stop.knn_region": "box",  # far ground points would drown the rock in the statistic
     "sparse.first_octave": 0,

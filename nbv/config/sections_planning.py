@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -30,33 +29,31 @@ from nbv.config.names import SCORERS, gate_kinds
 class SeedConfig(Section):
     """Phase 1: stratified ring orbit."""
 
+    layout: Literal["rings", "turn"] = text(
+        "rings",
+        "III",
+        "how the seeds fly: on the rings below, or in one turn around the target at even azimuths",
+    )
     radius_m: Positive = text(4.0, "III", "distance of the seed orbit to the target")
     ring_elevations_deg: Elevations = text((15.0, 22.0, 29.0, 36.0), "III", "elevations of the seed rings")
-    ring_azimuth_counts: tuple[OneOrMore, ...] = text((8, 6, 6, 4), "III", "views in each seed ring")
-    count: int = not_in_paper(
-        0,
-        "seeds at even azimuths around the target, in place of the rings above; 0: those rings",
-        reason="the paper's 24; from 3 on a model can be aligned",
-        added=True,
-    )
-    layout: Literal["turn", "rings"] = not_in_paper(
-        "turn",
-        "how the seeds of `count` fly: one turn, or the rings above with `count` shared out among them in their proportions",
-        added=True,
+    ring_azimuth_counts: tuple[OneOrMore, ...] = text(
+        (8, 6, 6, 4),
+        "III",
+        "views in each seed ring; another number of seeds is shared out in these proportions",
     )
     lowest_deg: Elevation = not_in_paper(
         20.0,
-        "elevation of the seeds of `count`, or of their first ring",
+        "elevation of a turn, or of its first ring",
         reason="the mean of the paper's is 24",
         label="elevation of the lowest ring",
         added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "elevation of their second ring minus that of the first", reason="the paper's: 21", added=True
+        0.0, "elevation of a turn's second ring minus that of its first", reason="the paper's: 21", added=True
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
-        "share of the seeds of `count` on a second ring, `span_deg` above the first",
+        "share of a turn's seeds on a second ring, `span_deg` above the first",
         reason="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
         added=True,
@@ -75,7 +72,6 @@ class SeedConfig(Section):
         counts = self.ring_azimuth_counts
         self._need(len(counts) == rings, "ring_azimuth_counts", "as long as ring_elevations_deg")
         self._need(sum(counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
-        self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
         rule = "such that no ring is beyond 90 degrees"
         self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", rule)
         self._need(
@@ -85,35 +81,20 @@ class SeedConfig(Section):
         )
 
     @property
-    def total(self) -> int:
-        return self.count if self.count and self.layout == "turn" else sum(self.ring_counts)
-
-    @property
-    def upper_count(self) -> int:
-        if self.layout == "rings":
-            return 0
-        return min(round(self.upper_share * self.count), self.count - 1) if self.count else 0
-
-    @property
     def upper_deg(self) -> float:
         return self.lowest_deg + self.span_deg
 
-    @property
-    def ring_counts(self) -> tuple[int, ...]:
-        """Views in each ring: the paper's, or ``count`` shared out in their proportions, one at least."""
-        given = self.ring_azimuth_counts
-        if not self.count:
-            return given
-        ends = [round(self.count * sum(given[: k + 1]) / sum(given)) for k in range(len(given))]
-        return tuple(max(1, end - begin) for begin, end in itertools.pairwise([0, *ends]))
-
-    @property
-    def lowest_view_m(self) -> float:
-        """Height of the lowest seed above the target's centre."""
-        elevations_deg = self.ring_elevations_deg
-        if self.count and self.layout == "turn":
-            elevations_deg = (self.lowest_deg, self.upper_deg if self.upper_count else self.lowest_deg)
-        return self.radius_m * math.sin(math.radians(min(elevations_deg)))
+    def rings(self, seeds: int) -> tuple[tuple[float, int], ...]:
+        """Elevation (degrees) and number of views of each ring that so many ``seeds`` fly, in the order flown."""
+        if self.layout == "turn":
+            upper = min(round(self.upper_share * seeds), seeds - 1)
+            rings = [(self.lowest_deg, seeds - upper), (self.upper_deg, upper)]
+        else:
+            shares = list(itertools.accumulate(self.ring_azimuth_counts, initial=0))
+            ends = [round(seeds * share / shares[-1]) for share in shares]
+            numbers = [end - begin for begin, end in itertools.pairwise(ends)]
+            rings = list(zip(self.ring_elevations_deg, numbers))
+        return tuple((elevation_deg, number) for elevation_deg, number in rings if number)
 
 
 @dataclass(frozen=True)
@@ -165,15 +146,6 @@ class PoolConfig(Section):
 class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
-    adaptive_budget: Count = code(
-        40, "mission file", "captures after the seeds, registered or not; 0: seeds only"
-    )
-    max_photographs: Count = not_in_paper(
-        0,
-        "most photographs, seeds included; 0: no limit",
-        reason="so that seeds and captures are shared out of one number",
-        added=True,
-    )
     criterion: Literal["both", "budget", "predicted"] = text(
         "both",
         "III",

@@ -26,7 +26,7 @@ class HeuristicGate(Gate):
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Eq. 9; the seeds count neither as used nor in the budget."""
-        gate, f_b = self.config.gate, state.captures_used / max(1, state.adaptive_budget)
+        gate, f_b = self.config.gate, state.captures_used / max(1, state.planned_views)
         early, coarse = f_b < gate.budget_fraction, state.d95_m > gate.d95_m
         details = {"f_b": f_b, "d95_m": state.d95_m, "early": early, "coarse": coarse}
         if early or coarse:

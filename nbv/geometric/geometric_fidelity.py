@@ -81,7 +81,7 @@ class _MeasuredReconstructor(GeometricReconstructor):
 
     @property
     def _draws_depth(self) -> bool:
-        return self._config.adaptive_budget > 0  # the prediction needs it
+        return self._config.planned_views > 0  # the prediction needs it
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         return self.fidelity.note(super().bootstrap(captures), len(captures))
@@ -110,7 +110,7 @@ class CurveFidelity(GeometricFidelity):
     def note(self, report: UpdateReport, photographs: int) -> UpdateReport:
         """Measure what the photographs so far make of the target."""
         config, predicted = self.context.config, 0.0
-        if config.adaptive_budget > 0:
+        if config.planned_views > 0:
             predicted = predict(report.model, self.vehicle_config).f_score_percent
         scores = predicted_metrics(self._world, self.reconstructor.predicted(), config)
         self.curve.append((photographs, scores["observable"]["f_score_48mm"], predicted))

@@ -87,7 +87,7 @@ class GeometricReconstructor(Reconstructor):
         """The seed model; `MissionFailure` if too few seeds register."""
         key = (*self._identity, *((c.name, c.camera_from_world.tobytes()) for c in captures))
         tracks, joined, waiting, report = self._world.seed_models.get(key, lambda: self._build_seed(captures))
-        self._tracks = tracks.copy(len(captures) + self._config.adaptive_budget)
+        self._tracks = tracks.copy(len(captures) + self._config.planned_views)
         self._captures, self._waiting = list(joined), list(waiting)
         return report
 

@@ -100,7 +100,7 @@ class AdaptiveMission:
 
     def run_adaptive_phase(self, model: SparseModel) -> SparseModel:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged; the last model."""
-        for _ in range(self.config.adaptive_budget):
+        for _ in range(self.config.planned_views):
             with self.recorder.stopwatch.timed("planning"):
                 plan = self.planner.plan(
                     model,
@@ -131,17 +131,11 @@ class AdaptiveMission:
     def tell_expectation(self, model: SparseModel) -> None:
         """How much of the surface the seeds alone, all photographs, and an orbit of as many are expected to reconstruct."""
         with self.recorder.stopwatch.timed("planning"):
-            prediction, seed = predict(model, self.config), self.config.seed
+            prediction = predict(model, self.config)
             places_m = np.array([capture.viewpoint.position_m for capture in self.captures])
             seeds = [capture.viewpoint.band == "seed" for capture in self.captures]
-            orbit = self.config.changed(
-                seed={
-                    "count": len(places_m),
-                    "layout": "turn",
-                    "lowest_deg": seed.lowest_deg,
-                    "upper_share": 0.0,
-                }
-            )
+            number, ring = len(places_m), {"layout": "turn", "upper_share": 0.0}
+            orbit = self.config.changed(photographs=number, seeds=number, seed=ring)
             views = {"seeds": places_m[seeds], "all": model.camera_centers_m}
             if self.planner.viewpoints is RINGS:
                 views["orbit"] = np.array([view.position_m for view in seed_viewpoints(orbit)])

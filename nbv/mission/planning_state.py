@@ -21,7 +21,7 @@ _ARRAYS = (
     "depth_m",
     "depth_cameras",
 )
-_SCALARS = ("n_seeds", "vehicle_heading_rad", "captures_used", "adaptive_budget", "d95_m", "iteration")
+_SCALARS = ("n_seeds", "vehicle_heading_rad", "captures_used", "planned_views", "d95_m", "iteration")
 _POOL = ("ids", "positions_m", "headings_rad", "azimuths_deg", "elevations_deg", "bands")
 _STATE = (*_ARRAYS, "camera_names", "alignment_m", "visited_m", "vehicle_m", "scalars")
 

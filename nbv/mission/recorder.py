@@ -36,7 +36,7 @@ class Recorder:
     ) -> None:
         self.stopwatch = stopwatch
         self._run, self._progress, self._log = run, progress, log
-        self._most_images = config.seed.total + config.adaptive_budget
+        self._most_images = config.photographs
         self._planned_at_s = 0.0  # wall clock
         self.images = 0
         self.registered_images = 0
@@ -96,7 +96,7 @@ class Recorder:
             self.trace.append(record)
             if self._run is not None:
                 self._run.append(TRACE, json.dumps(json_ready(record)))
-            number, budget = record.iteration + 1, plan.state.adaptive_budget
+            number, budget = record.iteration + 1, plan.state.planned_views
             left_s = (budget - number) * (time.perf_counter() - self._planned_at_s)
             self._log(
                 f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "

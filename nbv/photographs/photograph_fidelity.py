@@ -110,7 +110,7 @@ class PhotographViewpoints(ViewpointSource):
             raise MissionFailure(
                 "not_photographed",
                 f"the configuration has {len(wanted)} seeds, and {len(self.positions_m)} photographs may be taken; "
-                "lower seed.count",
+                "take fewer seeds",
             )
         azimuth_deg, elevation_deg = np.array([(v.azimuth_deg, v.elevation_deg) for v in wanted]).T
         angle_deg = angles_deg(unit_vectors(azimuth_deg - self.turn_deg, elevation_deg), self.directions)
@@ -143,9 +143,7 @@ class PhotographViewpoints(ViewpointSource):
 
     def _require_candidates(self, config: MissionConfig) -> None:
         allowed = int(self.within_altitudes.sum())
-        if not config.adaptive_budget or allowed >= min(
-            config.seed.total + config.adaptive_budget, len(self.positions_m) / 4
-        ):
+        if not config.planned_views or allowed >= min(config.photographs, len(self.positions_m) / 4):
             return
         elevations_deg = np.sort(self.elevations_deg)
         raise MissionFailure(

@@ -96,13 +96,13 @@ class Planner:
             vehicle_position_m=np.asarray(vehicle_position_m, dtype=float),
             vehicle_heading_rad=vehicle_heading_rad,
             captures_used=used,
-            adaptive_budget=self.config.adaptive_budget,
+            planned_views=self.config.planned_views,
             d95_m=knn_d95_m(model.points_m, self.config),
             iteration=used,
         )
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
-        if used >= state.adaptive_budget:
-            return Plan(state, False, pool, end=f"the budget of {state.adaptive_budget} is used")
+        if used >= state.planned_views:
+            return Plan(state, False, pool, end=f"the budget of {state.planned_views} is used")
         prediction, converged = None, False
         if stop.criterion == "both":
             converged = state.d95_m <= stop.knn_threshold_m

@@ -105,7 +105,7 @@ def shared_terms(
         move=movement(pool, state, shared.d_travel_m),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
         prediction=prediction,
-        left=state.adaptive_budget - state.captures_used,
+        left=state.planned_views - state.captures_used,
     )
 
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config import MissionConfig, PoolConfig, SeedConfig
+from nbv.config import MissionConfig, PoolConfig
 from nbv.types import Floats, Point, Viewpoint
 
 RING_STEP_DEG = 7.5
@@ -33,32 +33,26 @@ def _viewpoint(target_m: Point, at: RingPosition, band: str, name: str) -> Viewp
 
 
 def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one ring, two rings, or as many on the rings.
+    """The seeds in the order flown (``seed_00`` ...): on the paper's rings, or in a turn of one ring or two.
 
     Each ring has even azimuths, clockwise from north; of two (``seed.upper_share``) that at ``seed.lowest_deg`` is first.
     """
-    return _seeds(config.target_m, config.seed)
+    positions = _seed_positions(config)
+    return [_viewpoint(config.target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(positions)]
 
 
-def _seeds(target_m: Point, layout: SeedConfig) -> list[Viewpoint]:
-    return [_viewpoint(target_m, at, "seed", f"seed_{k:02d}") for k, at in enumerate(_seed_positions(layout))]
-
-
-def _seed_positions(layout: SeedConfig) -> list[RingPosition]:
-    count, upper = layout.count, layout.upper_count
-    if count and not upper and layout.layout == "turn":
-        step_deg = 360.0 / count
-        return [(layout.radius_m, layout.lowest_deg, k * step_deg) for k in range(count)]
-    rings = zip(layout.ring_elevations_deg, layout.ring_counts)
-    if upper:
-        rings = zip((layout.lowest_deg, layout.upper_deg), (count - upper, upper))
-    return [at for elevation_deg, n in rings for at in _ring(layout.radius_m, elevation_deg, n)]
+def _seed_positions(config: MissionConfig) -> list[RingPosition]:
+    seed, rings = config.seed, config.seed_rings
+    if seed.layout == "turn" and len(rings) == 1:
+        step_deg = 360.0 / config.seeds
+        return [(seed.radius_m, seed.lowest_deg, k * step_deg) for k in range(config.seeds)]
+    return [at for elevation_deg, n in rings for at in _ring(seed.radius_m, elevation_deg, n)]
 
 
 def ring_candidates(config: MissionConfig) -> list[Viewpoint]:
     """What the seeds' rings lack (``ring_000`` ...): views between the seeds, at most `RING_STEP_DEG` apart."""
     between: list[RingPosition] = []
-    rings = itertools.groupby(_seed_positions(config.seed), key=lambda at: at[:2])
+    rings = itertools.groupby(_seed_positions(config), key=lambda at: at[:2])
     for (radius_m, elevation_deg), seeds in rings:
         count = len(list(seeds))
         finer = math.ceil(360.0 / count / RING_STEP_DEG)
@@ -116,5 +110,5 @@ def camera_shell(config: MissionConfig) -> Floats:
 
     The same for every layout of seeds and pool, so that all are measured against one observable surface.
     """
-    seeds = _seeds(config.target_m, SeedConfig())
+    seeds = seed_viewpoints(MissionConfig(target_m=config.target_m))
     return np.array([v.position_m for v in (*seeds, *_raw_candidates(PoolConfig(), config.target_m))])

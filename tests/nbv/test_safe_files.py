@@ -93,7 +93,7 @@ def test_a_planning_state_is_read_back_and_what_is_none_refused(tmp_path: Path) 
     save_state(path, state, pool)
     found, candidates = load_state(path)
     assert np.array_equal(found.model.points_m, state.model.points_m) and candidates.ids == pool.ids
-    assert (found.n_seeds, found.adaptive_budget) == (state.n_seeds, state.adaptive_budget)
+    assert (found.n_seeds, found.planned_views) == (state.n_seeds, state.planned_views)
     with np.load(path) as data:
         arrays = dict(data)
     for damage in ({"points_m": np.array([object()])}, {"scalars": None}):

@@ -111,7 +111,7 @@ def fake_mission(
         "observable": {"f_score_48mm": score, "accuracy_48mm": score - 0.5},
         "whole": {"completeness_48mm": score},
     }
-    result = well_flown(config, rock, replicate, metrics, float(config.seed.total + config.adaptive_budget))
+    result = well_flown(config, rock, replicate, metrics, float(config.photographs))
     if rock.startswith("late") and directory is not None:
         (directory / "mission.json").write_text(result.to_json())
         time.sleep(600)

@@ -15,7 +15,7 @@ from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.export.table import write_missions
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
-SMALL = {"stop.adaptive_budget": 2}
+SMALL = {"photographs": 26}
 
 
 def stable_names() -> list[str]:

@@ -27,7 +27,6 @@ from tuner.problem.baselines import (
     is_ablation,
     kind_of,
     label,
-    photographs,
 )
 from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.recommendation.recommendation import Recommendation
@@ -132,12 +131,12 @@ def answer_of(campaign: Campaign) -> Answer:
     s, status = campaign.settings, campaign.status()
     found = campaign.recommendations(save=False)
     evidence = evidence_of(campaign, found)
-    number = photographs(s.problem.config(s.problem.default))
+    number = s.problem.config(s.problem.default).photographs
     if found:
         tuned = list(found)[-1]
         config = evidence.configs[tuned]
         taken = campaign.mean_photographs(found[tuned].values) if config.stop.may_end_early else None
-        number = taken or photographs(config)
+        number = taken or config.photographs
     tables = [
         table_of(evidence.on(held_out=held_out), held_out, s.problem.reference, number)
         for held_out in (True, False)
@@ -199,7 +198,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
             label=label(name),
             kind=kind_of(name),
             photographs=costs["costs.images"],
-            planned=None if config.stop.may_end_early else float(config.adaptive_budget),
+            planned=None if config.stop.may_end_early else float(config.planned_views),
             flight_s=costs["costs.flight_time_s"],
             means=means,
             from_reference=None if name == reference else evidence.gain(name, reference),
@@ -228,7 +227,7 @@ def plain_plans(evidence: Evidence, number: int) -> list[str]:
         for base in SIMPLEST_FIRST
         for name in evidence.configs
         if base_name(name) == base
-        and photographs(evidence.configs[name]) == number
+        and evidence.configs[name].photographs == number
         and evidence.missions(name)
     ]
 

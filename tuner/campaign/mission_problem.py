@@ -30,7 +30,6 @@ from tuner.problem.baselines import (
     ending_at,
     is_orbit,
     orbits_at_number,
-    photographs,
     reference_of,
     target_must_be_located,
 )
@@ -45,7 +44,7 @@ from tuner.problem.instances import (
     with_families,
 )
 from tuner.problem.observations import mission_key
-from tuner.problem.search_space import Problem, SearchSpace, Values, regions_of, value_at
+from tuner.problem.search_space import PHOTOGRAPHS, SEEDS, Problem, SearchSpace, Values, regions_of, value_at
 
 # Which rocks a command runs unless told otherwise, and which it may not.
 
@@ -174,17 +173,18 @@ class MissionProblem(Problem):
         if counted and limit < (least := self._fewest_photographs()):
             raise UserError(
                 f"the limit of {limit:g} photographs is below the {least} that every configuration here takes; raise it, "
-                "or tune or --set the seed phase or stop.adaptive_budget"
+                "or tune or --set photographs"
             )
 
     def _fewest_photographs(self) -> int:
-        """Return the least number at the ends of what is tuned of the seed phase and of the stopping rule."""
-        tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
+        """Return the least number at the ends of what is tuned of the numbers and of the stopping rule."""
+        decide = (PHOTOGRAPHS, SEEDS, "stop.")
+        tuned = [p for p in self.space.parameters if p.path.startswith(decide)]
         counts = list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), MOST_ENDS):
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = self.config({**self.default, **{p.path: end for p, end in zip(tuned, ends)}})
-                counts.append(config.seed.total if config.stop.may_end_early else photographs(config))
+                counts.append(config.seeds if config.stop.may_end_early else config.photographs)
         return min(counts, default=0)
 
     def code(self) -> str:
@@ -225,7 +225,7 @@ class MissionProblem(Problem):
         """Return the tuned configurations, the default, and plain orbits at their number of photographs."""
         configs = {name: self.config(values) for name, values in tuned.tuned.items()}
         orbits = orbits_at_number(self._counted(tuned), _conditions_of_target(tuned))
-        if photographs(self._counted(tuned)) == photographs(self.base):
+        if self._counted(tuned).photographs == self.base.photographs:
             orbits = {base_name(name): config for name, config in orbits.items()}
         controls, notes = where_photographed(orbits, tuned.rocks)
         return Strategies({**configs, _name_of(self.base): self.config(self.default), **controls}, notes)

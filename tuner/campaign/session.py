@@ -107,11 +107,11 @@ MAX_CONSECUTIVE_FAILURES = 8
 FIRST_FEW = 6
 NOTHING_REGISTERS = (
     f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
-    "again with more seeds (seed.count) or lower ones (seed.lowest_deg)"
+    "again with more seeds (seeds) or lower ones (seed.lowest_deg)"
 )
 SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
-_OF_SEEDS = ("seed.", "sparse.")  # they decide what may register
+_OF_SEEDS = ("seed", "sparse.")  # they decide what may register
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
 FROM_WORKERS, SHARE = 8, 4

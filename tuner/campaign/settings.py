@@ -12,7 +12,6 @@ from nbv.config import (
     IDEAL_CONDITION,
     PRESETS,
     Condition,
-    MissionConfig,
     condition_from_dict,
     load_conditions,
     preset,
@@ -219,7 +218,8 @@ class CampaignSettings(Section):
         require_rocks(self.rocks)
         require_distinct(self.conditions)
         # A frozen record's one change of its own: bounds that the preset decides.
-        space = self.space.with_defaults(self.overrides).fitted(self._asked(self.space))
+        space = self.space.with_defaults(self.overrides)
+        space = space.fitted(space.base_config(preset(self.preset), self.overrides))
         object.__setattr__(self, "space", space)
         if twice := set(self.compare_on) & set(self.rocks):
             raise UserError(
@@ -228,10 +228,6 @@ class CampaignSettings(Section):
         self._check_options()
         self._check_conditions()
         self._check_limit()
-
-    def _asked(self, space: SearchSpace) -> MissionConfig:
-        """Return the preset with overrides and the fixed values of ``space``, at once: one may need the other."""
-        return preset(self.preset).with_values({**self.overrides, **space.base})
 
     def _check_conditions(self) -> None:
         per_setting = {
@@ -274,7 +270,7 @@ class CampaignSettings(Section):
         """What a trial is."""
         return MissionProblem.of(
             self.space,
-            self._asked(self.space),
+            self.space.base_config(preset(self.preset), self.overrides),
             self.rocks,
             self.conditions,
             self.fidelity,

@@ -33,9 +33,9 @@ QUICK: dict[str, Any] = {
     "replicates": 1,
     "conditions": ["indoors"],
     "overrides": {
-        "seed.count": 12,
+        "photographs": 20,
+        "seeds": 12,
         "sparse.ground_features": 2000,
-        "stop.adaptive_budget": 8,
         "dense.agreeing_views": 3,
     },
     "space": "plan_and_gate",

@@ -154,7 +154,7 @@ def compare(
     output.print(
         f"{requested.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
     )
-    if seeds := requested.base.seed.total:
+    if seeds := requested.base.seeds:
         last = requested.numbers[-1]
         output.print(
             f"planners begin with {seeds} seeds and plan the rest: {last} photographs are {seeds} + {last - seeds}"

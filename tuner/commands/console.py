@@ -215,7 +215,7 @@ def run_plans(
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
-    """``["stop.adaptive_budget=4"]`` as ``{"stop.adaptive_budget": 4}``; values are YAML.
+    """``["photographs=40"]`` as ``{"photographs": 40}``; values are YAML.
 
     Raises `UserError`: an assignment without ``=`` or with an unreadable value.
     """
@@ -223,9 +223,7 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     for assignment in assignments:
         path, separator, text = assignment.partition("=")
         if not separator or not path.strip():
-            raise UserError(
-                f"--set {assignment!r} must be PATH=VALUE, for example --set stop.adaptive_budget=4"
-            )
+            raise UserError(f"--set {assignment!r} must be PATH=VALUE, for example --set photographs=40")
         values[canonical_path(path.strip())] = parse_yaml(text, f"--set {assignment!r}")
     return values
 
@@ -250,7 +248,7 @@ def note_dense_stage(kind: MissionKind, config: Any) -> None:
     """Say which dense stage missions with photographs run, on what, and about how long one takes, where that is known."""
     if not kind.photographs:
         return
-    backend, photographs = config.dense.backend, config.seed.total + config.adaptive_budget
+    backend, photographs = config.dense.backend, config.photographs
     where = {"sgbm": "SGBM on the CPU", "patchmatch": "COLMAP's PatchMatch on "}.get(backend, backend)
     if backend == "patchmatch":
         where += ", ".join(card.name for card in cards()) or "the NVIDIA cards of its workers"

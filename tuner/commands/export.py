@@ -175,7 +175,7 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
     """Write the route of a plan without planned views for any target, else that of the mission that was run about ``rock``."""
     s, run = exported.campaign.settings, exported.campaign.directory
     config = exported.config
-    if config.adaptive_budget == 0:
+    if config.planned_views == 0:
         config = under(config, s.conditions[0])
         height_m = 2.0 * config.target_m[2]
         said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"

@@ -34,7 +34,7 @@ Conditions = Annotated[
 ]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", help="PATH=VALUE for every mission, e.g. stop.adaptive_budget=4; repeatable."),
+    typer.Option("--set", help="PATH=VALUE for every mission, e.g. photographs=40; repeatable."),
 ]
 Fidelity = Annotated[
     str,

@@ -41,13 +41,14 @@ THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which 
 HARDLY = 0.5  # a share of targets, below which scores are compared and not numbers of photographs
 SHOWN_NUMBERS = (16, 20, 24, 32, 40)  # beside the first and the last
 CURVE = "curve"
-DECIDED = ("gate.kind", "stop.adaptive_budget", "stop.max_photographs")
+DECIDED = ("gate.kind", "photographs")
 # Seeds as few as register, the size of targets known to 20 %, and no weights but its main term for a built-in scorer.
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,
     "sparse.min_registered_seeds": 6,
-    "seed.count": 12,
+    "seeds": 12,
+    "seed.layout": "turn",
     "seed.radius_m": 3.5,
     "seed.lowest_deg": 10.0,
     "stop.criterion": "budget",
@@ -73,9 +74,9 @@ class Suite:
             raise UserError(
                 f"numbers of photographs must rise, as in 12:48:2 or 16,24,32; these are {list(self.numbers)}"
             )
-        if self.numbers[0] < self.base.seed.total:
+        if self.numbers[0] < self.base.seeds:
             raise UserError(
-                f"the first number is {self.numbers[0]}, below the {self.base.seed.total} seeds; begin there or later"
+                f"the first number is {self.numbers[0]}, below the {self.base.seeds} seeds; begin there or later"
             )
         if mission_kind(self.fidelity).targets not in ("rocks", "own"):
             raise UserError(f"compare cannot run fidelity {self.fidelity}; leave --fidelity out")
@@ -165,21 +166,23 @@ def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[s
         planned = strategy.config(ending_at(base, suite.numbers[-1]))
     else:
         planned = with_sections_of(given, PLAN, base)
-    measured_throughout = bool(planned.adaptive_budget) and all(
+    measured_throughout = bool(planned.planned_views) and all(
         kind_on(target.rock, suite.fidelity).every_number for target in suite.targets
     )
     if name.endswith(STOPPED) and not measured_throughout:
         raise UserError(f"{name}: only a planned strategy in geometric missions can stop by its prediction")
-    least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seed.total
-    if planned.adaptive_budget and seeds > least:
+    least, seeds = suite.numbers[-1 if measured_throughout else 0], planned.seeds
+    if planned.planned_views and seeds > least:
         raise UserError(f"{name} begins with {seeds} seeds, which --numbers must allow: {least} are too few")
     if measured_throughout:
         return {source: ending_at(planned, suite.numbers[-1])}
 
     def at(n: int) -> MissionConfig:
-        if planned.adaptive_budget:
+        if planned.planned_views:
             return ending_at(planned, n)
-        return strategy.orbit(base, n) if given is None else planned.with_values({"seed.count": n})
+        return (
+            strategy.orbit(base, n) if given is None else planned.with_values({"photographs": n, "seeds": n})
+        )
 
     return {f"{source}-{n}": at(n) for n in suite.numbers}
 

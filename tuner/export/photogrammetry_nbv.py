@@ -103,7 +103,7 @@ MISSION = (
     Key("rock_center_x", 0.0),  # north of take-off; with the next two: target_m and flight.home_m
     Key("rock_center_y", 8.0),  # east of it
     Key("rock_center_z", -0.8),  # down
-    Key("image_budget", 40, "stop.adaptive_budget"),
+    Key("image_budget", 40),
     Key("max_image_budget", 55),  # a hard limit that the budget never reaches
     Key("stopping_criterion", "image_budget"),
     Key("knn_distance_threshold", 0.003),  # COLMAP's units
@@ -163,8 +163,8 @@ PARAMETERS = {
     },
     "unified_mission.yaml": {
         *(key.parameter for key in MISSION if key.parameter),
-        *("seed.count", "seed.layout", "seed.lowest_deg", "seed.span_deg", "seed.upper_share", "target_m"),
-        *("flight.home_m", "pool.min_altitude_m", "pool.max_altitude_m", "stop.max_photographs"),
+        *("photographs", "seeds", "seed.layout", "seed.lowest_deg", "seed.span_deg", "seed.upper_share"),
+        *("target_m", "flight.home_m", "pool.min_altitude_m", "pool.max_altitude_m"),
     },
 }
 # Their distance scales are never less than this, whatever the file says.
@@ -281,16 +281,13 @@ def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
 
 def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
     """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as published."""
-    values, seed, stop = _direct(config, MISSION), config.seed, config.stop
-    values["ring_image_count"] = seed.total
-    values["seed_azimuth_counts"] = list(seed.ring_counts)
-    if seed.count and seed.layout == "turn":
-        upper = seed.upper_count
-        values["seed_elevation_rings_deg"] = [seed.lowest_deg, seed.upper_deg] if upper else [seed.lowest_deg]
-        values["seed_azimuth_counts"] = [seed.count - upper, upper] if upper else [seed.count]
+    values, stop = _direct(config, MISSION), config.stop
+    values["ring_image_count"] = config.seeds
+    values["seed_elevation_rings_deg"] = [elevation_deg for elevation_deg, _ in config.seed_rings]
+    values["seed_azimuth_counts"] = [number for _, number in config.seed_rings]
     by_distance = stop.criterion == "both"
     remarks = _remarks(
-        ("seed.recentre_after", bool(seed.recentre_after), "theirs does not look for the target"),
+        ("seed.recentre_after", bool(config.seed.recentre_after), "theirs does not look for the target"),
         (
             "sparse.ground_features",
             bool(config.sparse.ground_features),
@@ -304,7 +301,7 @@ def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
             f"both asks for that distance, so stopping_criterion stays {values['stopping_criterion']}",
         ),
     )
-    values["image_budget"] = config.adaptive_budget
+    values["image_budget"] = config.planned_views
     values["seed_planner_mode"], values["phase2_planner_mode"] = "stratified", "hybrid"
     east_m, north_m = (t - h for t, h in zip(config.target_m[:2], config.flight.home_m[:2]))
     values["rock_center_x"], values["rock_center_y"] = north_m, east_m
@@ -313,7 +310,7 @@ def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
     values["min_altitude_ned"] = -config.pool.max_altitude_m
     values["max_altitude_ned"] = -config.pool.min_altitude_m
     values["position_tolerance_z"] = values["position_tolerance_xy"]
-    values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
+    values["max_image_budget"] = max(values["max_image_budget"], config.planned_views)
     return {key.path: values[key.path] for key in MISSION}, remarks
 
 

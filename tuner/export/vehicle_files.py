@@ -44,18 +44,14 @@ class Exported:
         return {path: values[path] for path in changes(values, {**values, **default})}
 
     def change(self, path: str) -> str:
-        """``seed.count 14 (default 24)``."""
-        return f"{path} {_shown(self.config, path)} (default {_shown(self.default, path)})"
+        """``seeds 14 (default 24)``."""
+        values = (short(value_at(config, path)) for config in (self.config, self.default))
+        return "{} {} (default {})".format(path, *values)
 
 
 def _flat(config: MissionConfig) -> dict[str, Any]:
     """Every value by its path."""
     return {path: value_at(config, path) for path in dotted(config.to_dict(), of=object)}
-
-
-def _shown(config: MissionConfig, path: str) -> str:
-    """A value as text; the number of seeds where 0 stands for that of the rings."""
-    return short(config.seed.total if path == "seed.count" else value_at(config, path))
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def _rendered_s(config: MissionConfig) -> float:
     # The 32 missions of `make tune`, of 20 photographs, took 226 s on two cores; PatchMatch takes 8 s on an H100 and 2 s after
     # it in place of SGBM's 7.
     of_one_s = 0.9 if config.dense.backend == "patchmatch" else 0.7
-    number = config.seed.total + config.adaptive_budget
+    number = config.photographs
     # Where every pair is matched 64 photographs took 744 s, nine tenths of it in matching and bundle adjustment.
     every_pair_s = 0.0 if config.sparse.max_pairs else 0.35 * number * (number - 1) / 2
     return of_one_s * number + every_pair_s

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import difflib
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +31,7 @@ class Baseline:
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` running this strategy; `UserError`, with the strategy's name, where it cannot."""
         if not self.plans:
-            return self.orbit(base, photographs(base))
+            return self.orbit(base, base.photographs)
         if self.name in PAPER_STRATEGIES:
             base = base.changed(seed=paper_seeds(base.seed))
         return self._laid_over(base, {"gate.kind": self.name, **self.values})
@@ -46,13 +45,12 @@ class Baseline:
     def orbit(self, base: MissionConfig, number: int) -> MissionConfig:
         """``base`` with ``number`` photographs on this plain orbit, as far away as its candidates."""
         values = {
-            "seed.count": number,
+            "photographs": number,
+            "seeds": number,
             "seed.layout": "turn",
             "seed.radius_m": base.pool.radius_m,
             "seed.recentre_after": number // 2 if self.recentred else 0,
-            **_registering(base.sparse, number),
-            "stop.adaptive_budget": 0,
-            "stop.max_photographs": 0,
+            **{f"sparse.{name}": value for name, value in _registering(base.sparse, number).items()},
         }
         return self._laid_over(base, {**values, **self.values})
 
@@ -63,9 +61,9 @@ _GROUPS = {
     "scorer": ("gate.kind", "gate.geometry_scorer"),
     "thresholds": ("gate.",),
     "weights": ("covis.", "b_aware.", "predicted."),
-    "seeds": ("seed.", "sparse."),
+    "seeds": ("seed", "sparse."),
     "pool": ("pool.",),
-    "stop": ("stop.",),
+    "stop": ("stop.", "photographs"),
 }
 WITHOUT = "-without-"  # of a tuned configuration a group of parameters: the name of an ablation
 
@@ -89,22 +87,19 @@ FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 
 
 def paper_seeds(seed: SeedConfig) -> SeedConfig:
-    """As many seeds on the paper's rings: shares of 8 : 6 : 6 : 4 at 15, 22, 29 and 36 degrees, 4 m away."""
-    if not seed.count:
+    """The seeds on the paper's rings: shares of 8 : 6 : 6 : 4 at 15, 22, 29 and 36 degrees, 4 m away."""
+    if seed.layout == "rings":
         return seed
     return SeedConfig(
-        count=seed.total,
-        layout="rings",
-        ring_elevations_deg=seed.ring_elevations_deg,
-        ring_azimuth_counts=seed.ring_azimuth_counts,
+        ring_elevations_deg=seed.ring_elevations_deg, ring_azimuth_counts=seed.ring_azimuth_counts
     )
 
 
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
-    """Parameters that let so few seeds, so far apart, register."""
+    """Fields of `SparseConfig` that let so few seeds, so far apart, register."""
     return {
-        "sparse.min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
-        "sparse.ground_features": sparse.ground_features or GROUND_FEATURES,
+        "min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
+        "ground_features": sparse.ground_features or GROUND_FEATURES,
     }
 
 
@@ -194,7 +189,14 @@ COARSEST_M = (
     1.0  # d95 of the sparse cloud is 0.15 to 0.5 m in flight; where it is infinite the gate asks for repair
 )
 PLANNER = ("gate", "covis", "b_aware", "predicted", "shared", "plugins")  # sections that choose views
-PLAN = (*PLANNER, "seed", "pool", "stop")  # and those that say from where, and how many
+PLAN = (
+    *PLANNER,
+    "photographs",
+    "seeds",
+    "seed",
+    "pool",
+    "stop",
+)  # and those that say from where, and how many
 
 
 def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
@@ -215,7 +217,7 @@ def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
 def gate_in_words(config: MissionConfig) -> str:
     """Of a Hyb-H gate whose thresholds never switch: the scorer that chooses every view; empty of any other."""
     gate = config.gate
-    if gate.kind != "hyb-h" or not config.adaptive_budget:
+    if gate.kind != "hyb-h" or not config.planned_views:
         return ""
     at = f"gate.budget_fraction {gate.budget_fraction:g} and gate.d95_m {gate.d95_m:g} m"
     if gate.budget_fraction == 0 and gate.d95_m >= COARSEST_M:
@@ -248,43 +250,37 @@ def at_equal_number(
     Names say the number, as in ``hyb-h-26``; where the number is the same anyway, ``configs`` as they are. Where ``tuned``
     plans no view, those that plan share the number out as they did before.
     """
-    number = photographs(tuned)
-    if all(photographs(config) == number for config in configs.values()):
+    number = tuned.photographs
+    if all(config.photographs == number for config in configs.values()):
         return configs
     equal = {f"{name}-{number}": _at_number(name, config, tuned) for name, config in configs.items()}
     return {reference: configs[reference], **equal}
 
 
 def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> MissionConfig:
-    number = photographs(tuned)
+    number = tuned.photographs
     if is_orbit(name):
         return BASELINES[name].orbit(config, number)
-    seed, budget = tuned.seed, tuned.adaptive_budget
+    seeds, seed = tuned.seeds, tuned.seed
     sparse = tuned.sparse  # what seeds far apart need to register
-    if budget == 0:
-        seeds = min(number, max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config))))
-        seed = dataclasses.replace(config.seed if config.seed.count else seed, count=seeds)
-        budget = number - seeds
-        sparse = tuned.with_values(_registering(sparse, seeds)).sparse
+    if not tuned.planned_views:
+        seeds = min(number, max(FEWEST_SEEDS, round(number * config.seeds / config.photographs)))
+        seed = config.seed
+        sparse = tuned.changed(sparse=_registering(sparse, seeds)).sparse
     if name in PAPER_STRATEGIES:
         seed = paper_seeds(seed)
-    return ending_at(config, number).changed(seed=seed, sparse=sparse, stop={"adaptive_budget": budget})
+    stop = {"criterion": "budget"}
+    return config.changed(photographs=number, seeds=seeds, seed=seed, sparse=sparse, stop=stop)
 
 
 def ending_at(config: MissionConfig, number: int) -> MissionConfig:
     """``config`` with so many photographs in every mission: its seeds, and planned views until the number is reached."""
-    return config.changed(
-        stop={
-            "adaptive_budget": max(0, number - config.seed.total),
-            "max_photographs": 0,
-            "criterion": "budget",
-        }
-    )
+    return config.changed(photographs=max(number, config.seeds), stop={"criterion": "budget"})
 
 
 def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
     """The plain orbits with as many photographs as ``tuned``, and re-centred ones where the target must be located."""
-    number = photographs(tuned)
+    number = tuned.photographs
     names = [*ORBITS, *(RECENTRED_ORBITS if target_must_be_located(tuned, conditions) else ())]
     return {f"{name}-{number}": BASELINES[name].orbit(tuned, number) for name in names}
 
@@ -298,11 +294,6 @@ def is_orbit(strategy: str) -> bool:
     """Whether a strategy, such as ``orbit`` or ``orbit-two-24``, is a plain orbit."""
     name, _ = _split(strategy)
     return name in BASELINES and not BASELINES[name].plans
-
-
-def photographs(config: MissionConfig) -> int:
-    """Seeds and planned views of a mission that nothing ends early."""
-    return config.seed.total + config.adaptive_budget
 
 
 def _split(strategy: str) -> tuple[str, str]:
@@ -328,7 +319,7 @@ def ablations(name: str, tuned: MissionConfig, base: MissionConfig) -> dict[str,
         values = {path: attrgetter(path)(base) for path in paths}
         with contextlib.suppress(UserError):  # values that exclude one another
             config = tuned.with_values(values)
-            if mission_key(config) not in seen and photographs(config) == photographs(tuned):
+            if mission_key(config) not in seen and config.photographs == tuned.photographs:
                 configs[f"{name}{WITHOUT}{group}"] = config
                 seen.add(mission_key(config))
     return configs

@@ -11,7 +11,7 @@ from typing import Any
 from nbv.cache import digest
 from nbv.config import IDEAL, MissionConfig, parameters
 from tuner.problem.instances import Instance
-from tuner.problem.search_space import PLANNERS, SearchSpace, Values
+from tuner.problem.search_space import PHOTOGRAPHS, PLANNERS, SEEDS, SearchSpace, Values
 
 MAX_MISSIONS = 100_000  # of a campaign
 MAX_REPLICATES = 10_000  # of a rock
@@ -99,7 +99,7 @@ def blocks_evaluated(space: SearchSpace, missions: Sequence[Observation]) -> dic
 
 def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str, ...]:
     """Paths whose values differ from the default's, less those that are without effect."""
-    idle = PLANNERS if values.get("stop.adaptive_budget") == 0 else ()
+    idle = PLANNERS if SEEDS in values and values[SEEDS] == values.get(PHOTOGRAPHS) else ()
     return tuple(
         path for path, value in values.items() if value != default[path] and not path.startswith(idle)
     )
@@ -107,16 +107,14 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
 
 def mission_key(config: MissionConfig) -> str:
     """Return the same for configurations that run the same mission: what is without effect in it does not count."""
-    if config.adaptive_budget == 0:
-        config = _unplanned(config).changed(stop={"adaptive_budget": 0})
-    return config.digest()
+    return (config if config.planned_views else _unplanned(config)).digest()
 
 
 def _unplanned(config: MissionConfig) -> MissionConfig:
-    """``config`` with the default of all that only decides which views are planned, or when planning ends."""
+    """``config`` with the default of all that only decides which views are planned, or when planning ends, and none planned."""
     idle = (*PLANNERS, "stop.")
     defaults = {path: about.default for path, about in parameters().items() if path.startswith(idle)}
-    return config.with_values(defaults).changed(plugins=())
+    return config.with_values(defaults).changed(plugins=(), photographs=config.seeds)
 
 
 def photographs_key(config: MissionConfig, chosen: Sequence[str]) -> str:

@@ -42,6 +42,7 @@ PLANNERS = (
 # What nothing reads where the seeds fly the paper's rings; their distance is the paper's, too.
 _NOT_ON_RINGS = ("seed.lowest_deg", "seed.span_deg", "seed.upper_share", "seed.radius_m")
 
+SEEDS, PHOTOGRAPHS = "seeds", "photographs"
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
 
@@ -118,8 +119,6 @@ class SearchSpace:
     base: dict[str, Any] = field(default_factory=dict)
     description: str = ""
     begin: tuple[Values, ...] = ()  # run right after the default: where they differ from it
-    # Whether every configuration takes as many photographs as the preset: ``seed.count`` are seeds, the rest is planned.
-    equal_photographs: bool = False
 
     @property
     def dimension(self) -> int:
@@ -136,38 +135,33 @@ class SearchSpace:
     def paths(self) -> tuple[str, ...]:
         return tuple(parameter.path for parameter in self.parameters)
 
-    def fitted(self, preset: MissionConfig) -> SearchSpace:
-        """Return the space for the photographs that ``preset`` takes: with `equal_photographs` at most all of them are seeds.
+    def base_config(self, preset: MissionConfig, overrides: Mapping[str, Any] | None = None) -> MissionConfig:
+        """Return ``preset`` with the space's own defaults, the overrides, and the fixed values, at once: one may need another."""
+        own = {p.path: p.default for p in self.parameters if p.default is not None}
+        return preset.with_values({**self.complete(own), **(overrides or {}), **self.base})
 
-        The default is then the preset's own seed phase: its rings, or its one turn.
+    def fitted(self, preset: MissionConfig) -> SearchSpace:
+        """Return the space with its defaults written out, in which at most all photographs are seeds.
+
+        `UserError` where there are never so few photographs as the fewest seeds.
         """
-        if not self.equal_photographs:
-            return self
-        base = preset.with_values({p: v for p, v in self.base.items() if not p.startswith("stop.")})
-        seeds, number = base.seed, base.seed.total + base.adaptive_budget
-        for p in self.parameters:
-            if p.path == SEEDS and p.low > number:
-                raise UserError(
-                    f"search space {self.name!r}: seed.count begins at {p.low:g}, and a mission takes {number} photographs; lower it"
-                )
-        seeded: Values = {
-            "seed.count": seeds.total,
-            "seed.layout": seeds.layout if seeds.count else "rings",
-        }
+        base = self.base_config(preset)
+        known, number = {p.path: p for p in self.parameters}, base.photographs
+        seeds, searched = known.get(SEEDS), known.get(PHOTOGRAPHS)
+        fewest = searched.low if searched is not None else number
+        if seeds is not None and (seeds.low > fewest or seeds.low == number):
+            raise UserError(
+                f"search space {self.name!r}: seeds begins at {seeds.low:g}, and a mission takes {fewest:g} photographs; lower it"
+            )
+        of_number = {PHOTOGRAPHS: number} if seeds is not None and searched is None else {}
 
         def fit(p: Parameter) -> Parameter:
-            default = seeded.get(p.path, value_at(base, p.path)) if p.default is None else p.default
-            return dataclasses.replace(
-                p, default=default, high=min(p.high, number) if p.path == "seed.count" else p.high
-            )
+            most = min(p.high, number) if of_number and p is seeds else p.high
+            default = value_at(base, p.path) if p.default is None else p.default
+            return dataclasses.replace(p, default=default, high=most)
 
-        fixed = {"stop.adaptive_budget": number, "stop.max_photographs": number}
-        return dataclasses.replace(
-            self,
-            parameters=tuple(map(fit, self.parameters)),
-            base={**self.base, **fixed},
-            equal_photographs=False,
-        )
+        parameters = tuple(map(fit, self.parameters))
+        return dataclasses.replace(self, parameters=parameters, base={**self.base, **of_number})
 
     def with_defaults(self, values: Mapping[str, Any]) -> SearchSpace:
         """Return the space with these values, by path, in the place of its own defaults."""
@@ -192,7 +186,7 @@ class SearchSpace:
 
         Raises `UserError`: a default outside its bounds, or bounds that ``MissionConfig`` refuses.
         """
-        base = preset.with_values(self.base)
+        base = self.base_config(preset)
         values: Values = {}
         for parameter in self.parameters:
             value = parameter.default if parameter.default is not None else value_at(base, parameter.path)
@@ -218,7 +212,7 @@ class SearchSpace:
 
     def _require_mission(self, base: MissionConfig, values: Values, what: str, remedy: str) -> None:
         try:
-            base.with_values(self.complete(values))
+            base.with_values(self.complete(self.settled(values)))
         except UserError as error:
             raise UserError(f"search space {self.name!r}: {what} is no mission: {error}; {remedy}") from error
 
@@ -233,13 +227,17 @@ class SearchSpace:
         return self.settled({p.path: p.from_unit(float(u)) for p, u in zip(self.parameters, position)})
 
     def settled(self, values: Values) -> Values:
-        """Return ``values`` of a `fitted` space with those at their default that nothing reads beside the others."""
-        if "seed.layout" not in values or any(p.default is None for p in self.parameters):
-            return values
-        idle: tuple[str, ...] = _NOT_ON_RINGS if values["seed.layout"] == "rings" else ()
-        if values["seed.count"] == self.base.get("stop.max_photographs"):
-            idle += PLANNERS
-        return {p.path: p.default if p.path.startswith(idle) else values[p.path] for p in self.parameters}
+        """Return ``values`` with no more seeds than photographs and, of a `fitted` space, with those at their default that nothing
+        reads beside the others."""
+        number, idle = values.get(PHOTOGRAPHS, self.base.get(PHOTOGRAPHS)), tuple[str, ...]()
+        if number is not None and values.get(SEEDS, 0) >= number:
+            values, idle = {**values, SEEDS: number}, PLANNERS
+        if values.get("seed.layout") == "rings":
+            idle += _NOT_ON_RINGS
+        return {
+            p.path: p.default if p.default is not None and p.path.startswith(idle) else values[p.path]
+            for p in self.parameters
+        }
 
     def snap(self, position: Floats) -> Floats:
         """Return (d,) nearest position that is exactly a configuration (integers and choices settle)."""
@@ -272,7 +270,6 @@ class SearchSpace:
             "description": self.description,
             "base": dict(self.base),
             **({"begin": [dict(values) for values in self.begin]} if self.begin else {}),
-            **({"equal_photographs": True} if self.equal_photographs else {}),
             "parameters": {parameter.path: parameter.to_dict() for parameter in self.parameters},
         }
 
@@ -303,7 +300,6 @@ def _range_text(parameter: Parameter) -> str:
 TUNED, TUNED_GATE, TUNED_PLANNER = "tuned", "tuned-gate", "tuned-planner"
 LEAST_PLANNED = 3  # views that a tuned planner plans
 CHOOSES_VIEWS = ("gate.", "covis.", "b_aware.", "predicted.", "shared.", "plugins.", "stop.knn_region")
-SEEDS, PHOTOGRAPHS = "seed.count", "stop.max_photographs"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ MAX_PARAMETERS = 100
 MAX_CHOICES = 50
 MAX_BEGIN = 10
 _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
-_SPACE_KEYS = ("name", "description", "base", "begin", "equal_photographs", "parameters")
+_SPACE_KEYS = ("name", "description", "base", "begin", "parameters")
 
 
 def available_search_spaces() -> dict[str, Path]:
@@ -76,18 +76,9 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         base,
         str(tree.get("description") or ""),
         tuple(_with_current_names(values, source) for values in begin),
-        coerce(bool, tree.get("equal_photographs", False), f"{source}: equal_photographs"),
     )
-    if space.equal_photographs:
-        if "seed.count" not in space.paths:
-            raise UserError(
-                f"{source}: equal_photographs shares photographs out by seed.count; tune it, or leave it out"
-            )
-        for path in ("stop.adaptive_budget", "stop.max_photographs"):
-            if path in tuned or path in base:
-                raise UserError(f"{source}: equal_photographs decides {path}; leave one of them out")
     try:
-        MissionConfig().with_values(space.base)
+        space.base_config(MissionConfig())
     except UserError as error:
         raise UserError(f"{source}: base: {error}") from error
     return space

@@ -80,7 +80,7 @@ class Recommendation:
     outliers: tuple[Outlier, ...] = ()
 
     def __repr__(self) -> str:
-        """``Recommendation(tuned: seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
+        """``Recommendation(tuned: seeds 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
         named = [f"{path} {short(self.values[path])}" for path in self.changed[:3]]
         change = ", ".join(named) + (f" and {len(self.changed) - 3} more" if len(self.changed) > 3 else "")
         low, high = self.improvement_interval_95

@@ -26,7 +26,7 @@ from tuner.missions.job import Trial
 from tuner.problem.baselines import label
 from tuner.problem.goal import COUNTS
 from tuner.problem.instances import Instance
-from tuner.problem.search_space import Parameter, Region
+from tuner.problem.search_space import PHOTOGRAPHS, Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
 from tuner.report.figures import (
@@ -159,7 +159,7 @@ def _tuned(
         "missions": best.missions,
         "same": best.keep_default,
         "parameters": words.parameters_table(best.name, rows, metric),
-        "gate": words.gate_sentence(best.name, gate) if s.problem.config(best.values).adaptive_budget else "",
+        "gate": words.gate_sentence(best.name, gate) if s.problem.config(best.values).planned_views else "",
         "split": _split_table(groups, best.name, evidence, unit),
         "best": _configurations(model, region, campaign, sign),
         "contour": contour,
@@ -193,7 +193,7 @@ def _split_table(
 def _configurations(model: InstanceMeanGP, region: Region, campaign: Campaign, sign: float) -> Table:
     """The ten best configurations of a region."""
     s = campaign.settings
-    number = s.space.base.get("stop.max_photographs")
+    number = s.space.base.get(PHOTOGRAPHS)
     rows = []
     for each in effects.best_configurations(model, region, campaign.history(), number, sign):
         changed = [p for p, v in each.values.items() if v != s.problem.default[p] and p not in region.held]

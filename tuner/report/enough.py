@@ -26,7 +26,6 @@ from tuner.comparison.plan import EvaluationPlan, EvaluationRun
 from tuner.missions.job import Trial
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.problem.baselines import PLANNER, baseline, with_sections_of
-from tuner.problem.baselines import photographs as taken_by
 from tuner.problem.goal import DEFAULT_METRIC
 from tuner.problem.intervals import Interval, mean_interval
 from tuner.report.figures import BLUE, GREY, LIGHT, MARKERS, look, new_figure, save_figure
@@ -112,6 +111,7 @@ def enough_plans(
     base = preset("campaign").with_values(
         {
             "telemetry": TELEMETRY,
+            "seed.layout": "turn",
             "seed.lowest_deg": round(min(max(elevation_deg, 0.0), 60.0), 1),
             "pool.min_altitude_m": _BELOW_ALL_M,
             **(overrides or {}),
@@ -120,8 +120,8 @@ def enough_plans(
     planner = tuned or baseline("predicted").config(base)
     strategies = {}
     for number in sizes:
-        ring = base.with_values({"seed.count": round(number / photographed), "stop.adaptive_budget": 0})
-        shared = base.with_values({"seed.count": seeds, "stop.adaptive_budget": number - SEEDS})
+        ring = base.with_values(_numbers(round(number / photographed), 0))
+        shared = base.with_values(_numbers(seeds, number - SEEDS))
         strategies[_name(RING, number)] = ring
         if number == SEEDS:
             continue
@@ -131,18 +131,17 @@ def enough_plans(
             elif way != RING:
                 strategies[_name(way, number)] = shared.with_values({"gate.kind": way})
     everything = base.with_values(
-        {
-            "seed.count": seeds,
-            "stop.adaptive_budget": registered,
-            "stop.criterion": "budget",
-            "gate.kind": "movement-only",
-        }
+        {**_numbers(seeds, registered), "stop.criterion": "budget", "gate.kind": "movement-only"}
     )
     rocks = (photographs.name,)
     return {
         "all": EvaluationPlan({ALL: everything}, rocks, 1, fidelity=PHOTOGRAPHS),
         "few": EvaluationPlan(strategies, rocks, replicates, fidelity=PHOTOGRAPHS),
     }
+
+
+def _numbers(seeds: int, planned_views: int) -> dict[str, Any]:
+    return {"photographs": seeds + planned_views, "seeds": seeds}
 
 
 def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: float) -> Enough:
@@ -204,7 +203,7 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
     """An estimate of the processor time of these plans' missions, in seconds."""
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
-    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, taken_by(c)) for c, n in configs)
+    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, c.photographs) for c, n in configs)
 
 
 def _name(way: str, number: int) -> str:

@@ -109,7 +109,7 @@ def plan_figure(config: MissionConfig) -> Figure:
         above.add_patch(Circle((0, 0), half, color=BROWN))
         beside.add_patch(Rectangle((-half, 0), 2 * half, 2 * half, color=BROWN))
         for views, shade, size in (
-            (pool if config.adaptive_budget else [], LIGHT_GREY, 2),
+            (pool if config.planned_views else [], LIGHT_GREY, 2),
             (seed_viewpoints(config), BLUE, 4),
         ):
             east, north, up = np.array([v.position_m for v in views]).reshape(-1, 3).T

@@ -117,21 +117,21 @@ def name_in_text(strategy: str) -> str:
 
 def plan_words(config: MissionConfig) -> str:
     """``16 photographs at 10°, then 4 by the gate of Covis and B-aware``."""
-    seed = config.seed
-    if seed.count and seed.layout == "turn":
-        rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
-        rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
+    if config.seed.layout == "turn":
+        (lowest_deg, number), *upper = config.seed_rings
+        rings = f"{number} photographs at {lowest_deg:.0f}°"
+        rings += "".join(f" and {n} at {elevation_deg:.0f}°" for elevation_deg, n in upper)
     else:
-        rings = f"{seed.total} photographs on the paper's rings"
-    if not config.adaptive_budget:
+        rings = f"{config.seeds} photographs on the paper's rings"
+    if not config.planned_views:
         return rings
     by = {
         "random": "at random",
         "hyb-h": f"by the gate of Covis and {label(config.gate.geometry_scorer)}",
     }.get(config.gate.kind, f"by {label(config.gate.kind)}")
     if config.stop.may_end_early:
-        return f"{rings}, then planned ones {by} until the stop criterion holds, at most {seed.total + config.adaptive_budget} in all"
-    return f"{rings}, then {config.adaptive_budget} {by}"
+        return f"{rings}, then planned ones {by} until the stop criterion holds, at most {config.photographs} in all"
+    return f"{rings}, then {config.planned_views} {by}"
 
 
 # -- tables ------------------------------------------------------------------------------------------------------

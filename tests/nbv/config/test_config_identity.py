@@ -10,7 +10,7 @@ from nbv.errors import UserError
 
 
 def test_the_campaign_preset_is_what_all_campaigns_flew() -> None:
-    assert preset("campaign").digest() == "ebb0509a42ffd52d"
+    assert preset("campaign").digest() == "d621d0b80daefa05"
 
 
 def test_names_are_checked_when_a_configuration_is_read() -> None:
@@ -29,10 +29,10 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
         "seed": {"rings": 1, "start_bearing_deg": 0.0, "ring_radii_m": [], "ring_bearings_deg": []},
         "matchable": {"views": 6, "weights": {"nov": 0.0, "register": 0.0}},
     }
-    assert config_from_dict(earlier) == weighed and weighed.digest() == "50a6786ac303e7f1"
+    assert config_from_dict(earlier) == weighed and weighed.digest() == "abdd331ebfdd72a8"
     for both in (
         {"matchable.weights.nov": 0.1, "predicted": {"weights": {"nov": 0.5}}},
-        {"seed.count": 9, "seed": {"count": 8}},
+        {"seed.span_deg": 9.0, "seed": {"span_deg": 8.0}},
     ):
         with pytest.raises(UserError, match="has two values; leave one out"):
             config_from_dict(both)
@@ -40,7 +40,12 @@ def test_an_earlier_name_means_the_path_that_replaced_it() -> None:
         config_from_dict({"matchable": {"views": 3}})
 
 
-FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
+FEW_SEEDS = {
+    "seeds": 8,
+    "seed.layout": "turn",
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 6,
+}
 
 
 @pytest.mark.parametrize(
@@ -54,12 +59,13 @@ FEW_SEEDS = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_regist
         ({"telemetry.lever_arm_m": [0.1, 0.0, 0.0]}, "^telemetry.horizontal_noise_m is 0.0; .* a covariance"),
         ({"telemetry.horizontal_noise_m": 0.1}, "^telemetry.vertical_noise_m is 0.0; .* a covariance"),
         ({"wind.mean_speed_m_s": 5}, "wind.mean_speed_m_s 5 .* than the vehicle can hold .flight.max_"),
-        ({"sparse.ground_features": 0}, "45 degrees apart.*seed.count to 15"),
+        ({"sparse.ground_features": 0}, "45 degrees apart.*seeds to 15"),
         ({"sparse.min_registered_seeds": 12}, "below sparse.min_registered_seeds 12"),
-        ({"stop.max_photographs": 7}, "is below the 8 seeds"),
-        ({"seed.upper_share": 0.4, "seed.count": 24, "sparse.ground_features": 0}, "26 degrees apart"),
+        ({"photographs": 7}, "seeds is 8, more than the 7 photographs"),
+        ({"seed.upper_share": 0.4, "seeds": 24, "sparse.ground_features": 0}, "26 degrees apart"),
         ({"seed.ring_elevations_deg": [], "seed.ring_azimuth_counts": []}, "at least one ring"),
-        ({"seed.count": 0, "seed.ring_azimuth_counts": [0, 0, 0, 0]}, "azimuth_counts is .* at least 1"),
+        ({"seeds": 2}, "seeds is 2; it must be at least 3"),
+        ({"seed.ring_azimuth_counts": [0, 0, 0, 0]}, "azimuth_counts is .* at least 1"),
         ({"seed.lowest_deg": -8.0}, "meets the ground: it lies at 0.24 m, and the camera flies no lower"),
         ({"seed.upper_share": 0.4, "seed.span_deg": -30.0}, "meets the ground"),
         ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),

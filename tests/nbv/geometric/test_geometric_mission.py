@@ -19,7 +19,7 @@ BUDGET = 3
 
 @pytest.fixture(scope="module")
 def config():
-    return preset("campaign").with_values({"stop.adaptive_budget": BUDGET})
+    return preset("campaign").with_values({"photographs": 24 + BUDGET})
 
 
 @pytest.fixture(scope="module")
@@ -82,19 +82,19 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seeds", "ground_features", "status"), [(12, 0, "failed"), (16, 0, "ok"), (8, 2000, "ok")]
+    ("seeds", "ground_features", "status"), [(15, 0, "failed"), (16, 0, "ok"), (8, 2000, "ok")]
 )
 def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_features, status):
     """As photogrammetry has it on the boulder."""
-    ring = {"seed.ring_elevations_deg": [20.0], "seed.ring_azimuth_counts": [seeds]}
+    ring = {"seeds": seeds, "seed.ring_elevations_deg": [20.0], "seed.ring_azimuth_counts": [seeds]}
     few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
-    few["stop.adaptive_budget"] = 8
+    few["photographs"] = seeds + 8
     result = run_geometric_mission(config.with_values(few), "boulder")
     assert (result.status, result.reason) == (status, "seed_model_failed" if status == "failed" else "")
 
 
 def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
-    config = preset("campaign").with_values({"stop.adaptive_budget": 3})
+    config = preset("campaign").with_values({"photographs": 27})
     without = run_geometric_mission(config, ROCK, 0, None)
     waiting = run_geometric_mission(config.with_values({"flight.planning_s": 4.0}), ROCK, 0, None)
     assert waiting.costs["flight_time_s"] == pytest.approx(without.costs["flight_time_s"] + 3 * 4.0)
@@ -103,10 +103,10 @@ def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
 
 
 def test_seeds_alone_are_a_mission(config):
-    """And a ring by its own list is the same orbit as one turn."""
-    orbit = {"stop.adaptive_budget": 0, "seed.radius_m": 3.5, "sparse.ground_features": 2000}
-    rings = {"seed.ring_elevations_deg": [10.0], "seed.ring_azimuth_counts": [20]}
-    turn = {"seed.count": 20, "seed.lowest_deg": 10.0}
+    """And the paper's rings, if they are one, are the same orbit as one turn."""
+    orbit = {"photographs": 20, "seeds": 20, "seed.radius_m": 3.5, "sparse.ground_features": 2000}
+    rings = {"seed.ring_elevations_deg": [10.0], "seed.ring_azimuth_counts": [4]}
+    turn = {"seed.layout": "turn", "seed.lowest_deg": 10.0}
     a, b = (run_geometric_mission(config.with_values(orbit | way), ROCK) for way in (rings, turn))
     assert (a.status, a.trace, a.costs["images"]) == ("ok", [], 20)
     assert a.metrics == b.metrics
@@ -120,7 +120,7 @@ def test_only_a_mission_with_an_oracle_gate_asks_the_oracle(finished, config):
 
 def test_a_view_may_be_flown_again_and_again(config):
     """Each time as a photograph of its own name."""
-    again = {"pool.revisit_exclusion_m": 0.0, "gate.kind": "movement-only", "stop.adaptive_budget": 4}
+    again = {"pool.revisit_exclusion_m": 0.0, "gate.kind": "movement-only", "photographs": 28}
     result = run_geometric_mission(config.with_values(again), ROCK)
     assert (result.status, result.costs["registered_images"]) == ("ok", 28)
 
@@ -131,10 +131,11 @@ def test_where_features_match_less_far_few_seeds_fall_apart(config):
         "sparse.ground_features": 2000,
         "sparse.min_registered_seeds": 3,
         "seed.lowest_deg": 25.0,
-        "seed.count": 8,
-        "stop.adaptive_budget": 6,
+        "seed.layout": "turn",
+        "photographs": 14,
+        "seeds": 8,
     }
-    others = ({"scene.match_angle_deg": 180.0}, {"seed.count": 12}, {})
+    others = ({"scene.match_angle_deg": 180.0}, {"photographs": 18, "seeds": 12}, {})
     far, many, few = (run_geometric_mission(config.with_values(limited | other), ROCK) for other in others)
     assert [mission.trace[0].n_registered for mission in (far, many)] == [8, 12]
     assert few.trace[0].n_registered < 8 and "unregistered_seed" in few.message
@@ -143,7 +144,7 @@ def test_where_features_match_less_far_few_seeds_fall_apart(config):
 @pytest.mark.slow
 def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
     """Depth in flight is there for the scorer, whoever asks for its ranking."""
-    base = preset("campaign").with_values({"stop.adaptive_budget": 3})
+    base = preset("campaign").with_values({"photographs": 27})
     gated = {"gate.geometry_scorer": "predicted", "gate.budget_fraction": 1.0}
     chosen = [
         [record.chosen for record in run_geometric_mission(base.with_values(values), "machine-0").trace]
@@ -153,7 +154,7 @@ def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
 
 
 def test_the_same_photographs_have_the_same_score_whatever_the_pool_and_a_small_box(config):
-    seeds = config.with_values({"stop.adaptive_budget": 0})
+    seeds = config.with_values({"photographs": 24})
     other = {"pool.radius_m": 2.5, "pool.lateral_elevations_deg": [20.0], "pool.upper_elevations_deg": [60.0]}
     box = {"shared.box_half_extent_m": 0.5}  # of the scorers
     a, b, c = (run_geometric_mission(seeds.with_values(values), ROCK) for values in ({}, other, box))

@@ -49,7 +49,7 @@ def test_a_set_of_photographs_says_itself_where_its_object_is(monkeypatch: pytes
 
 
 def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None:
-    asked = CAMPAIGN.with_values({"stop.adaptive_budget": 1})
+    asked = CAMPAIGN.with_values({"photographs": 25})
     assert run_geometric_mission(asked, TALL).config_digest == asked.digest()
 
 
@@ -72,7 +72,7 @@ def test_what_plans_is_told_a_size_with_an_error_and_not_the_true_one() -> None:
             planned_by.append(self.vehicle_config)
 
     for replicate in (0, 1):
-        Seen.run(CAMPAIGN.with_values({"stop.adaptive_budget": 1}), TALL, replicate)
+        Seen.run(CAMPAIGN.with_values({"photographs": 25}), TALL, replicate)
         assert planned_by[-1].target_m == beliefs[replicate].target_m
         assert planned_by[-1].dense == beliefs[replicate].dense
 

@@ -20,8 +20,9 @@ SEEDS, BUDGET = 16, 2
 def config():
     return preset("campaign").with_values(
         {
-            "seed.count": SEEDS,
-            "stop.adaptive_budget": BUDGET,
+            "photographs": SEEDS + BUDGET,
+            "seeds": SEEDS,
+            "seed.layout": "turn",
             "evaluation.gt_samples": 10_000,
             "dense.agreeing_views": 3,
         }

@@ -81,7 +81,7 @@ def made(config, reconstructor=None, flight=None):
 
 
 def run_loop(reconstructor=None, **values):
-    config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
+    config = preset("campaign").with_values({"photographs": 28, **values})
     mission = made(config, reconstructor)
     mission.run()
     mission.trace, mission.notes = mission.recorder.trace, mission.recorder.notes

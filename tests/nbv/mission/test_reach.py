@@ -20,7 +20,7 @@ from nbv.rocks import Rock
 
 TRUTH = (Rock, TelemetryErrors, GroundTruthOracle, SimulatedCamera)
 # Black photographs do not register: the mission ends with its seeds, after everything has been handed out.
-SMALL = {"camera.width_px": 64, "camera.height_px": 48, "camera.focal_px": 46.0, "stop.adaptive_budget": 1}
+SMALL = {"camera.width_px": 64, "camera.height_px": 48, "camera.focal_px": 46.0, "photographs": 25}
 
 
 def neighbours(thing: Any) -> Iterable[Any]:

@@ -10,7 +10,7 @@ from nbv.geometry.frames import camera_centers_m
 from nbv.mission.target_prior import with_target_error, with_target_found
 from nbv.types import SparseModel
 
-ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "stop.adaptive_budget": 2}
+ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "photographs": 26}
 
 
 class OnTheGround(CountingReconstructor):
@@ -118,7 +118,7 @@ class FoundLate(OnTheGround):
 
 
 def test_places_about_a_target_found_late_have_names_of_their_own() -> None:
-    rough = {**ROUGH, "stop.adaptive_budget": 40, "stop.criterion": "budget"}
+    rough = {**ROUGH, "photographs": 64, "stop.criterion": "budget"}
     config = with_target_error(preset("campaign").with_values(rough), "rock", 3)
     mission = made(config, FoundLate(), Flight(config, "rock", 3))
     mission.run()

@@ -29,7 +29,7 @@ from nbv.types import PointCloud
 from tuner.missions.registry import kind_on, mission_kind, usual_preset
 
 PAPER = preset("campaign")
-RING = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0})
+RING = PAPER.with_values({"seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 25.0})
 NEAREST = Metric(
     "nearest_mm", "Nearest", "mm", False, lambda distances, t: float(distances.to_cloud_mm.min())
 )
@@ -60,7 +60,9 @@ def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
     seeds = viewpoints(at).seeds(RING)
     assert 14 <= len(seeds) <= 16
     assert len({s.position_m for s in seeds}) == len(seeds)
-    asked = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0 + SEED_CAP_DEG + 1})
+    asked = PAPER.with_values(
+        {"seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 25.0 + SEED_CAP_DEG + 1}
+    )
     with pytest.raises(
         MissionFailure, match="elevations of 46 to 46 degrees, and the photographs have 25 to 25"
     ):
@@ -71,7 +73,7 @@ def test_a_side_without_photographs_costs_its_seeds_alone() -> None:
     """A gap of 130 degrees: 11 to 13 of 16 places are near a photograph, and as many of more; of a small side nothing is flown."""
     at = around(np.arange(0.0, 231.0, 5.0), 25.0)
     for count in (16, 20, 24, 32):
-        config = PAPER.with_values({"seed.count": count, "seed.lowest_deg": 25.0})
+        config = PAPER.with_values({"seeds": count, "seed.layout": "turn", "seed.lowest_deg": 25.0})
         seeds = viewpoints(at, config).seeds(config)
         assert 0.68 * count <= len(seeds) <= 0.82 * count
     few = around(np.arange(0.0, 61.0, 2.0), 25.0)
@@ -178,9 +180,10 @@ def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     write_set("ball", spread(32), rendered=True)
     config = PAPER.with_values(
         {
-            "seed.count": 16,
+            "photographs": 18,
+            "seeds": 16,
+            "seed.layout": "turn",
             "seed.lowest_deg": 25.0,
-            "stop.adaptive_budget": 2,
             "telemetry": "rtk",  # the target is not looked for even so
             "dense.agreeing_views": 3,
             "dense.search": "sparse",

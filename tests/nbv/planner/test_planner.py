@@ -35,7 +35,7 @@ def test_it_loads_no_open3d_pyrender_or_torch():
 
 @pytest.mark.parametrize(("gate", "rock"), [("hyb-h", "slab"), ("predicted", "boulder-21")])
 def test_alone_it_chooses_the_views_of_the_mission(gate, rock, tmp_path):
-    config = preset("campaign").with_values({"stop.adaptive_budget": 4, "gate.kind": gate})
+    config = preset("campaign").with_values({"photographs": 28, "gate.kind": gate})
     result = run_geometric_mission(config, rock, 0, tmp_path)
     (tmp_path / "tuned.yaml").write_text(yaml.safe_dump(config.to_dict()))
     # The size of a drawn rock is not known well: the mission's directory says what the vehicle was told.
@@ -51,7 +51,7 @@ def test_alone_it_chooses_the_views_of_the_mission(gate, rock, tmp_path):
 
 
 def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left_or_the_budget_is_used(tmp_path):
-    config = preset("campaign").with_values({"stop.adaptive_budget": 1})
+    config = preset("campaign").with_values({"photographs": 25})
     run_geometric_mission(config, "slab", 0, tmp_path)
     state, _ = load_state(tmp_path / "states" / "iter_00.npz")
     given = (state.model, state.visited_m, state.n_seeds, state.vehicle_position_m, 0.0)

@@ -42,7 +42,7 @@ def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_famil
     monkeypatch.setattr("nbv.scene.bake.GroundSpec", lambda: SMALL_GROUND)
     config = preset("campaign").with_values(
         {
-            "stop.adaptive_budget": 1,
+            "photographs": 25,
             "evaluation.gt_samples": 10_000,
             "dense.agreeing_views": 3,
             "gate.kind": "last",

@@ -69,7 +69,7 @@ def package(tmp_path, monkeypatch):
 
 
 def short(**values):
-    return preset("campaign").with_values({"stop.adaptive_budget": 2, **values})
+    return preset("campaign").with_values({"photographs": 26, **values})
 
 
 def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
@@ -186,7 +186,7 @@ from nbv.geometric import run_geometric_mission
 from nbv.plugins import register
 
 register("scorers", "mine-low", LOW)
-config = preset("campaign").with_values({"gate.kind": "mine-low", "stop.adaptive_budget": 2})
+config = preset("campaign").with_values({"gate.kind": "mine-low", "photographs": 26})
 mission = run_geometric_mission(config, "slab-3")
 print(mission.status, *mission.provenance["plugins"], config.digest())
 """

@@ -45,7 +45,7 @@ def state_and_pool(z: dict[str, np.ndarray]) -> tuple[PlanningState, CandidatePo
         vehicle_position_m=z["vehicle_position_m"],
         vehicle_heading_rad=float(z["vehicle_heading_rad"]),
         captures_used=len(centers) - 24,
-        adaptive_budget=40,
+        planned_views=40,
         d95_m=0.1,
         iteration=0,
     )

@@ -113,13 +113,14 @@ def test_a_ground_that_telemetry_has_elsewhere_is_not_taken_for_rock(ground_m):
 def run_mission(**values):
     config = CONFIG.with_values(
         {
-            "seed.count": 12,
+            "photographs": 24,
+            "seeds": 12,
+            "seed.layout": "turn",
             "seed.radius_m": 3.5,
             "sparse.ground_features": 2000,
             "sparse.min_registered_seeds": 6,
             "gate.kind": "predicted",
             "stop.criterion": "predicted",
-            "stop.adaptive_budget": 12,
             **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
             **values,
         }

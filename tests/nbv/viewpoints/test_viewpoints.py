@@ -1,13 +1,14 @@
 """Seed rings and the candidate pool: counts, positions, filters, order."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig, SeedConfig, preset
 from nbv.viewpoints import camera_shell, candidate_pool, raw_candidates, seed_viewpoints
 from nbv.viewpoints.rings import lateral_ring_counts
 
@@ -32,10 +33,16 @@ def test_seeds() -> None:
     np.testing.assert_allclose(positions[9, :2], 3.70874 * np.array([np.sin(np.pi / 3), 0.5]), atol=1e-4)
 
 
-def turn(count: int, **seed: float) -> MissionConfig:
+def turn(count: int, **seed: Any) -> MissionConfig:
     values = {f"seed.{name}": value for name, value in seed.items()}
     return MissionConfig().with_values(
-        {"seed.count": count, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6, **values}
+        {
+            "seeds": count,
+            "seed.layout": "turn",
+            "sparse.ground_features": 2000,
+            "sparse.min_registered_seeds": 6,
+            **values,
+        }
     )
 
 
@@ -60,10 +67,17 @@ def test_the_observable_surface_is_the_same_for_every_layout() -> None:
         np.testing.assert_array_equal(plain, camera_shell(other))
 
 
-def test_the_number_of_photographs_cuts_the_budget() -> None:
-    assert turn(8).with_values({"stop.max_photographs": 21}).adaptive_budget == 13
-    assert turn(8).with_values({"stop.max_photographs": 60}).adaptive_budget == 40
-    assert turn(8).with_values({"stop.max_photographs": 8}).adaptive_budget == 0
+@pytest.mark.parametrize(
+    ("seeds", "numbers"), [(24, [8, 6, 6, 4]), (12, [4, 3, 3, 2]), (13, [4, 4, 3, 2]), (3, [1, 1, 1])]
+)
+def test_seeds_are_shared_out_among_the_rings_as_the_papers_are(seeds: int, numbers: list[int]) -> None:
+    assert [number for _, number in SeedConfig().rings(seeds)] == numbers
+
+
+def test_what_the_seeds_leave_of_the_photographs_is_planned() -> None:
+    config = turn(8).with_values({"photographs": 21})
+    assert (len(seed_viewpoints(config)), config.planned_views) == (8, 13)
+    assert turn(8).with_values({"photographs": 8}).planned_views == 0
 
 
 @pytest.mark.parametrize(
@@ -125,7 +139,8 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
 
 def test_what_the_seed_ring_lacks_is_a_candidate_for_predicted_alone_however_low():
     values = {
-        "seed.count": 12,
+        "seeds": 12,
+        "seed.layout": "turn",
         "seed.lowest_deg": 10.0,
         "seed.radius_m": 3.5,
         "pool.min_altitude_m": 2.0,

@@ -27,7 +27,7 @@ from tuner.problem.search_space import LEAST_PLANNED, TUNED_GATE, TUNED_PLANNER
 from tuner.problem.space_files import load_search_space
 from tuner.report import words
 
-TWENTY = {"seed.count": 12, "stop.adaptive_budget": 8, "sparse.ground_features": 2000}
+TWENTY = {"photographs": 20, "seeds": 12, "sparse.ground_features": 2000}
 
 
 def settings(**changes: object) -> CampaignSettings:
@@ -47,11 +47,11 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 def test_the_default_is_the_papers_plan_and_all_take_as_many_photographs() -> None:
     assert seed_viewpoints(settings(overrides={}).problem.base) == seed_viewpoints(preset("campaign"))
     problem = settings().problem
-    assert problem.base.seed.ring_counts == (4, 3, 3, 2) and problem.base.seed.radius_m == 4.0
+    assert [n for _, n in problem.base.seed_rings] == [4, 3, 3, 2] and problem.base.seed.radius_m == 4.0
     rng = np.random.default_rng(0)
     for unit in rng.random((8, problem.space.dimension)):
         config = problem.config(problem.space.from_unit(unit))
-        assert config.seed.total + config.adaptive_budget == 20
+        assert config.photographs == 20
 
 
 def test_regions_hold_what_they_say() -> None:
@@ -67,16 +67,14 @@ def test_regions_hold_what_they_say() -> None:
             np.testing.assert_allclose(region.project(settled), settled, atol=1e-12)
         at_gate = problem.config(problem.space.from_unit(gate.project(unit)))
         assert (at_gate.seed, at_gate.pool) == (problem.base.seed, problem.base.pool)
-        assert problem.config(problem.space.from_unit(planner.project(unit))).adaptive_budget >= LEAST_PLANNED
+        assert problem.config(problem.space.from_unit(planner.project(unit))).planned_views >= LEAST_PLANNED
 
 
 def test_a_users_bound_on_the_seeds_stays() -> None:
     space = load_search_space("plan_and_gate")
-    parameters = tuple(
-        dataclasses.replace(p, high=15) if p.path == "seed.count" else p for p in space.parameters
-    )
+    parameters = tuple(dataclasses.replace(p, high=15) if p.path == "seeds" else p for p in space.parameters)
     fitted = settings(space=dataclasses.replace(space, parameters=parameters)).space
-    assert next(p.high for p in fitted.parameters if p.path == "seed.count") == 15
+    assert next(p.high for p in fitted.parameters if p.path == "seeds") == 15
 
 
 def test_spaces_have_the_answers_that_they_can_give() -> None:
@@ -96,14 +94,19 @@ def test_spaces_have_the_answers_that_they_can_give() -> None:
 @pytest.mark.parametrize("number", [16, 20, 32])
 def test_the_papers_strategies_fly_the_papers_rings(number: int) -> None:
     """Whatever the seeds of the campaign are: shares of 8 : 6 : 6 : 4 at 4 m."""
-    ring = {"seed.count": number - 8, "seed.layout": "turn", "seed.lowest_deg": 10.0, "seed.radius_m": 3.5}
+    ring = {
+        "photographs": number,
+        "seeds": number - 8,
+        "seed.layout": "turn",
+        "seed.lowest_deg": 10.0,
+        "seed.radius_m": 3.5,
+    }
     base = preset("campaign").with_values(
         {**ring, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
     )
     for name in PAPER_STRATEGIES:
-        seed = baseline(name).config(base).seed
-        paper = SeedConfig(count=number - 8, layout="rings")
-        assert seed == paper and seed.total == base.seed.total
+        config = baseline(name).config(base)
+        assert config.seed == SeedConfig() and config.seeds == base.seeds
     assert baseline("random").config(base).seed == base.seed
 
 
@@ -129,12 +132,10 @@ def test_baselines_run_on_the_same_blocks(campaign: Campaign) -> None:
 
 def test_an_ablation_puts_one_group_back() -> None:
     base = settings().problem.base
-    tuned = base.with_values(
-        {"gate.geometry_scorer": "predicted", "covis.weights.nov": 0.1, "seed.count": 14}
-    )
+    tuned = base.with_values({"gate.geometry_scorer": "predicted", "covis.weights.nov": 0.1, "seeds": 14})
     found = ablations("tuned-planner", tuned, base)
     assert list(found) == [f"tuned-planner-without-{group}" for group in ("scorer", "weights", "seeds")]
-    assert found["tuned-planner-without-seeds"].seed == base.seed
+    assert found["tuned-planner-without-seeds"].seeds == base.seeds
     assert found["tuned-planner-without-scorer"].gate == base.gate
     assert not ablations("tuned-gate", base.with_values({"gate.d95_m": 0.3}), base)
 
@@ -271,8 +272,8 @@ def test_the_surrogate_is_asked_from_python(campaign: Campaign) -> None:
     assert low < mean < high
     with pytest.raises(UserError, match="not tuned"):
         campaign.predict({"gate.kind": "random"})
-    with pytest.raises(UserError, match=r"seed\.count is 400"):
-        campaign.predict({"seed.count": 400})
+    with pytest.raises(UserError, match=r"seeds is 400"):
+        campaign.predict({"seeds": 400})
 
 
 def test_an_evaluation_of_an_earlier_recommendation_counts_for_the_baselines_alone(

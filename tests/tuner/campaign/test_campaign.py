@@ -172,7 +172,7 @@ def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) ->
         [
             (("blind",), "gate", 6, "no planned photograph registers in the first 6 missions"),
             (("blind", "a"), "gate", 8, "the budget is used"),  # on one rock it does
-            (("blind",), "photographs", 8, "the budget is used"),  # seed.count may mend it
+            (("blind",), "photographs", 8, "the budget is used"),  # more seeds may mend it
         ]
     ):
         asked = settings(rocks=rocks, space=load_search_space(space), budget=8)

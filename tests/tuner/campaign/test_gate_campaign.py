@@ -132,7 +132,7 @@ def test_a_search_without_a_plan_left_to_try_runs_nothing_when_resumed(tmp_path)
     """Four planned views: the gate never switches, so every trial takes the default's photographs."""
     run = (
         "campaign run --name few --space gate --fidelity geometric --rock boulder --budget 10 --sampler sobol "
-        "--replicates 1 --workers 1 --set stop.adaptive_budget=4"
+        "--replicates 1 --workers 1 --set photographs=28"
     )
     assert "no plan left to try" in " ".join(gatetune(tmp_path, *run.split()).split())
     before = len(Campaign.open(tmp_path / "runs/few", read_only=True).trials())

@@ -18,8 +18,8 @@ SPACE = space_from_dict(
         "name": "photographs",
         "base": load_search_space("photographs").base,
         "parameters": {
-            "seed.count": {"kind": "int", "low": 8, "high": 24, "default": 24},
-            "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 16, "default": 8},
+            "photographs": {"kind": "int", "low": 10, "high": 40, "default": 32},
+            "seeds": {"kind": "int", "low": 8, "high": 24, "default": 24},
             "gate.budget_fraction": {"low": 0.0, "high": 1.0},
         },
     },
@@ -30,7 +30,7 @@ run = functools.partial(fake_campaigns.run, space=SPACE, replicates=2)
 
 
 def count(values: Any) -> float:
-    return float(values["seed.count"] + values["stop.adaptive_budget"])
+    return float(values["photographs"])
 
 
 @pytest.fixture(scope="module")

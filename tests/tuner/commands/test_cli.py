@@ -32,10 +32,10 @@ RUN = "campaign run --rock boulder"
         (f"{RUN} --preset nope", "nope"),
         (f"{RUN} --name ../../x", "'../../x' must be a folder name without '/'"),
         (f"{RUN} --seed {2**70}", "below 2**63"),
-        (f"{RUN} --set stop.adaptive_budgit=4", "stop.adaptive_budget"),
-        (f"{RUN} --set stop.adaptive_budget", "PATH=VALUE"),
-        (f"{RUN} --set stop.adaptive_budget=many", "stop.adaptive_budget"),
-        (f"{RUN} --set stop.adaptive_budget={'[' * 2000}", "--set"),
+        (f"{RUN} --set photogaphs=4", "photographs"),
+        (f"{RUN} --set photographs", "PATH=VALUE"),
+        (f"{RUN} --set photographs=many", "photographs"),
+        (f"{RUN} --set photographs={'[' * 2000}", "--set"),
         (f"{RUN} --objective observable.surprise", "direction: maximise"),
         ("campaign run nowhere.yaml", "nowhere.yaml"),
         ("campaign run --rock bouldr", "boulder"),
@@ -82,15 +82,15 @@ def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
 def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     (tmp_path / "mine.yaml").write_text(
-        "name: mine\nspace: full\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
+        "name: mine\nspace: full\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, photographs: 33}\n"
         "second: costs.flight_time_s\nlimit: 300\n"
     )
-    options = "--budget 30 --rock boulder --set stop.adaptive_budget=4"
+    options = "--budget 30 --rock boulder --set photographs=28"
     out = gatetune.ok("campaign", "run", "mine.yaml", *options.split())
     assert out.splitlines()[0] == "campaign mine in runs/mine"
     found = yaml.safe_load((tmp_path / "runs/mine/campaign.yaml").read_text())["settings"]
     assert (found["budget"], found["rocks"], found["in_step"], found["replicates"]) == (30, ["boulder"], 2, 2)
-    assert found["overrides"] == {"gate.kind": "hyb-o", "stop.adaptive_budget": 4}
+    assert found["overrides"] == {"gate.kind": "hyb-o", "photographs": 28}
     assert found["second"] == {"metric": "costs.flight_time_s", "direction": "minimise"}
     # Another campaign's file will do, and changes what is asked to.
     gatetune.ok("campaign", "run", "runs/mine/campaign.yaml", "--name", "again", "--seed", "7")

@@ -28,19 +28,19 @@ def test_a_header_says_what_a_file_carries_and_what_that_was_worth(tmp_path):
         tmp_path / "tune", space=load_search_space("photographs"), budget=3, sampler="sobol"
     )
     problem, best = run.settings.problem, run.recommendation(save=False)
-    fewer = {**problem.default, "seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
+    fewer = {**problem.default, "photographs": 26, "seeds": 14, "pool.max_altitude_m": 1.45}
     worth = dataclasses.replace(best, values=fewer, default_values=problem.default, improvement=6.0)
     scoring, mission, ours = vehicle_files(Exported(run, TUNED_PLANNER, problem.config(fewer), worth))
     assert (scoring.share, mission.share, ours.share) == (
-        "0 of 3 changes, not seed.count, pool.max_altitude_m, stop.adaptive_budget",
+        "0 of 3 changes, not photographs, seeds, pool.max_altitude_m",
         "3 of 3 changes",
         "3 of 3 changes",
     )
     written = yaml.safe_load(mission.text)["/**"]["ros__parameters"]
     assert (sum(written["seed_azimuth_counts"]), written["image_budget"]) == (14, 12)
     assert written["min_altitude_ned"] == -1.45
-    assert "# carries: seed.count 14 (default 24)" in mission.text and "+6" in mission.text
-    assert "# does not carry: seed.count 14 (default 24)" in scoring.text
+    assert "# carries: seeds 14 (default 24)" in mission.text and "+6" in mission.text
+    assert "# does not carry: seeds 14 (default 24)" in scoring.text
 
 
 def test_every_export_says_the_same(gatetune, campaign, tmp_path):
@@ -82,14 +82,14 @@ def test_a_strategy_that_is_named_is_what_is_said_and_written(gatetune, campaign
         "export", campaign.directory, "--strategy", "orbit", "--to", "gatetune.yaml", "--out", out
     )
     config = config_from_dict(yaml.safe_load(out.read_text()))
-    assert (config.seed.lowest_deg, config.adaptive_budget) == (10.0, 0)
+    assert (config.seed.lowest_deg, config.planned_views) == (10.0, 0)
     assert f"{label('orbit')}: " in said and "Fly " not in said
-    assert f"seed.count {config.seed.count} (default {campaign.settings.problem.base.seed.total})" in said
+    assert f"seeds {config.seeds} (default {campaign.settings.problem.base.seeds})" in said
 
 
 def test_a_route_repeats_views_flown_again_but_no_unfinished_mission(gatetune, tmp_path):
-    run, seeds = tmp_path / "mission", {"seed.count": 16, "seed.lowest_deg": 20.0}
-    again = {"gate.kind": "movement-only", "pool.revisit_exclusion_m": 0.0, "stop.adaptive_budget": 2}
+    run, seeds = tmp_path / "mission", {"seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 20.0}
+    again = {"gate.kind": "movement-only", "pool.revisit_exclusion_m": 0.0, "photographs": 18}
     run_geometric_mission(preset("campaign").with_values({**seeds, **again}), "slab", 0, run)
     asked = ("export", run, "--to", "plan", "--home", "1,2")
     assert "18 photographs (16 seeds, then 2 planned" in gatetune.ok(*asked)

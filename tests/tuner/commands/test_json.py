@@ -25,8 +25,8 @@ def test_a_configuration(gatetune: Any) -> None:
     tree = shown(gatetune, "config", "show", "--preset", "campaign", "--set", "gate.d95_m=0.2")
     rows = {row["path"]: row for row in tree["parameters"]}
     assert rows["gate.d95_m"]["value"] == 0.2 and rows["gate.d95_m"]["source"] == "--set"
-    assert rows["stop.adaptive_budget"]["value"] == preset("campaign").stop.adaptive_budget
-    assert rows["stop.adaptive_budget"]["source"].endswith("preset campaign")
+    assert rows["photographs"]["value"] == preset("campaign").photographs
+    assert rows["photographs"]["source"].endswith("preset campaign")
 
 
 @pytest.fixture(scope="module")

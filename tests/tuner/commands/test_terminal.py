@@ -44,7 +44,7 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     ours = begin_campaign(tmp_path / "ours", asked)
     config, rendered_s = ours.settings.problem.base, mission_kind("photogrammetric").seconds
     assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
-    longer = config.with_values({"stop.adaptive_budget": 40})
+    longer = config.with_values({"photographs": 64})
     assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32
     progress = CampaignProgress(SETTINGS)
     progress(replace(event("launched", directory=tmp_path / "m"), finished=0, elapsed_s=0.4))

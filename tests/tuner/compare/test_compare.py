@@ -134,7 +134,7 @@ def series(name, photographs, scores):
 
 
 def suite_of(count, numbers=(10, 20, 30)):
-    return Suite(drawn_targets(count), numbers, values={**BASE, "seed.count": 10})
+    return Suite(drawn_targets(count), numbers, values={**BASE, "seeds": 10})
 
 
 RING = series("ring", (10, 20, 30), [[50] * 8, [99, 99, 50, 50] * 2, [99, 99, 99, 50] * 2])

@@ -11,7 +11,7 @@ from nbv.mission import MissionResult
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/reference/api.md"
 EXAMPLES = dict(re.findall(r'```python title="(\w+)"\n(.*?)```', PAGE.read_text(), re.DOTALL))
-SMALL = {"overrides": {"stop.adaptive_budget": 2}}
+SMALL = {"overrides": {"photographs": 26}}
 
 
 def test_it_is_the_mean_of_the_missions():
@@ -51,7 +51,7 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
         tuner.objective("photographs", ["slab"], objective="f_score@photographs<=20")
     plan = tuner.objective("plan_and_gate", ["slab"])
     many = len(plan.names)
-    for wrong in ([math.nan] * many, [99.0] * many, {"seed.count": 10**9}, {"seed.count": "x"}):
+    for wrong in ([math.nan] * many, [99.0] * many, {"seeds": 10**9}, {"seeds": "x"}):
         with pytest.raises(UserError, match=r"outside of the search space: "):
             plan(wrong)
 

@@ -17,7 +17,7 @@ HIGH = {"flight.min_camera_altitude_m": 1.6}  # above an orbit at 10°
     [
         ({"space": "gate", "overrides": HIGH}, "strategy orbit cannot run"),
         ({"space": "plan_and_gate", "overrides": HIGH}, "strategy orbit cannot run"),
-        ({"space": "gate", "overrides": {"stop.max_photographs": 20}}, "max_photographs 20 is below the 24"),
+        ({"space": "gate", "overrides": {"photographs": 20}}, "seeds is 24, more than the 20 photographs"),
         ({"space": "gate", "compare_on": ["nowhere"]}, "unknown rock 'nowhere'"),
         ({"space": "gate", "fidelity": "photographs", "compare_on": []}, "cannot run on slab"),
     ],

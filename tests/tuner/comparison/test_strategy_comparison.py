@@ -41,7 +41,7 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
     }
     # One and the same configuration is run once and counts for both names; without planned views the gate is the same.
     assert plan().missions == 12 and len(list((tmp_path / "out").glob("missions/*/*/mission.json"))) == 12
-    orbit = BASE.with_values({"stop.adaptive_budget": 0})
+    orbit = BASE.with_values({"photographs": 24})
     same = {"hyb-h": orbit, "random": orbit.with_values({"gate.kind": "random"})}
     assert plan(strategies=same).missions == 6
     difference = strategy_difference(result.records, "tuned", "hyb-h", F48.key)

@@ -43,7 +43,7 @@ def test_preset_paper_code_is_the_published_files(kind):
     same = {path: value for path, value in written.items() if not path.startswith(left_out)}
     known = published(FILES[kind][1])
     assert same == {path: known[path] for path in same} and len(written) > 30
-    assert len(DIRECT) == 37
+    assert len(DIRECT) == 36
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_preset_paper_code_is_the_published_files(kind):
         ("scoring.yaml", {"b_aware.density_neighbours": 8}, {f"{BASELINE_AWARE}.density_k": 8}),
         (
             "unified_mission.yaml",
-            {"seed.ring_elevations_deg": [20.0, 30.0], "seed.ring_azimuth_counts": [10, 6]},
+            {"seeds": 16, "seed.ring_elevations_deg": [20.0, 30.0], "seed.ring_azimuth_counts": [10, 6]},
             {
                 "seed_elevation_rings_deg": [20.0, 30.0],
                 "seed_azimuth_counts": [10, 6],
@@ -95,7 +95,7 @@ def test_preset_paper_code_is_the_published_files(kind):
             {"min_altitude_ned": -1.6, "max_altitude_ned": -1.3},
         ),
         ("unified_mission.yaml", {"flight.arrival_tolerance_m": 0.2}, {"position_tolerance_z": 0.2}),
-        ("unified_mission.yaml", {"stop.adaptive_budget": 60}, {"image_budget": 60, "max_image_budget": 60}),
+        ("unified_mission.yaml", {"photographs": 84}, {"image_budget": 60, "max_image_budget": 60}),
     ],
     ids=str,
 )
@@ -109,9 +109,23 @@ def test_a_changed_parameter_is_a_changed_key(kind, changes, expected):
     assert all(path in PARAMETERS[kind] for path in changes)
 
 
-OTHER = {"stop.max_photographs": 20, "seed.layout": "rings", "gate.kind": "covis", "seed.upper_share": 0.3}
-TWO_RINGS = {"sparse.ground_features": 2000, "seed.count": 16, "seed.upper_share": 0.4, "seed.span_deg": 20.0}
-BESIDE = {"gate.oracle": {"gate.kind": "hyb-o"}, "seed.ring_": {"seed.count": 0}}  # by a path's beginning
+OTHER = {
+    "seed.ring_azimuth_counts": [4, 6, 6, 8],
+    "seed.layout": "rings",
+    "gate.kind": "covis",
+    "seed.upper_share": 0.3,
+}
+TWO_RINGS = {
+    "sparse.ground_features": 2000,
+    "seeds": 16,
+    "seed.layout": "turn",
+    "seed.upper_share": 0.4,
+    "seed.span_deg": 20.0,
+}
+BESIDE = {
+    "gate.oracle": {"gate.kind": "hyb-o"},
+    "seed.ring_": {"seed.layout": "rings"},
+}  # by a path's beginning
 
 
 def another(path, value):
@@ -177,7 +191,7 @@ def test_a_distance_in_unknown_units_is_never_written(write, change, key):
     ],
 )
 def test_fewer_seeds_are_written_as_the_rings_that_they_are(seeds, elevations_deg, counts) -> None:
-    few = {"seed.count": 13, "sparse.ground_features": 2000, "stop.max_photographs": 18, **seeds}
+    few = {"photographs": 18, "seeds": 13, "sparse.ground_features": 2000, "seed.layout": "turn", **seeds}
     written, remarks = write_mission(preset("campaign").with_values(few))
     assert written["seed_elevation_rings_deg"] == elevations_deg
     assert written["seed_azimuth_counts"] == counts and written["ring_image_count"] == 13

@@ -47,7 +47,7 @@ def brought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def job(tmp_path: Path, kind: str, fidelity: str = "geometric", rock: str = "slab") -> MissionJob:
-    config = preset("campaign").with_values({"gate.kind": kind, "stop.adaptive_budget": 2})
+    config = preset("campaign").with_values({"gate.kind": kind, "photographs": 26})
     return MissionJob(kind, config, rock, 0, tmp_path / "missions" / kind, fidelity=fidelity)
 
 

@@ -224,7 +224,7 @@ def test_ctrl_c_ends_missions_at_once_without_a_word(loads: bool, tmp_path: Path
 
 @pytest.mark.slow
 def test_a_mission_with_rendered_photographs_runs_on_a_worker(tmp_path: Path) -> None:
-    small = {"seed.count": 16, "stop.adaptive_budget": 2, "dense.agreeing_views": 3}
+    small = {"photographs": 18, "seeds": 16, "seed.layout": "turn", "dense.agreeing_views": 3}
     config = preset("campaign").with_values({**small, "evaluation.gt_samples": 10_000})
     with MissionPool() as executor:
         ended = run_jobs(executor, [MissionJob("0", config, "boulder", 0, tmp_path / "0")])

@@ -69,7 +69,7 @@ def test_unit_cube_round_trip(position: list[float]) -> None:
 
 
 D95 = "parameters:\n  gate.d95_m: "
-EQUAL = "equal_photographs: true\nparameters:\n  seed.count: {kind: int, low: 8, high: 30}\n"
+EQUAL = "parameters:\n  seeds: {kind: int, low: 8, high: 30}\n"
 GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
 
 
@@ -95,11 +95,9 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
         (GOOD + "  gate.d95_m: {low: 0.1, high: 1.0}", r"line 3: duplicate key 'gate.d95_m'"),
         (GOOD + "base:\n  gate.d95_m: 0.2", "both fixed in 'base' and tuned"),
         (GOOD + "base:\n  gate.kind: psychic", "base: gate.kind is 'psychic'"),
-        (EQUAL + "base: {stop.adaptive_budget: 5}", "decides stop.adaptive_budget"),
-        (EQUAL + "  stop.adaptive_budget: {kind: int, low: 0, high: 5}", "decides stop.adaptive_budget"),
         (GOOD + "begin: {gate.d95_m: 0.2}", "'begin' must list mappings"),
         (GOOD + "begin:\n  - {gate.d95_m: 7}", r"begin has gate.d95_m 7, outside \[0.01, 1\]"),
-        (GOOD + "begin:\n  - {stop.adaptive_budget: 0}", "outside the parameters gate.d95_m"),
+        (GOOD + "begin:\n  - {photographs: 30}", "outside the parameters gate.d95_m"),
         ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}", "unknown key 'parametres'"),
         ("parameters: {}", "at least one parameter"),
         ("", "mapping with the key 'parameters'"),
@@ -121,9 +119,7 @@ def test_more_seeds_than_photographs_are_refused() -> None:
     space = space_from_dict(
         parse_yaml(EQUAL.replace("low: 8, high: 30", "low: 33, high: 40"), "my.yaml"), "my.yaml"
     )
-    with pytest.raises(
-        UserError, match=r"seed\.count begins at 33, and a mission takes 32 photographs; lower it"
-    ):
+    with pytest.raises(UserError, match=r"seeds begins at 33, and a mission takes 32 photographs; lower it"):
         space.fitted(preset("campaign"))
 
 

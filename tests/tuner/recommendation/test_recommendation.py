@@ -131,7 +131,7 @@ def test_equal_outcomes_where_both_ran_do_not_hide_that_one_is_worse_elsewhere()
     assert recommended(history, tuple("abcd"), replicates=2).values == good
 
 
-@pytest.mark.parametrize("other", [8, 10])  # as many photographs as the default takes, or more
+@pytest.mark.parametrize("other", [32, 34])  # as many photographs as the default takes, or more
 def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int) -> None:
     goal = parse_goal("photographs@f_score>=97")
     names = {"space": load_search_space("photographs"), "rocks": ROCKS, "replicates": 2}
@@ -139,10 +139,10 @@ def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int
         **names, objective=goal.objective, second=goal.second, limit=goal.limit, sampler="gp"
     )
     default, rng, history = s.problem.default, np.random.default_rng(0), list[Observation]()
-    sure = {**default, "pool.max_altitude_m": 2.0, "stop.adaptive_budget": other}
+    sure = {**default, "pool.max_altitude_m": 2.0, "photographs": other}
     for values, score in ((default, 96.93), (sure, 98.5)):
         for rock, k in itertools.product(ROCKS, (0, 1)):
-            images, y = values["seed.count"] + values["stop.adaptive_budget"], score + 0.5 * rng.normal()
+            images, y = values["photographs"], score + 0.5 * rng.normal()
             history.append(Observation(len(history), values, rock, k, -images, images, second=y))
     best = recommend(s.problem, s.goal, history)["tuned"]
     assert best.values == sure and best.limit.kept

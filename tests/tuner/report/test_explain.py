@@ -6,7 +6,7 @@ from nbv.geometric import run_geometric_mission
 
 
 def test_a_gates_decisions_beside_its_thresholds(gatetune, tmp_path: Path) -> None:
-    values = {"stop.adaptive_budget": 4, "gate.budget_fraction": 0.5, "gate.d95_m": 0.249}
+    values = {"photographs": 28, "gate.budget_fraction": 0.5, "gate.d95_m": 0.249}
     config = preset("campaign").with_values(values)
     trace = run_geometric_mission(config, "slab", 0, tmp_path / "m").trace
     steps = json.loads(gatetune.ok("mission", "explain", tmp_path / "m", "--json"))["steps"]

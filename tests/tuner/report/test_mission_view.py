@@ -27,7 +27,7 @@ BUDGET = 2
 @pytest.fixture(scope="module")
 def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("run") / "first"
-    config = preset("campaign").with_values({"stop.adaptive_budget": BUDGET})
+    config = preset("campaign").with_values({"photographs": 24 + BUDGET})
     result = run_geometric_mission(config, "slab", 0, run)
     for event in json.loads((run / "flight.json").read_text())["events"]:
         if event["name"].startswith(("seed", "cand")):
@@ -47,7 +47,7 @@ def points(facts: dict, packed: str) -> np.ndarray:
 
 
 def test_a_mission_without_planned_views_is_shown(tmp_path: Path) -> None:
-    orbit = {"stop.adaptive_budget": 0, "seed.count": 16, "seed.lowest_deg": 10.0}
+    orbit = {"photographs": 16, "seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 10.0}
     config = preset("campaign").with_values({**orbit, "sparse.ground_features": 2000})
     metrics = run_geometric_mission(config, "slab", 0, tmp_path / "run").metrics
     (facts,) = shown(write_mission_view([tmp_path / "run"], tmp_path / "view.html"))

@@ -47,7 +47,7 @@ def evaluation_page(folder: Path) -> Path:
 
 
 def mission_page(folder: Path) -> Path:
-    config = preset("campaign").with_values({"stop.adaptive_budget": 2})
+    config = preset("campaign").with_values({"photographs": 26})
     run_geometric_mission(config, "slab", 0, folder / "first")
     return write_mission_view([folder / "first"], folder / "view.html")
 

@@ -18,7 +18,7 @@ from tuner.recommendation.recommendation import Recommendation
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 VARIED = {
-    "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 12, "default": 8},
+    "photographs": {"kind": "int", "low": 26, "high": 36, "default": 32},
     "pool.max_altitude_m": {"low": 1.45, "high": 4.0, "default": 4.0},
 }
 FIXED = {"gate.kind": "hyb-h", "stop.criterion": "budget"}
@@ -39,7 +39,7 @@ def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
 
 def run_missions(number: int, values: Values, rng: np.random.Generator) -> Observation:
     """More photographs are better, and the second parameter u is best at 0.3."""
-    photographs = 24.0 + values["stop.adaptive_budget"]
+    photographs = float(values["photographs"])
     u = SPACE.to_unit(values)[1]
     y = 80.0 + photographs / 4 - 10 * (u - 0.3) ** 2 + 0.1 * rng.normal()
     return Observation(number, values, f"r{number % 2}", 0, y, y, second=-photographs)
@@ -60,10 +60,10 @@ def test_best_quality_within_a_number_of_photographs() -> None:
         models = two_models(PROBLEM, history)
         values, _ = propose_constrained(models[0], Constraint(models[1], -30.5), [], i)
         history.append(run_missions(i, values, rng))
-    searched = [24 + o.values["stop.adaptive_budget"] for o in history[8:]]
+    searched = [o.values["photographs"] for o in history[8:]]
     assert max(searched) <= 31 and searched.count(30) >= 2  # at the limit, where it is best
     result = advise(history, 30.0)
-    assert result.values["stop.adaptive_budget"] <= 6 and result.limit is not None and result.limit.kept
+    assert result.values["photographs"] <= 30 and result.limit is not None and result.limit.kept
     assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
     assert Recommendation.from_dict(result.to_dict()) == result
 
