@@ -149,7 +149,7 @@ class MissionProblem(Problem):
             fidelity=fidelity,
         )
         # Right when the file was read; what the campaign's settings exclude, such as a ring too low, is left out.
-        begin = tuple(values for values in begin if problem.can_run({**default, **values}))
+        begin = tuple(values for values in begin if problem.can_run(space.settled({**default, **values})))
         return replace(problem, space=replace(space, begin=begin))
 
     @property

@@ -54,7 +54,7 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
         return []
     values = dict(best.values)
     for paths in _parts(best.changed):
-        trial = {**values, **{path: best.default_values[path] for path in paths}}
+        trial = space.settled({**values, **{path: best.default_values[path] for path in paths}})
         if trial != values and _same_photographs(campaign, best_trials, trial):
             values = trial
     tried = {configuration_key(space, t.values) for t in trials}

@@ -23,7 +23,7 @@ from tuner.comparison.statistics import (
     kind_of,
 )
 from tuner.missions.registry import kind_on, mission_kind
-from tuner.problem.baselines import ANSWERS, PAPER_STRATEGIES, in_table_order, photographs
+from tuner.problem.baselines import ANSWERS, PAPER_STRATEGIES, in_table_order
 from tuner.problem.baselines import label as strategy_label
 from tuner.report import words
 from tuner.report.labels import (
@@ -69,7 +69,7 @@ class ComparisonFacts:
     def results(self) -> dict[str, AnswerTable]:
         """The strategies over all conditions, the first, and under each where there are several."""
         names = [condition.name for condition in self.plan.conditions]
-        number = photographs(self.plan.strategies[self.reference])
+        number = self.plan.strategies[self.reference].photographs
         parts = {"Results by strategy": self.evidence}
         for name in names if len(names) > 1 else ():
             records = [r for r in self.run.records if r.condition == name]

@@ -227,9 +227,8 @@ class GPSampler:
         # Beginnings leave a place to the best earlier mission.
         begin = space.begin if s.earlier is None else space.begin[: max(0, length - 2)]
         if 1 <= number <= len(begin):
-            return Proposal(
-                {**problem.default, **begin[number - 1]}, {"sampler": self.name, "phase": "begin"}
-            )
+            values = space.settled({**problem.default, **begin[number - 1]})
+            return Proposal(values, {"sampler": self.name, "phase": "begin"})
         places = places_for_earlier(length, len(begin))
         if number in places and s.earlier is not None:
             nth = places.index(number)

@@ -40,10 +40,11 @@ class OptunaSampler:
                 warnings.simplefilter("ignore")
                 study = optuna.create_study(direction="maximize", sampler=self._sampler(number))
                 study.add_trials(self._replay(history, pending))
-                trial = study.ask(distributions(self.settings.problem.space))
+                space = self.settings.problem.space
+                values = space.settled(study.ask(distributions(space)).params)
         finally:
             optuna.logging.set_verbosity(verbosity)
-        return Proposal(dict(trial.params), {"sampler": self.name, "phase": "model"})
+        return Proposal(values, {"sampler": self.name, "phase": "model"})
 
     def _sampler(self, number: int) -> optuna.samplers.BaseSampler:
         seed, initial = derived_seed(self.settings.seed, number), self.settings.initial

@@ -123,6 +123,18 @@ def test_more_seeds_than_photographs_are_refused() -> None:
         space.fitted(preset("campaign"))
 
 
+def test_no_more_seeds_than_photographs_are_drawn() -> None:
+    """Where the number of photographs is searched, too, or is the space's own; with all of them seeds nothing is planned."""
+    space = load_search_space("photographs").fitted(preset("campaign"))
+    drawn = [space.from_unit(unit) for unit in np.random.default_rng(0).random((50, space.dimension))]
+    assert all(space.config(preset("campaign"), values).planned_views >= 0 for values in drawn)
+    orbits = [values for values in drawn if values["seeds"] == values["photographs"]]
+    assert orbits and all(values["pool.max_altitude_m"] == 4.0 for values in orbits)
+    text = "base: {photographs: 14, sparse.ground_features: 2000}\n" + EQUAL.replace("high: 30", "high: 30, default: 12")
+    (seeds,) = space_from_dict(parse_yaml(text, "my.yaml"), "my.yaml").fitted(preset("paper")).parameters
+    assert (seeds.high, seeds.default) == (14, 12)
+
+
 def test_one_parameter_may_set_several_paths() -> None:
     shared = "{low: 0.1, high: 2.0, also: [predicted.weights.nov, covis.weights.nov]}"
     text = f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n"
