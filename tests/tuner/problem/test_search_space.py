@@ -130,7 +130,9 @@ def test_no_more_seeds_than_photographs_are_drawn() -> None:
     assert all(space.config(preset("campaign"), values).planned_views >= 0 for values in drawn)
     orbits = [values for values in drawn if values["seeds"] == values["photographs"]]
     assert orbits and all(values["pool.max_altitude_m"] == 4.0 for values in orbits)
-    text = "base: {photographs: 14, sparse.ground_features: 2000}\n" + EQUAL.replace("high: 30", "high: 30, default: 12")
+    text = "base: {photographs: 14, sparse.ground_features: 2000}\n" + EQUAL.replace(
+        "high: 30", "high: 30, default: 12"
+    )
     (seeds,) = space_from_dict(parse_yaml(text, "my.yaml"), "my.yaml").fitted(preset("paper")).parameters
     assert (seeds.high, seeds.default) == (14, 12)
 
