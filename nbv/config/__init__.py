@@ -15,11 +15,10 @@ from nbv.config.conditions import (
     shipped_files,
     under,
 )
-from nbv.config.declaration import Declaration, canonical_path
+from nbv.config.declaration import Declaration
 from nbv.config.mission_config import (
     IDEAL,
     MissionConfig,
-    canonical,
     config_from_dict,
     parameter,
     parameters,
@@ -68,8 +67,6 @@ __all__ = [
     "TelemetryConfig",
     "Weights",
     "WindConfig",
-    "canonical",
-    "canonical_path",
     "condition_from_dict",
     "config_from_dict",
     "gate_kinds",

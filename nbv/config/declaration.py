@@ -37,26 +37,6 @@ OneOrMore = Annotated[int, Meta(ge=1)]
 TwoOrMore = Annotated[int, Meta(ge=2)]
 ThreeOrMore = Annotated[int, Meta(ge=3)]
 
-_EARLIER_NAMES = {  # which are still read
-    "matchable": "predicted",
-    **{f"matchable.weights.{term}": f"predicted.weights.{term}" for term in ("main", "nov", "move", "ang")},
-}
-_WITHOUT_EFFECT = {  # what earlier versions wrote of parameters that are gone, where nobody had changed them
-    "gate.learned_policy": "",
-    "gate.bridge_below": 0.0,
-    "pool.min_register_chance": 0.0,
-    "stop.min_gain_percent": 0.0,
-    "predicted.views": 6,
-    "dense.patchmatch_samples": 15,
-    "dense.patchmatch_geometric": False,
-    "seed.rings": 1,
-    "seed.start_bearing_deg": 0.0,
-    "seed.ring_radii_m": [],
-    "seed.ring_bearings_deg": [],
-    "gate.oracle_matchable_views": 3,
-    **{f"{scorer}.weights.register": 0.0 for scorer in ("covis", "b_aware", "predicted")},
-}
-ADDED = {"added": True}  # metadata of a field or section that recorded missions may lack
 _UNITS = {
     "m": "m",
     "mm": "mm",
@@ -95,7 +75,6 @@ class Declaration:
     limit: float | None = None  # for safety: GATETUNE_LIMITS raises it
     names: Callable[[], Collection[str]] | None = None  # the choices; a type Literal[...] has its own
     plugins: bool = False  # which plug-ins may add to
-    added: bool = False  # missions were recorded without the field: digests leave out its default
     label: str = ""  # a name for reports, where the field's own will not do
     # Of a campaign's settings:
     shown: str = ""  # the default in words
@@ -192,8 +171,7 @@ def not_in_paper(default: T, meaning: str, **more: Any) -> T:
 
 def setting(default: Any, meaning: str, **more: Any) -> Any:
     """A field with its default, or a function that makes it; ``more`` as `Declaration` has it."""
-    declaration = Declaration(meaning, default=default, **more)
-    metadata = {"declaration": declaration, **(ADDED if declaration.added else {})}
+    metadata = {"declaration": Declaration(meaning, default=default, **more)}
     if callable(default):
         return dataclasses.field(default_factory=default, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -261,11 +239,6 @@ def declared(cls: type) -> dict[str, Declaration]:
     return fields
 
 
-def canonical_path(path: str) -> str:
-    """The parameter path that ``path`` means: itself, or the one of which it is an earlier name."""
-    return _EARLIER_NAMES.get(path, path)
-
-
 def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
     """``did you mean 'budget'?``, or what there is, for a message about an unknown word."""
     known = list(known)
@@ -284,17 +257,15 @@ def leaves(known: Mapping[str, Declaration], tree: Any, what: str, prefix: str =
         raise UserError(f"{prefix.rstrip('.') or what} is {repr(tree)[:60]}; it must map names to values")
     values = dict[str, Any]()
     for key, raw in tree.items():
-        path, below = canonical_path(f"{prefix}{key}"), dict[str, Any]()
+        path, below = f"{prefix}{key}", dict[str, Any]()
         if path in known:
             below = {path: raw}
         elif any(other.startswith(f"{path}.") for other in known):
             below = leaves(known, raw, what, f"{path}.")
-        elif path not in _WITHOUT_EFFECT or raw != _WITHOUT_EFFECT[path]:
+        else:
             raise UserError(f"unknown {what} {path!r}; {nearest(path, known, 3)}")
         for twice in below.keys() & values.keys():
-            raise UserError(
-                f"{what} {twice!r} has two values; leave one out (keys may be paths, or earlier names)"
-            )
+            raise UserError(f"{what} {twice!r} has two values; leave one out (keys may be paths)")
         values |= below
     return values
 

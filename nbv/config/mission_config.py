@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from nbv.config.declaration import (
-    ADDED,
     Declaration,
     Section,
     ThreeOrMore,
@@ -52,11 +51,6 @@ from nbv.plugins import Plugin, settings_class
 WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 PLUGINS = "plugins"  # the field with the sections of plug-ins
-# Every digest contains these fields, which the configuration no longer has, so that recorded missions keep their digests.
-_REMOVED: dict[str, dict[str, Any]] = {
-    "visibility": {"mode": "frustum"},
-    "gate": {"learned_policy": "", "oracle_matchable_views": 3},
-}
 
 
 @dataclass(frozen=True)
@@ -64,7 +58,7 @@ class MissionConfig(Section):
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
 
     preset: str = not_in_paper("paper", "name of the preset that it began as")
-    condition: str = not_in_paper(IDEAL, "name of the condition that it is under", added=True)
+    condition: str = not_in_paper(IDEAL, "name of the condition that it is under")
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     photographs: ThreeOrMore = code(
         64, "mission file, 24 + 40", "photographs of a mission, registered or not: seeds, and planned views"
@@ -74,8 +68,8 @@ class MissionConfig(Section):
     )
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
-    sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED)
-    wind: WindConfig = field(default_factory=WindConfig, metadata=ADDED)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    wind: WindConfig = field(default_factory=WindConfig)
     flight: FlightConfig = field(default_factory=FlightConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
     pool: PoolConfig = field(default_factory=PoolConfig)
@@ -83,15 +77,15 @@ class MissionConfig(Section):
     shared: SharedTermsConfig = field(default_factory=SharedTermsConfig)
     covis: CovisConfig = field(default_factory=CovisConfig)
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
-    predicted: PredictedConfig = field(default_factory=PredictedConfig, metadata=ADDED)
+    predicted: PredictedConfig = field(default_factory=PredictedConfig)
     gate: GateConfig = field(default_factory=GateConfig)
-    telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED)
-    target: TargetConfig = field(default_factory=TargetConfig, metadata=ADDED)
+    telemetry: TelemetryConfig = field(default_factory=TelemetryConfig)
+    target: TargetConfig = field(default_factory=TargetConfig)
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     plugins: tuple[tuple[str, Any], ...] = field(
-        default=(), metadata=ADDED
+        default=()
     )  # settings of plug-ins that are not their defaults, by name: ``config.mine.alpha``
 
     def __post_init__(self) -> None:
@@ -206,20 +200,10 @@ class MissionConfig(Section):
         return dataclasses.replace(self, **new)
 
     def digest(self) -> str:
-        """First 16 hex digits of the SHA-256 of the canonical JSON form.
-
-        A field that was added since version 1 and has its default is left out: a mission run before the
-        field existed is the same mission.
-        """
-        tree = canonical(self)
-        for section, values in _REMOVED.items():
-            tree[section] = {**tree.get(section, {}), **values}
-        if "predicted" in tree:  # its weights were those of a scorer that is gone
-            tree["matchable"] = {**tree.pop("predicted"), "views": 6}
-        if of_plugins := [[plugin.name, plugin.facts] for plugin in self.plugins_used]:
-            tree["plugins_used"] = of_plugins
-        canonical_json = json.dumps(tree, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(canonical_json.encode()).hexdigest()[:16]
+        """First 16 hex digits of the SHA-256 of the JSON form, and of the plug-ins that the mission uses."""
+        plugins = [[plugin.name, plugin.facts] for plugin in self.plugins_used]
+        form = json.dumps([self.to_dict(), plugins], sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(form.encode()).hexdigest()[:16]
 
     def with_values(self, values: dict[str, Any]) -> MissionConfig:
         """A copy with the named parameter paths replaced, e.g. ``{"covis.weights.nov": 0.3}``.
@@ -233,25 +217,6 @@ class MissionConfig(Section):
         config = config_from_dict(values, self)
         config.require_flyable()
         return config
-
-
-def canonical(section: Any) -> dict[str, Any]:
-    """A configuration, or a part of one, as a dictionary to form digests of.
-
-    Without what was added since version 1 and has its default: see `MissionConfig.digest`.
-    """
-    values = {}
-    for f in dataclasses.fields(section):
-        value = getattr(section, f.name)
-        if "added" not in f.metadata or value != _default(f):
-            values[f.name] = canonical(value) if dataclasses.is_dataclass(value) else value
-            if f.name == PLUGINS:
-                values[f.name] = {name: dataclasses.asdict(section) for name, section in value}
-    return values
-
-
-def _default(f: dataclasses.Field[Any]) -> Any:
-    return f.default if f.default_factory is dataclasses.MISSING else f.default_factory()
 
 
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:

@@ -46,23 +46,20 @@ class SeedConfig(Section):
         "elevation of a turn, or of its first ring",
         reason="the mean of the paper's is 24",
         label="elevation of the lowest ring",
-        added=True,
     )
     span_deg: float = not_in_paper(
-        0.0, "elevation of a turn's second ring minus that of its first", reason="the paper's: 21", added=True
+        0.0, "elevation of a turn's second ring minus that of its first", reason="the paper's: 21"
     )
     upper_share: Annotated[float, Meta(ge=0, lt=1)] = not_in_paper(
         0.0,
         "share of a turn's seeds on a second ring, `span_deg` above the first",
         reason="16 at 10° and 9 at 35° are 0.36",
         label="share on the upper ring",
-        added=True,
     )
     recentre_after: int = not_in_paper(
         0,
         "seeds after which a target of uncertain position is located and the other seeds are moved to it; "
         "0: after the last",
-        added=True,
     )
 
     def __post_init__(self) -> None:
@@ -127,7 +124,6 @@ class PoolConfig(Section):
         89.0,
         "elevation of the highest candidate, seen from the target's centre; holds for targets of any height",
         label="highest elevation",
-        added=True,
     )
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
@@ -160,7 +156,7 @@ class StopConfig(Section):
         "all", "III-B, the sparse cloud", "points that count for d95: all, or those in the box"
     )
     predicted_percent: Annotated[float, Meta(gt=0, le=100)] = not_in_paper(
-        98.0, "predicted F-score at 48 mm at which criterion predicted ends Phase 2", added=True
+        98.0, "predicted F-score at 48 mm at which criterion predicted ends Phase 2"
     )
 
     @property
@@ -265,7 +261,6 @@ class GateConfig(Section):
         "scorer that Hyb-H and Hyb-O switch to from Covis",
         names=lambda: SCORERS,
         plugins=True,
-        added=True,
     )
     budget_fraction: Share = text(
         0.4,
@@ -290,5 +285,4 @@ class GateConfig(Section):
         0.0,
         "scoring.yaml of f3120ba: 0.5",
         "weight of a scorer's own main term in Hyb-O; above 0, the margin decides ties",
-        added=True,
     )

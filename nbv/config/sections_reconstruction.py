@@ -34,7 +34,6 @@ class SparseConfig(Section):
         0,
         "most features of the ground, found in the photograph rectified to a view from above by telemetry; 0: none",
         reason="hold views 30° and more apart together, which SIFT matches too rarely",
-        added=True,
     )
     first_octave: Annotated[int, Meta(ge=-1, le=2)] = code(
         -1, "COLMAP's default", "first octave of SIFT; -1: the doubled image"
@@ -50,20 +49,18 @@ class SparseConfig(Section):
         0, "exhaustive", "photographs that a new one is matched with, nearest directions first; 0: all"
     )
     min_inliers: Annotated[int, Meta(ge=8)] = code(15, "COLMAP's default", "least matches of a verified pair")
-    min_ransac_trials: OneOrMore = code(
-        100, "COLMAP's default", "least trials of two-view verification", added=True
-    )
+    min_ransac_trials: OneOrMore = code(100, "COLMAP's default", "least trials of two-view verification")
     global_ba_interval: OneOrMore = not_in_paper(5, "captures between global bundle adjustments")
-    local_ba_images: TwoOrMore = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
-    local_ba_rounds: OneOrMore = code(2, "COLMAP's default", "most rounds of a local adjustment", added=True)
+    local_ba_images: TwoOrMore = code(6, "COLMAP's default", "photographs in a local adjustment")
+    local_ba_rounds: OneOrMore = code(2, "COLMAP's default", "most rounds of a local adjustment")
     local_ba_iterations: Count = code(
-        0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit", added=True
+        0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit"
     )
     global_ba_iterations: Count = code(
-        0, "COLMAP's default", "solver steps of a global adjustment; 0: COLMAP's limit", added=True
+        0, "COLMAP's default", "solver steps of a global adjustment; 0: COLMAP's limit"
     )
     update_pairs: Literal["all", "near"] = code(
-        "all", "COLMAP's default", "pairs that an update between global adjustments uses", added=True
+        "all", "COLMAP's default", "pairs that an update between global adjustments uses"
     )
     max_alignment_rms_m: Positive = not_in_paper(
         0.10, "rms residual to telemetry above which the mission fails (`wrong_model`)"
@@ -94,15 +91,13 @@ class DenseConfig(Section):
         10.0, "best angle of a stereo pair"
     )
     min_baseline_angle_deg: Annotated[float, Meta(ge=0, lt=90)] = not_in_paper(
-        0.0, "least angle between a pair's baseline and the line to the target", added=True
+        0.0, "least angle between a pair's baseline and the line to the target"
     )
     crop_half_width_m: Positive = not_in_paper(1.5, "half the side of the cube in which depths are sought")
     search: Literal["crop", "sparse"] = not_in_paper(
-        "crop", "whether depths are sought in the whole cube or near the sparse model", added=True
+        "crop", "whether depths are sought in the whole cube or near the sparse model"
     )
-    max_size_px: int = not_in_paper(
-        0, "long side to which photographs are reduced for stereo; 0: as taken", added=True
-    )
+    max_size_px: int = not_in_paper(0, "long side to which photographs are reduced for stereo; 0: as taken")
     agreeing_views: TwoOrMore = not_in_paper(3, "views, the reference included, that must agree on a depth")
     consistency_views: Annotated[int, Meta(ge=1, le=254)] = not_in_paper(
         10, "views in which a depth is checked"
@@ -112,17 +107,17 @@ class DenseConfig(Section):
     )
     consistency_px: Positive = not_in_paper(1.0, "largest reprojection error of agreeing depths")
     patchmatch_sources: OneOrMore = not_in_paper(
-        6, "photographs that PatchMatch matches one with", reason=_TABLE, added=True
+        6, "photographs that PatchMatch matches one with", reason=_TABLE
     )
-    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", reason=_TABLE, added=True)
+    patchmatch_iterations: OneOrMore = not_in_paper(3, "sweeps of PatchMatch", reason=_TABLE)
     patchmatch_window_radius_px: Annotated[int, Meta(ge=1, le=32)] = code(
-        5, "COLMAP's default", "half the side of PatchMatch's window", added=True
+        5, "COLMAP's default", "half the side of PatchMatch's window"
     )
     patchmatch_window_step_px: Annotated[int, Meta(ge=1, le=2)] = not_in_paper(
-        2, "distance of the pixels that PatchMatch compares in its window", reason=_TABLE, added=True
+        2, "distance of the pixels that PatchMatch compares in its window", reason=_TABLE
     )
     patchmatch_draws: OneOrMore = not_in_paper(
-        8, "times that PatchMatch draws a source for a pixel", reason=_TABLE, added=True
+        8, "times that PatchMatch draws a source for a pixel", reason=_TABLE
     )
     fusion_voxel_m: Positive = not_in_paper(
         0.008, "voxel in which points are averaged", reason="a pixel at 3.5 m is 7.5 mm"
@@ -158,7 +153,6 @@ class EvaluationConfig(Section):
         0.024,
         "gap around floaters (loose points off any plane, small clusters), which are removed; 0: keep them",
         reason="three voxels; T&T precision of four missions: 97.5 to 99.1 % without, 99.6 to 99.9 % with",
-        added=True,
     )
     gt_gate_m: NonNegative = text(
         0.0, "IV has no gate", "points farther from the truth are deleted; 0: keep them"

@@ -40,13 +40,11 @@ class SceneConfig(Section):
         None,
         "elevation of the sun, 3 to 90; unset: as `sun_direction`",
         reason="the sun of the Moon and of the Earth; below 3° shadows outgrow the ground",
-        added=True,
     )
     sun_azimuth_deg: float | None = not_in_paper(
         None,
         "azimuth of the sun, counter-clockwise from east; unset: as `sun_direction`",
         reason="counted as viewpoints' azimuths are",
-        added=True,
     )
     sun_irradiance: NonNegative = code(0.904, "simulator", "brightness of the sun, relative")
     ambient: NonNegative = code(0.4, "simulator", "brightness of the sky, relative")
@@ -64,7 +62,6 @@ class SceneConfig(Section):
         180.0,
         "angle between lines of sight above which they do not match; geometric missions only",
         reason="at 45 even rings register as those of a stone figure do (docs/results/index.md)",
-        added=True,
     )
 
     def __post_init__(self) -> None:
@@ -165,19 +162,15 @@ class FlightConfig(Section):
         0.0,
         "hover while the model is updated and the next view planned",
         reason="0: not counted; a vehicle's own time is that of its computer",
-        added=True,
     )
-    mass_kg: Positive = not_in_paper(
-        2.06, "take-off mass, for the energy", reason="PX4's Gazebo model x500", added=True
-    )
+    mass_kg: Positive = not_in_paper(2.06, "take-off mass, for the energy", reason="PX4's Gazebo model x500")
     rotor_diameter_m: Positive = not_in_paper(
-        0.279, "diameter of each of four rotors, for the energy", reason="PX4's Gazebo model x500", added=True
+        0.279, "diameter of each of four rotors, for the energy", reason="PX4's Gazebo model x500"
     )
     propulsion_efficiency: Annotated[float, Meta(gt=0, le=1)] = not_in_paper(
         0.6,
         "ideal over electrical power, for the energy",
         reason="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
-        added=True,
     )
     keep_out_radius_m: NonNegative = not_in_paper(
         1.3,
@@ -281,13 +274,11 @@ class TargetConfig(Section):
         20.0,
         "largest error of the prior height and width of a drawn rock (uniform); cameras aim at half the prior height",
         reason="half a pixel (0.25 m) of the shadow of a rock 1.25 m high, with the sun at 45°",
-        added=True,
     )
     ground_m: float = not_in_paper(
         0.0,
         "height of the ground below it where the vehicle counts heights from; where telemetry errs it is found with the target",
         reason="*predicted* must not take the ground for rock",
-        added=True,
     )
 
     @property

@@ -23,7 +23,7 @@ from tuner.problem.goal import parse_goal
 from tuner.problem.instances import with_families
 
 SETTINGS_FILE = "campaign.yaml"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 SETTINGS = declared(CampaignSettings)
 # `make tune`: the gate, then the planner, with 20 photographs in a dim hall, on rocks and on shapes with pockets: on what is nearly
 # convex an orbit is as good as any plan.

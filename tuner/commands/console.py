@@ -22,7 +22,6 @@ from nbv.config import (
     PRESETS,
     Condition,
     MissionConfig,
-    canonical_path,
     load_condition,
     preset,
     under,
@@ -224,7 +223,7 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
         path, separator, text = assignment.partition("=")
         if not separator or not path.strip():
             raise UserError(f"--set {assignment!r} must be PATH=VALUE, for example --set photographs=40")
-        values[canonical_path(path.strip())] = parse_yaml(text, f"--set {assignment!r}")
+        values[path.strip()] = parse_yaml(text, f"--set {assignment!r}")
     return values
 
 

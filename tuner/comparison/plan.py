@@ -36,7 +36,7 @@ from tuner.problem.instances import Instance, require_rocks
 from tuner.problem.observations import MAX_REPLICATES, mission_key
 
 PLAN_FILE = "evaluation.yaml"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, canonical_path, parameter, shipped_files
+from nbv.config import MissionConfig, parameter, shipped_files
 from nbv.config.declaration import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, read_yaml, require
@@ -55,7 +55,6 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     if not isinstance(base, dict):
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
-    raw, base = _with_current_names(raw, source), _with_current_names(base, source)
     parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
@@ -75,21 +74,13 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         parameters,
         base,
         str(tree.get("description") or ""),
-        tuple(_with_current_names(values, source) for values in begin),
+        tuple(begin),
     )
     try:
         space.base_config(MissionConfig())
     except UserError as error:
         raise UserError(f"{source}: base: {error}") from error
     return space
-
-
-def _with_current_names(values: dict[str, Any], source: str) -> dict[str, Any]:
-    named = [canonical_path(path) for path in values]
-    for path in named:
-        if named.count(path) > 1:
-            raise UserError(f"{source}: {path} stands here twice, once by an earlier name; leave one out")
-    return dict(zip(named, values.values()))
 
 
 def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> None:
@@ -116,7 +107,7 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     for key in ("low", "high", "scale") if kind == "categorical" else ("choices",):
         if key in spec:
             raise UserError(f"{where}: {key!r} does not belong to kind {kind}")
-    also = tuple(map(canonical_path, coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")))
+    also = coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")
     if kind == "categorical":
         choices = _choices(spec.get("choices"), where)
         return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)
