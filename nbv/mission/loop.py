@@ -15,7 +15,7 @@ from nbv.mission.target_prior import target_must_be_found, with_target_found
 from nbv.planner import Planner
 from nbv.scorers.prediction import predict
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
-from nbv.viewpoints import RINGS, ViewpointSource, seed_viewpoints
+from nbv.viewpoints import RINGS, ViewpointSource
 
 
 class AdaptiveMission:
@@ -129,16 +129,12 @@ class AdaptiveMission:
         return model
 
     def tell_expectation(self, model: SparseModel) -> None:
-        """How much of the surface the seeds alone, all photographs, and an orbit of as many are expected to reconstruct."""
+        """How much of the surface the seeds alone and all photographs are expected to reconstruct."""
         with self.recorder.stopwatch.timed("planning"):
             prediction = predict(model, self.config)
             places_m = np.array([capture.viewpoint.position_m for capture in self.captures])
             seeds = [capture.viewpoint.band == "seed" for capture in self.captures]
-            number, ring = len(places_m), {"layout": "turn", "upper_share": 0.0}
-            orbit = self.config.changed(photographs=number, seeds=number, seed=ring)
             views = {"seeds": places_m[seeds], "all": model.camera_centers_m}
-            if self.planner.viewpoints is RINGS:
-                views["orbit"] = np.array([view.position_m for view in seed_viewpoints(orbit)])
             shares = {name: prediction.expected_share(of) for name, of in views.items()}
         self.recorder.expected(shares)
 

@@ -15,8 +15,6 @@ from nbv.planner import Plan
 from nbv.process import Stopwatch
 from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport
 
-LEAST_GAIN = 0.01  # of the surface, for planned views to be worth more than an orbit
-
 
 class Recorder:
     """Sees every step of a mission, changes none, and keeps its history.
@@ -111,15 +109,10 @@ class Recorder:
             self.notes.append("empty_pool")
 
     def expected(self, shares: dict[str, float]) -> None:
-        """Shares of the surface, 0 to 1, that the seeds, all photographs and, where it could be flown, an orbit would reconstruct."""
+        """Shares of the surface, 0 to 1, that the seeds alone and all photographs are expected to reconstruct."""
         self.shares = shares
-        said = f"expected: {100 * shares['all']:.0f} % of the surface, {100 * shares['seeds']:.0f} % of the seeds alone"
-        if (orbit := shares.get("orbit")) is not None:
-            gains = shares["all"] - orbit >= LEAST_GAIN
-            said += f", {100 * orbit:.0f} % of an orbit of as many" + (
-                "" if gains else ": an orbit would have done"
-            )
-        self._log(said)
+        whole, seeds = 100 * shares["all"], 100 * shares["seeds"]
+        self._log(f"expected: {whole:.0f} % of the surface, {seeds:.0f} % of the seeds alone")
 
     def reconstructed(self, cloud: Cloud) -> None:
         """The photographs have become a dense cloud, which will now be measured."""
