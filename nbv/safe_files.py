@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+import msgspec
 import numpy as np
 import yaml
 
@@ -253,6 +254,19 @@ def parse_json(text: str, source: str, *, finite: bool = False) -> Any:
 def read_json(path: Path, limit_bytes: int = TEXT_BYTES) -> Any:
     """The tree in a JSON file; errors as `read_bytes` and `parse_json`."""
     return parse_json(read_text(path, limit_bytes), str(path))
+
+
+def json_ready(value: Any) -> Any:
+    """``value`` with non-finite numbers as None, numpy scalars as plain ones, dataclasses as dicts, paths as text, at any depth."""
+    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return str(value)
+    if getattr(value, "ndim", None) == 0:  # numpy scalar
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
 
 
 def read_npz(path: Path, names: Iterable[str]) -> Mapping[str, np.ndarray]:

@@ -90,16 +90,13 @@ def run_to_end(
     *,
     searched: Callable[[CampaignSummary], None] | None = None,
     compare: Callable[[PlannedComparison], object] | None = None,
-    recommend_every: int = 0,
     accept_changes: bool = False,
 ) -> CampaignSummary:
     """`run_campaign`, then the comparison that the campaign asks for: what `tune` and the command do.
 
     ``searched`` is called between the two; ``compare`` runs the comparison, by default without showing anything.
     """
-    summary = run_campaign(
-        campaign, executor, on_event, recommend_every=recommend_every, accept_changes=accept_changes
-    )
+    summary = run_campaign(campaign, executor, on_event, accept_changes=accept_changes)
     if searched is not None:
         searched(summary)
     if summary.found and (planned := end_of_campaign(campaign)) is not None:

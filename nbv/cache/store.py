@@ -1,12 +1,8 @@
 """A store of arrays, shared by many processes.
 
 An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and renamed, so a
-reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. Every
-entry carries a checksum of its kind, its key and its content: one that is damaged or lies under another's name is
-noticed, removed and made anew by whoever needs it.
-
-Machines may share a folder besides, ``$GATETUNE_SHARED_STORE``: what a store does not have is looked for there and kept, and
-what it is given is put there too. Nothing removes what is old from it.
+reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. An entry
+that is damaged is noticed by the archive's own checksums, removed and made anew by whoever needs it.
 """
 
 from __future__ import annotations
@@ -150,17 +146,17 @@ def _sources() -> dict[str, str]:
 # A least-recently-used cache in memory.
 
 
-Value = TypeVar("Value")
+Item = TypeVar("Item")
 
 
-class Recent(Generic[Value]):
+class Recent(Generic[Item]):
     """At most ``size`` values by key; the least recently used one is dropped first."""
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._values: OrderedDict[Hashable, Value] = OrderedDict()
+        self._values: OrderedDict[Hashable, Item] = OrderedDict()
 
-    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
+    def get(self, key: Hashable, make: Callable[[], Item]) -> Item:
         if key not in self._values:
             self._values[key] = make()
             if len(self._values) > self._size:
@@ -172,8 +168,6 @@ class Recent(Generic[Value]):
         self._values.clear()
 
 
-_MAGIC = b"gatetune-entry-2"
-_HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
 _LEFT_S = 86_400.0  # nobody writes an entry for so long
@@ -191,64 +185,38 @@ def home() -> Path:
 
 
 class Store:
-    """Entries under ``root``; at most about ``max_bytes`` of them, least recently used go first.
-
-    Without a root it is the user's, and what ``$GATETUNE_SHARED_STORE`` holds is taken from there.
-    """
+    """Entries under ``root``, by default the user's; at most about ``max_bytes`` of them, least recently used go first."""
 
     def __init__(self, root: Path | None = None, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
         self.root = root if root is not None else home() / "store"
         self.max_bytes = max_bytes
-        shared = os.environ.get("GATETUNE_SHARED_STORE") if root is None else None
-        self._shared = Store(expanded(shared)) if shared else None
 
     def get(self, kind: str, key: str) -> Arrays | None:
-        """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
-        entry = self._read(kind, key)
-        if entry is None and self._shared is not None:
-            entry = self._shared._read(kind, key)
-            if entry is not None:
-                self._keep(kind, key, entry[0])
-        return None if entry is None else entry[1]
-
-    def put(self, kind: str, key: str, arrays: Arrays) -> None:
-        """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)  # type: ignore[arg-type]
-        payload = buffer.getbuffer()
-        data = b"".join((_MAGIC, _checksum(kind, key, payload), payload))
-        self._keep(kind, key, data)
-        if self._shared is not None:
-            self._shared._write(kind, key, data)
-
-    def _keep(self, kind: str, key: str, data: bytes) -> None:
-        self._write(kind, key, data)
-        # By chance, as large as the entry: many processes put a few each, and none knows of the others'.
-        if _PARTS * len(data) > self.max_bytes * int.from_bytes(os.urandom(4), "big") / 2**32:
-            with contextlib.suppress(OSError):  # nobody may write there
-                self.prune(self.max_bytes * (_PARTS - 1) // _PARTS)
-
-    def _read(self, kind: str, key: str) -> tuple[bytes, Arrays] | None:
+        """The entry, or ``None`` if it is absent or damaged (then it is removed)."""
         path = self._path(kind, key)
         try:
             data = read_bytes(path, DEFAULT_MAX_BYTES)
-        except UserError:  # absent, or no file: others may write to a shared folder
+        except UserError:  # absent
             return None
-        sound = data[:_HEAD_BYTES] == _MAGIC + _checksum(kind, key, memoryview(data)[_HEAD_BYTES:])
-        arrays = _unpack(data) if sound else None
-        if arrays is None:
-            with contextlib.suppress(OSError):  # another process has pruned it, or nobody may write there
+        arrays = _unpack(data)
+        with contextlib.suppress(OSError):  # another process has pruned it, or nobody may write there
+            if arrays is None:
                 path.unlink()
-            return None
-        with contextlib.suppress(OSError):
-            os.utime(path)  # recently used
-        return data, arrays
+            else:
+                os.utime(path)  # recently used
+        return arrays
 
-    def _write(self, kind: str, key: str, data: bytes) -> None:
-        path = self._path(kind, key)
+    def put(self, kind: str, key: str, arrays: Arrays) -> None:
+        """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
+        buffer, path = io.BytesIO(), self._path(kind, key)
+        np.savez(buffer, **arrays)  # type: ignore[arg-type]
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(path, data)
+            write_atomic(path, buffer.getbuffer())
+        # By chance, as large as the entry: many processes put a few each, and none knows of the others'.
+        if _PARTS * buffer.tell() > self.max_bytes * int.from_bytes(os.urandom(4), "big") / 2**32:
+            with contextlib.suppress(OSError):  # nobody may write there
+                self.prune(self.max_bytes * (_PARTS - 1) // _PARTS)
 
     def prune(self, max_bytes: int) -> tuple[int, int]:
         """Remove least recently used entries until at most ``max_bytes`` are left: (entries, bytes) removed.
@@ -302,13 +270,7 @@ class KnownOnly(Store):
 
 def _unpack(data: bytes) -> Arrays | None:
     try:
-        with np.load(io.BytesIO(memoryview(data)[_HEAD_BYTES:]), allow_pickle=False) as entry:
+        with np.load(io.BytesIO(data), allow_pickle=False) as entry:
             return {name: entry[name] for name in entry.files}
     except Exception:  # zipfile, zlib and NumPy each raise families of their own
         return None
-
-
-def _checksum(kind: str, key: str, payload: memoryview) -> bytes:
-    hasher = hashlib.sha256(f"{kind}/{key}\n".encode())
-    hasher.update(payload)
-    return hasher.digest()

@@ -1,6 +1,6 @@
 """The names of parts that a configuration may hold: built in are those that stand here, others are plug-ins'.
 
-What loads them lies above: `nbv.scorers.registry`, `nbv.gates.registry`, `nbv.scene.registry` and `nbv.dense.reconstruct`.
+What loads them lies above: `nbv.scorers.registry`, `nbv.gates.registry`, `nbv.scene.view` and `nbv.dense.reconstruct`.
 """
 
 from __future__ import annotations

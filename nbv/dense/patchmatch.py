@@ -140,12 +140,12 @@ def patch_match(workspace: Path, options: Mapping[str, Any], card: Card) -> None
         raise refusal(card.name, ran.stderr, ran.returncode)
 
 
-def refusal(name: str, said: str, status: int) -> MissionFailure:
+def refusal(name: str, output: str, status: int) -> MissionFailure:
     """What COLMAP's last words mean for the card called ``name``."""
-    lines = re.findall(r"\[\w+\.\w+:\d+\] (.+)|CUDA error[^\n]* - (.+)|^(\w*Error: .+)", said, re.MULTILINE)
+    lines = re.findall(r"\[\w+\.\w+:\d+\] (.+)|CUDA error[^\n]* - (.+)|^(\w*Error: .+)", output, re.MULTILINE)
     words = next((" ".join(filter(None, line)) for line in reversed(lines)), f"it ended with status {status}")
     unknown = ("card_failed", f"see what `nvidia-smi` says of it, {_ON_CPU}")
-    meant = (row[1:] for row in _REFUSALS if re.search(row[0], said, re.IGNORECASE))
+    meant = (row[1:] for row in _REFUSALS if re.search(row[0], output, re.IGNORECASE))
     reason, remedy = next(meant, unknown)
     return MissionFailure(f"machine_error: {reason}", f"{name} refused PatchMatch: {words.strip()}; {remedy}")
 

@@ -6,13 +6,13 @@ import json
 import time
 
 from nbv.config import MissionConfig
-from nbv.convert import json_ready
 from nbv.geometry.ply import write_ply
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord, Log, no_log
 from nbv.mission.run_directory import DENSE, LOCATED, PROGRESS, TRACE, RunDirectory, state_file
 from nbv.planner import Plan
 from nbv.process import Stopwatch
+from nbv.safe_files import json_ready
 from nbv.types import CandidatePool, Capture, Cloud, Point, Ranking, UpdateReport
 
 

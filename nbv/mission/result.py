@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import msgspec
 
 from nbv.config import IDEAL, MissionConfig
-from nbv.convert import json_ready
 from nbv.errors import UserError
 from nbv.mission.run_directory import RESULT, read_result
+from nbv.safe_files import json_ready
 
 SCHEMA_VERSION = 1
 

@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from nbv.convert import json_ready
 from nbv.errors import UserError
 from nbv.safe_files import (
     RESULT_BYTES,
+    json_ready,
     read_json,
     remove,
     to_yaml,

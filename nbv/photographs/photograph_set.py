@@ -24,7 +24,6 @@ from PIL import Image
 
 from nbv.cache import home
 from nbv.config import CameraConfig
-from nbv.convert import converted
 from nbv.errors import UserError
 from nbv.geometry.frames import azimuths_elevations_deg, camera_centers_m
 from nbv.geometry.ply import read_ply, write_ply
@@ -96,7 +95,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Coverage:
+class PhotographPlaces:
     """From where photographs (M,) were taken, as seen from the object."""
 
     names: tuple[str, ...]
@@ -157,11 +156,11 @@ class PhotographSet:
         return tuple(p for p in self.photographs if p.registered)
 
     @property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> PhotographPlaces:
         offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
         azimuths, elevations = azimuths_elevations_deg(offsets)
         names = tuple(p.name for p in self.registered)
-        return Coverage(names, azimuths, elevations, np.linalg.norm(offsets, axis=1))
+        return PhotographPlaces(names, azimuths, elevations, np.linalg.norm(offsets, axis=1))
 
     @property
     def target_m(self) -> tuple[float, float, float]:
@@ -225,7 +224,7 @@ def read_set(folder: Path) -> PhotographSet:
             raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")
         for name in ("width_px", "height_px", "focal_px"):  # a camera of the program has defaults
             tree["camera"][name]
-        photographs = converted({**tree, "folder": str(folder)}, PhotographSet, "a record", dec_hook=_decoded)
+        photographs = msgspec.convert({**tree, "folder": str(folder)}, PhotographSet, dec_hook=_decoded)
         check_name(photographs.name)
     except (UserError, KeyError, TypeError, ValueError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)

@@ -2,8 +2,7 @@
 
 from nbv.scene.bake import Scene, build_scene
 from nbv.scene.preview import preview
-from nbv.scene.registry import make_renderer
 from nbv.scene.sensor import Sensor
-from nbv.scene.view import Renderer
+from nbv.scene.view import Renderer, make_renderer
 
 __all__ = ["Renderer", "Scene", "Sensor", "build_scene", "make_renderer", "preview"]

@@ -10,7 +10,7 @@ from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at, unit_vectors
 from nbv.rocks.rock import Rock
 from nbv.scene.bake import build_scene
-from nbv.scene.registry import make_renderer
+from nbv.scene.view import make_renderer
 
 # azimuth, elevation
 VIEWS_DEG = ((0.0, 15.0), (60.0, 22.0), (120.0, 36.0), (180.0, 15.0), (240.0, 29.0), (300.0, 55.0))

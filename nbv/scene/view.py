@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.config import RENDERERS
 from nbv.geometry.frames import camera_centers_m
 from nbv.rocks.texture import srgb_from_linear
 from nbv.types import Floats, Floats32
+
+if TYPE_CHECKING:
+    from nbv.scene.bake import Scene
+
+BUILT_IN = {"raycast": "nbv.scene.raycast:RaycastRenderer", "gl": "nbv.scene.gl:GLRenderer"}
 
 
 class Renderer(Protocol):
@@ -23,6 +29,12 @@ class Renderer(Protocol):
 
     def close(self) -> None:
         """Give back what the operating system lent (a GL context); rendering afterwards is a mistake."""
+
+
+def make_renderer(scene: Scene, backend: str) -> Renderer:
+    """The renderer called ``backend``; ``UserError`` if there is none or it cannot run here."""
+    renderer: Renderer = RENDERERS.load(backend, BUILT_IN)(scene)
+    return renderer
 
 
 _GREY_LEVELS = np.rint(255 * srgb_from_linear(np.arange(65536) / 65535.0)).astype(np.uint8)

@@ -35,7 +35,7 @@ HOPELESS = 0.05  # probability of meeting the constraint
 
 
 def two_models(
-    problem: Problem, observations: Sequence[Observation], sparse: bool | None = None
+    problem: Problem, observations: Sequence[Observation]
 ) -> tuple[InstanceMeanGP, InstanceMeanGP]:
     """Return a model of each objective, on the missions that have both outcomes or failed.
 
@@ -43,16 +43,14 @@ def two_models(
     """
     both = [o for o in observations if o.outcome is None or o.second is not None]
     return (
-        InstanceMeanGP(problem.space, both, problem.instances, sparse=sparse),
-        second_model(problem, observations, sparse),
+        InstanceMeanGP(problem.space, both, problem.instances),
+        second_model(problem, observations),
     )
 
 
-def second_model(
-    problem: Problem, observations: Sequence[Observation], sparse: bool | None = None
-) -> InstanceMeanGP:
+def second_model(problem: Problem, observations: Sequence[Observation]) -> InstanceMeanGP:
     """Return the model of the second objective, as `two_models`."""
-    return InstanceMeanGP(problem.space, with_second_first(observations), problem.instances, sparse=sparse)
+    return InstanceMeanGP(problem.space, with_second_first(observations), problem.instances)
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Constraint:
         sd = np.maximum(sd, 1e-9 * self.model.mean_scale)
         return np.array([probability_positive(m - self.at_least, s) for m, s in zip(mean, sd)])
 
-    def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
+    def satisfied(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
         """Return whether each can be taken to meet the constraint."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 

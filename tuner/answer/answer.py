@@ -14,8 +14,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from nbv.config import MissionConfig
-from nbv.convert import json_ready
-from nbv.safe_files import write_atomic
+from nbv.safe_files import json_ready, write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import repeated
@@ -50,7 +49,7 @@ CHOSEN_BY = {
 
 
 @dataclass(frozen=True)
-class Row:
+class StrategyRow:
     """A strategy on the targets of a table."""
 
     strategy: str
@@ -74,13 +73,13 @@ class AnswerTable:
     targets: tuple[str, ...]
     kinds: tuple[str, ...]  # of targets, those that there are
     replicates: tuple[int, int]  # fewest and most of one target
-    rows: tuple[Row, ...]
+    rows: tuple[StrategyRow, ...]
     best_plain: str  # the best plain plan there; empty without one
-    reference: str  # the strategy of `Row.from_reference`
+    reference: str  # the strategy of `StrategyRow.from_reference`
 
 
 @dataclass(frozen=True)
-class Flight:
+class Advice:
     """What to fly, and against what that is known."""
 
     strategy: str
@@ -112,7 +111,7 @@ class Answer:
     recommended: Mapping[str, Recommendation]  # the tuned configurations, by name
     gates: Mapping[str, GateFacts]  # what their gates did
     tables: tuple[AnswerTable, ...]  # held-out targets first
-    fly: Flight | None
+    fly: Advice | None
     next: Next
     nothing_yet: str = ""
     configs: Mapping[str, MissionConfig] = field(default_factory=dict, repr=False)  # by strategy
@@ -183,7 +182,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
         r.rock for r in evidence.records if r.strategy == (names[0] if names else "")
     )
 
-    def row(name: str) -> Row:
+    def row(name: str) -> StrategyRow:
         missions = evidence.missions(name)
         costs = {
             key: _mean([r.value(key) for r in missions]) for key in ("costs.images", "costs.flight_time_s")
@@ -193,7 +192,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
             kind: None if (mean := part.mean(name)) is None else mean.mean for kind, part in parts.items()
         }
         config = evidence.configs[name]
-        return Row(
+        return StrategyRow(
             strategy=name,
             label=label(name),
             kind=kind_of(name),
@@ -238,11 +237,11 @@ def best_plain(evidence: Evidence, plain: Sequence[str]) -> str:
     return max((name for name, gain in gains.items() if gain), key=lambda name: gains[name].mean, default="")  # type: ignore[union-attr]
 
 
-def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: int) -> Flight | None:
+def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: int) -> Advice | None:
     """Return what to fly: the simplest plan, unless another one is shown to be better on the missions that both flew."""
     tuned = [name for name in ANSWERS if name in found and evidence.missions(name)]
     plans = [*plain_plans(evidence, number), *tuned]
-    missing = [name for name in tuned if (limit := found[name].limit) is not None and not limit.kept]
+    missing = [name for name in tuned if (limit := found[name].limit) is not None and not limit.satisfied]
     plans = [name for name in plans if name not in missing] or plans
     if not plans:
         return None
@@ -254,7 +253,7 @@ def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: i
     leads = {
         name: gain.reversed for name, gain in against.items() if gain is not None and round(gain.mean, 1) < 0
     }
-    return Flight(
+    return Advice(
         strategy=fly,
         label=label(fly),
         is_tuned=fly in ANSWERS,
@@ -275,7 +274,7 @@ def is_better(evidence: Evidence, name: str, than: str) -> bool:
 
 
 def next_step(
-    campaign: Campaign, found: Mapping[str, Recommendation], tables: Sequence[AnswerTable], fly: Flight | None
+    campaign: Campaign, found: Mapping[str, Recommendation], tables: Sequence[AnswerTable], fly: Advice | None
 ) -> Next:
     """Return what to do now, and its command."""
     status, run = campaign.status(), shlex.quote(str(campaign.directory))
@@ -291,7 +290,7 @@ def next_step(
             f"Finish it: {status.remaining} of {status.budget} missions are left.",
             f"gatetune campaign resume {run}",
         )
-    if any(each.limit is not None and not each.limit.kept for each in found.values()):
+    if any(each.limit is not None and not each.limit.satisfied for each in found.values()):
         return Next(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",

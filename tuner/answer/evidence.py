@@ -24,7 +24,7 @@ from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.statistics import over_rocks, same_photographs, score_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
-from tuner.problem.baselines import ANSWERS, ablations, is_ablation
+from tuner.problem.baselines import ANSWERS, ablations, is_ablation, scorer_alone
 from tuner.problem.goal import Objective
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import Block, configuration_key, mission_key
@@ -188,15 +188,11 @@ class GateFacts:
     d95_m: tuple[float, float] | None  # between which the statistic lay when a view was chosen
     all_missions: int  # of the campaign, that planned a view
     all_switched: int
-    scorer: str  # the geometry scorer
-    budget_fraction: float
-    threshold_m: float
     alone: str  # the scorer that the thresholds leave alone whatever is measured; empty without one
 
 
 def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
     """Return what the gate did; files of missions that are gone are left out."""
-    gate = campaign.settings.problem.config(tuned.values).gate
     trials = [t for t in campaign.trials() if t.state == "complete" and t.record.switched is not None]
     flown = [t for t in trials if dict(t.values) == dict(tuned.values)]
     traces = []
@@ -205,12 +201,6 @@ def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
             traces.append(MissionResult.load(t.record.directory).trace)
     steps = list(itertools.chain(*traces))
     d95_m = [step.d95_m for step in steps if step.d95_m is not None]
-    alone = ""
-    if gate.kind == "hyb-h":
-        if gate.budget_fraction >= 1.0:
-            alone = gate.geometry_scorer
-        elif gate.budget_fraction <= 0.0 and d95_m and gate.d95_m >= max(d95_m):
-            alone = "covis"
     return GateFacts(
         missions=len(flown),
         switched=sum(bool(t.record.switched) for t in flown),
@@ -218,8 +208,5 @@ def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
         d95_m=(min(d95_m), max(d95_m)) if d95_m else None,
         all_missions=len(trials),
         all_switched=sum(bool(t.record.switched) for t in trials),
-        scorer=gate.geometry_scorer,
-        budget_fraction=gate.budget_fraction,
-        threshold_m=gate.d95_m,
-        alone=alone,
+        alone=scorer_alone(campaign.settings.problem.config(tuned.values)),
     )

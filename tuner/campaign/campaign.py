@@ -56,7 +56,6 @@ EventKind = Literal[
     "finished",
     "failed",
     "lost",  # the machine ended the mission; its trial stays open
-    "recommendation",
     "interrupted",
     "stopped",
     "done",
@@ -248,17 +247,16 @@ class Campaign:
             f"{budget + len(again) - len(trials)} missions of the budget would repeat them; for repeats give --replicates"
         )
 
-    def recommendations(self, *, save: bool = True, latest: bool = False) -> dict[str, Recommendation]:
+    def recommendations(self, *, save: bool = True) -> dict[str, Recommendation]:
         """Return what is recommended in every region by its name (`tuner.problem.search_space`); nothing while `nothing_yet`.
 
         That is the configuration with the fewest changes among those that ran often enough and are not worse than the one with
         the largest posterior mean (`tuner.recommendation.choose`). Those that were saved after these very missions are read.
-        ``latest``: also those that were saved before further missions ended, since a model of thousands takes long.
         """
         history = self.history()
         if self.nothing_yet(history):
             return {}
-        if saved := self.saved_recommendations(history, latest=latest):
+        if saved := self.saved_recommendations(history):
             return saved
         from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
@@ -388,14 +386,8 @@ class Campaign:
         low, high = sorted(sign * bound for bound in interval_95(mean, sd))
         return sign * mean, low, high
 
-    def saved_recommendations(
-        self, history: Sequence[Observation] | None = None, *, latest: bool = False
-    ) -> dict[str, Recommendation]:
-        """Return those saved after exactly ``history`` (None: all missions); nothing without such a file.
-
-        ``latest``: however many missions have ended since.
-        """
-        history = self.history() if history is None else history
+    def saved_recommendations(self, history: Sequence[Observation]) -> dict[str, Recommendation]:
+        """Return those saved after exactly ``history``; nothing without such a file."""
         try:
             tree = read_json(self.directory / RECOMMENDATION_FILE)
             saved = {name: Recommendation.from_dict(each) for name, each in tree.items()}
@@ -404,4 +396,4 @@ class Campaign:
         ran = [dict(o.values) for o in history]
         evaluated = all(each.values in ran for each in saved.values())
         current = all(each.missions_behind == len(history) for each in saved.values())
-        return saved if evaluated and (latest or current) else {}
+        return saved if evaluated and current else {}

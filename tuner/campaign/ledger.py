@@ -19,6 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+)
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from optuna.trial import FrozenTrial, TrialState, create_trial
@@ -28,8 +34,7 @@ from tuner.missions.job import Record, Trial
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Proposal
-from tuner.problem.search_space import Problem
-from tuner.samplers.optuna import distributions
+from tuner.problem.search_space import Parameter, Problem, SearchSpace
 
 # The file of a campaign's ledger: the journal of an Optuna study in its run directory.
 
@@ -286,3 +291,17 @@ class Ledger:
                 f"trial {row.number} of the ledger {self._shown} is not what was entered: the ledger was changed or damaged; "
                 "restore it from a copy"
             ) from error
+
+
+def distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
+    """Return Optuna distributions by path, of the same sets as the parameters."""
+    return {parameter.path: _distribution(parameter) for parameter in space.parameters}
+
+
+def _distribution(parameter: Parameter) -> BaseDistribution:
+    if parameter.kind == "categorical":
+        return CategoricalDistribution(parameter.choices)
+    log = parameter.scale == "log"
+    if parameter.kind == "int":
+        return IntDistribution(int(parameter.low), int(parameter.high), log=log)
+    return FloatDistribution(parameter.low, parameter.high, log=log)

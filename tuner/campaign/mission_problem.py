@@ -244,10 +244,10 @@ class MissionProblem(Problem):
         return True
 
 
-def plain_plans(space: SearchSpace, base: MissionConfig, names: Sequence[str] = ARMS) -> dict[str, Values]:
-    """Return the plain orbits and random views of these ``names`` that the space holds, all with the default's number."""
+def plain_plans(space: SearchSpace, base: MissionConfig) -> dict[str, Values]:
+    """Return those of `ARMS` that the space holds, all with the default's number."""
     plans = dict[str, Values]()
-    for name in names:
+    for name in ARMS:
         config = baseline(name).config(base)
         values = {path: value_at(config, path) for path in space.paths}
         if all(p.contains(values[p.path]) for p in space.parameters) and (

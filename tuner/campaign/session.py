@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 
 from nbv.cache import KnownOnly
 from nbv.errors import MissionFailure, UserError
-from nbv.mission import MissionResult
-from nbv.mission.run_directory import RESULT
 from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
@@ -103,15 +101,8 @@ _LAST_EVENT: dict[Ending, EventKind] = {
 }
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-# From so many missions it is judged whether planned photographs register at all.
-FIRST_FEW = 6
-NOTHING_REGISTERS = (
-    f"no planned photograph registers in the first {FIRST_FEW} missions, so thresholds and weights have no effect; begin "
-    "again with more seeds (seeds) or lower ones (seed.lowest_deg)"
-)
 SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
-_OF_SEEDS = ("seed", "sparse.")  # they decide what may register
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
 FROM_WORKERS, SHARE = 8, 4
@@ -123,7 +114,6 @@ def run_campaign(
     executor: Executor,
     on_event: Callable[[CampaignEvent], None] | None = None,
     *,
-    recommend_every: int = 0,
     accept_changes: bool = False,
 ) -> CampaignSummary:
     """Run missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
@@ -132,13 +122,12 @@ def run_campaign(
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
     The trial of an infrastructure failure (`Trial.infrastructure_failure`) stays open too.
 
-    ``on_event`` is called in this thread; after every ``recommend_every`` missions, 0 for none, also with a recommendation, which
-    is saved. ``accept_changes``: go on where rocks or the missions' code changed since the last session.
+    ``on_event`` is called in this thread. ``accept_changes``: go on where rocks or the missions' code changed since the last session.
 
     Raises `UserError`: the campaign is running elsewhere; rocks or the missions' code changed (`ReproducibilityCheck`); a
     mission met a user's mistake (its trial stays open, so a resume runs it again); the ledger cannot be written.
     """
-    session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
+    session = _Session(campaign, executor, on_event or (lambda event: None), accept_changes)
     with long_run(campaign.directory) as stop, campaign.ledger.exclusive():
         return session.run(stop)
 
@@ -155,7 +144,6 @@ class _Session:
     campaign: Campaign
     executor: Executor
     on_event: Callable[[CampaignEvent], None]
-    recommend_every: int
     accept_changes: bool
 
     def __post_init__(self) -> None:
@@ -169,7 +157,6 @@ class _Session:
         self._to_retry = collections.deque[_Prepared]()
         self._in_flight: dict[str, Trial] = {}
         self._search_ended: tuple[Ending, str] = "budget", "the budget is used"
-        self._nothing_registers: bool | None = None  # whether nothing planned registers; None: not known yet
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
         self._simplified = collections.deque[Proposal]()
@@ -237,7 +224,6 @@ class _Session:
                 self._to_retry.append(_Prepared(trial, job))
             else:
                 self._count(self._enter(trial, ended))
-        self._reproducibility.begin()
 
     @property
     def cancelled(self) -> bool:
@@ -312,19 +298,7 @@ class _Session:
         """Return how the search ends, and why; None while there is more to propose. ``left``: of the budget."""
         if left > 0 and (why := self.campaign.exhausted(trials)):
             return "exhausted", why
-        if self._no_planned_view_can_register(trials):
-            return "failing", NOTHING_REGISTERS
         return ("budget", "the budget is used") if left <= 0 else None
-
-    def _no_planned_view_can_register(self, trials: Sequence[Trial]) -> bool:
-        """Return whether no planned photograph of the first `FIRST_FEW` missions registered in the sparse model, and no tuned
-        parameter can change that: then thresholds and weights have no effect."""
-        few = [trial for trial in trials if trial.state == "complete"][:FIRST_FEW]
-        if len(few) < FIRST_FEW or any(path.startswith(_OF_SEEDS) for path in self._settings.space.paths):
-            return False
-        if self._nothing_registers is None:
-            self._nothing_registers = all(map(_registers_nothing, few))
-        return self._nothing_registers
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""
@@ -354,11 +328,6 @@ class _Session:
         else:
             self._failed_in_row.clear()
             self._emit("finished", trial, message=trial.record.message)
-        last = self._finished >= self._settings.budget  # whose recommendation the summary has
-        if self.recommend_every and self._finished % self.recommend_every == 0 and not last:
-            best = self._stop.computed(self.campaign.recommendation)
-            if best is not None:
-                self._emit("recommendation", recommendation=best)
 
     def _emit(
         self,
@@ -376,13 +345,6 @@ def _reason(failed: Trial) -> str:
     """Return ``'timeout' (after 60 s)``: why a mission failed, in code and in words."""
     message = failed.record.message
     return f"{failed.reason!r} ({message})" if message else f"{failed.reason!r}"
-
-
-def _registers_nothing(trial: Trial) -> bool:
-    """Return whether photographs were planned in a mission and none of them registered."""
-    directory = trial.record.directory
-    trace = MissionResult.load(directory).trace if (directory / RESULT).is_file() else []
-    return bool(trace) and not any(record.registered for record in trace)
 
 
 class ReproducibilityCheck:
@@ -415,13 +377,12 @@ class ReproducibilityCheck:
             )
         self._remember(trial, rock_sha256)
 
-    def begin(self) -> None:
-        """Forget the rocks of earlier sessions where changes are wanted; called before the first mission runs."""
-        if self._accept:
-            self._rocks.clear()
-
     def is_another(self, trial: Trial, rock_sha256: str) -> bool:
-        return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
+        return (
+            not self._accept
+            and bool(rock_sha256)
+            and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
+        )
 
     def _remember(self, trial: Trial, sha256: str) -> None:
         if sha256:

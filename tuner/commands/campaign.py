@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,6 @@ import typer
 from rich.padding import Padding
 
 from nbv import plugins
-from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.safe_files import read_json
 from tuner.answer.answer import ANSWER_FILE, Answer
@@ -47,7 +45,7 @@ from tuner.commands.console import (
 from tuner.commands.evaluate import run_with_progress
 from tuner.commands.options import (
     EXECUTION,
-    Executor,
+    ExecutorOption,
     Scheduler,
     Timeout,
     Workers,
@@ -63,7 +61,6 @@ from tuner.report.labels import duration
 app = typer.Typer(no_args_is_help=True)
 
 MODEL = "tuner.samplers.gp"  # takes a second to load; a finished campaign is shown without it
-LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
 
 
@@ -82,7 +79,7 @@ def run(
     ] = False,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
-    executor: Executor = "local",
+    executor: ExecutorOption = "local",
     scheduler: Scheduler = None,
     out: Annotated[
         Path | None, typer.Option(help="Run directory (default: runs/NAME).", rich_help_panel=EXECUTION)
@@ -139,7 +136,7 @@ def resume(
         int | None, typer.Option(help="A larger budget than the campaign began with.")
     ] = None,
     timeout_s: Timeout = 3600.0,
-    executor: Executor = "local",
+    executor: ExecutorOption = "local",
     scheduler: Scheduler = None,
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Resume although rocks or code have changed since.")
@@ -193,7 +190,7 @@ def list_(
     folder: Annotated[Path, typer.Argument(help="Folder that holds run directories.")] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """List the campaigns in a folder: progress, objective, rocks and recommendation of each.
+    """List the campaigns in a folder: progress, objective and answer of each.
 
     Example: gatetune campaign list
     """
@@ -205,58 +202,26 @@ def list_(
     rows = [_row(directory) for directory in directories]
     for row in rows:
         output.print(row["directory"], style="bold", soft_wrap=True)
-        if row["objective"] is not None:
-            output.print(f"  {row['finished']} of {row['budget']} missions, tuned for {row['objective']}")
-            output.print(Padding(_measured_on(row), (0, 0, 0, 2)))
         output.print(Padding(row["answer"], (0, 0, 0, 2)))
-    if len({_measured_on(row) for row in rows if row["objective"] is not None}) > 1:
-        output.print(
-            "Results compare only between campaigns whose rocks, conditions, fidelity and settings are the same."
-        )
     answer_json(rows)
-
-
-def _measured_on(row: Mapping[str, Any]) -> str:
-    """``rocks slab, fin; space gate; fidelity photogrammetric; dense.agreeing_views 3``."""
-    under = "" if row["conditions"] == [IDEAL] else f" under {', '.join(row['conditions'])}"
-    rocks = ", ".join(Path(rock).stem for rock in row["rocks"])
-    fixed = "".join(f"; {path} {value}" for path, value in row["overrides"].items())
-    return f"rocks {rocks}{under}; space {row['space']}; fidelity {row['fidelity']}{fixed}"
 
 
 def _row(directory: Path) -> dict[str, Any]:
     """What `list` shows of one campaign; of one that cannot be read, the reason."""
-    row: dict[str, Any] = {"directory": str(directory), "objective": None, "finished": None, "budget": None}
+    row: dict[str, Any] = {"directory": str(directory), "finished": None, "budget": None}
     try:
         campaign = Campaign.open(directory, read_only=True)
-        s, counts = campaign.settings, campaign.status()
-        saved: dict[str, Any] = {}
-        with contextlib.suppress(UserError):  # damaged: `status` makes it anew
-            saved = read_json(directory / ANSWER_FILE) if (directory / ANSWER_FILE).is_file() else {}
     except UserError as error:
-        return {**row, "values": None, "answer": f"cannot be read: {error}"}
-    answer = f"none yet: {campaign.nothing_yet()}"
-    if not campaign.nothing_yet():
-        fly = (saved.get("fly") or {}).get("label")
-        known = fly and saved.get("finished") == counts.finished
-        answer = (
-            f"fly {fly}"
-            if known
-            else f"not computed yet: gatetune campaign status {shlex.quote(str(directory))}"
-        )
-    return {
-        **row,
-        "objective": str(s.goal),
-        "rocks": s.rocks,
-        "conditions": [condition.name for condition in s.conditions],
-        "space": s.space.name,
-        "fidelity": s.fidelity,
-        "overrides": s.overrides,
-        "finished": counts.finished,
-        "budget": counts.budget,
-        "values": {name: each.get("values") for name, each in (saved.get("recommended") or {}).items()},
-        "answer": answer,
-    }
+        return {**row, "answer": f"cannot be read: {error}"}
+    counts, saved = campaign.status(), dict[str, Any]()
+    with contextlib.suppress(UserError):  # damaged: `status` makes it anew
+        saved = read_json(directory / ANSWER_FILE) if (directory / ANSWER_FILE).is_file() else {}
+    fly, reason = (saved.get("fly") or {}).get("label"), campaign.nothing_yet()
+    answer = f"nothing to fly yet: {reason}" if reason else f"fly {fly}"
+    if not reason and (fly is None or saved.get("finished") != counts.finished):
+        answer = f"not computed yet: gatetune campaign status {shlex.quote(str(directory))}"
+    answer = f"{counts.finished} of {counts.budget} missions, tuned for {campaign.settings.goal}: {answer}"
+    return {**row, "finished": counts.finished, "budget": counts.budget, "answer": answer}
 
 
 def run_and_report(
@@ -314,7 +279,6 @@ def run_and_report(
             (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
             searched=searched,
             compare=lambda planned: run_planned(campaign, planned, executor),
-            recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
             accept_changes=accept_changes,
         )
         answer = show_answer(campaign)

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from nbv.config import IDEAL
-from nbv.convert import json_ready
+from nbv.safe_files import json_ready
 from tuner.answer.answer import ANSWER_FILE, Answer, answer_of
 from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignStatus
 from tuner.campaign.settings import CampaignSettings
@@ -14,19 +14,18 @@ from tuner.commands.console import MissionProgress, output
 from tuner.missions.registry import mission_kind
 from tuner.problem.goal import COUNTS
 from tuner.report import words
-from tuner.report.labels import bracketed, counted, duration, metric_label, number_text
+from tuner.report.labels import counted, duration, number_text
 
 LINE = 80  # columns of a mission's line
 
 
 class CampaignProgress(MissionProgress):
-    """A line per mission and one bar: how far, what failed, the best so far, what runs now."""
+    """A line per mission and one bar: how far, what failed, what runs now."""
 
     def __init__(self, settings: CampaignSettings) -> None:
         super().__init__(settings.budget)
         self._settings = settings
         self._failed = 0
-        self._best = ""
 
     def __call__(self, event: CampaignEvent) -> None:
         trial = event.trial
@@ -39,12 +38,8 @@ class CampaignProgress(MissionProgress):
             self.ended(str(trial.number), mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
             output.print(f"{event.kind}: {event.message}", style="yellow")
-        if event.recommendation is not None:
-            best = event.recommendation
-            label = metric_label(best.metric)
-            self._best = f", best {bracketed(best.mean, *best.interval_95)} {label.unit}".rstrip()
         failed = f", {self._failed} failed" if self._failed else ""
-        counts = f"{event.finished}/{event.budget}{failed}{self._best}"
+        counts = f"{event.finished}/{event.budget}{failed}"
         self.reached(event.finished, event.budget, counts)
 
 
@@ -145,7 +140,7 @@ def show_answer(campaign: Campaign, *, save: bool = True) -> Answer:
         for name, gate in answer.gates.items():
             if gate.views:
                 output.print(words.gate_sentence(name, gate), highlight=False)
-        output.print(words.legend(answer), style="dim")
+        output.print(words.legend(answer.tables), style="dim")
     output.print(words.chosen_text(answer.chosen_by), highlight=False)
     output.print(f"What next: {answer.next.why}", highlight=False)
     if answer.next.command:

@@ -9,7 +9,6 @@ import typer
 
 from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, load_condition
 from nbv.errors import UserError
-from nbv.safe_files import is_file
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.mission_problem import rock_arguments
 from tuner.commands.console import (
@@ -47,10 +46,6 @@ def compare(
     campaign: Annotated[
         Path | None, typer.Option(help="Run directory whose recommendation is added.")
     ] = None,
-    suite: Annotated[
-        str | None,
-        typer.Option(help="Published settings, which no other option may change: rocks-1, shapes-1."),
-    ] = None,
     targets: Annotated[int, typer.Option(help="Number of held-out rocks to draw.", min=1)] = TARGETS,
     families: Annotated[
         list[str] | None,
@@ -60,8 +55,7 @@ def compare(
         list[str] | None,
         typer.Option(
             "--rock",
-            help="Rock, mesh file or photograph set in place of drawn rocks, or one under a condition of its own as "
-            "ROCK@CONDITION, repeatable.",
+            help="Rock, mesh file or photograph set in place of drawn rocks, repeatable.",
         ),
     ] = None,
     conditions: Annotated[
@@ -101,21 +95,17 @@ def compare(
     output.print("comparing strategies")  # before what takes seconds to load
     load("tuner.comparison.curves")
     from tuner.comparison import curves
-    from tuner.report.curves import answer_table, write_curves, zero_text
+    from tuner.report.curves import answer_table, failed_lines, write_curves
 
     names = list(dict.fromkeys(strategies or DEFAULT))
     chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
-    if suite is not None and suite not in curves.SUITES:
-        raise UserError(f"there is no suite {suite!r}; there are {', '.join(curves.SUITES)}")
-    everywhere = tuple(map(_condition, conditions or [IDEAL]))
+    under = tuple(map(_condition, conditions or [IDEAL]))
     if rocks:
         with working(LOADING_ROCKS):
-            places, under = _places(rocks, everywhere)
+            named = rock_arguments(rocks)
     else:
-        drawn = curves.drawn_targets(targets, families or tuple(curves.FAMILIES))
-        if suite is not None and not families and targets == TARGETS:
-            drawn = curves.SUITES[suite].targets
-        places, under = tuple(Instance(t.rock, c.name) for c in everywhere for t in drawn), everywhere
+        named = [t.rock for t in curves.drawn_targets(targets, families or tuple(curves.FAMILIES))]
+    places = tuple(Instance(rock, condition.name) for condition in under for rock in named)
     requested = curves.Suite(
         places,
         _numbers(numbers),
@@ -126,12 +116,6 @@ def compare(
         {**curves.BASE, **parse_overrides(set_ or [])},
         under,
     )
-    if suite is not None and requested != curves.SUITES[suite]:
-        published = curves.SUITES[suite].to_dict()
-        changed = [name for name, value in requested.to_dict().items() if value != published[name]]
-        raise UserError(
-            f"these settings are not those of the suite {suite} ({', '.join(changed)}); remove --suite, or the options that change it"
-        )
     if campaign is not None:
         chosen["tuned"] = Campaign.open(campaign, read_only=True).recommended_config()
     if against is None and fidelity == curves.CURVE and not any(map(is_orbit, chosen)):
@@ -144,15 +128,14 @@ def compare(
     reference = against or next(iter([*orbits, *chosen]))
     if reference not in chosen:
         raise UserError(f"--against {reference} is not among the strategies {', '.join(chosen)}")
-    plans = curves.comparison_plans(requested, chosen)
+    plan = curves.comparison_plan(requested, chosen)
     if rocks or families or set_ or conditions:  # else the targets and views fit
         with working("looking at the targets"):
             curves.require_room(requested)
     if conditions and (note := mission_kind(fidelity).note):
         output.print(note, style="yellow")
-    missions = sum(plan.missions for plan in plans.values())
     output.print(
-        f"{requested.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {missions} missions"
+        f"{requested.name}: {len(chosen)} strategies on {len(places)} targets{under_conditions(under)}, {plan.missions} missions"
     )
     if seeds := requested.base.seeds:
         last = requested.numbers[-1]
@@ -162,33 +145,17 @@ def compare(
     longest = curves.ending_at(requested.base, requested.numbers[-1])
     for kind in dict.fromkeys(kind_on(place.rock, fidelity) for place in places):
         note_dense_stage(kind, longest)
-    runs = run_plans(plans, out, workers, timeout_s, DEFAULT_METRIC)
-    records = [trial for run in runs for trial in run.records]
+    (run,) = run_plans({"": plan}, out, workers, timeout_s, DEFAULT_METRIC)
     with working("drawing"):
-        series = curves.all_series(requested, list(chosen), records)
+        series = curves.all_series(requested, list(chosen), run.records)
         outcome = curves.outcome(requested, series, reference)
         document = write_curves(requested, series, outcome, out)
     output.print(*answer_table(requested, outcome).for_terminal())
     output.print(" ".join(document["verdict"]), style="bold")
-    if outcome.score_0:
-        output.print("These missions count with a score of 0:", style="red")
-    for zero in outcome.score_0:
-        output.print(f"- {zero_text(zero, len(places))}")
+    for line in failed_lines(series):
+        output.print(f"counted with a score of 0: {line}", style="red", highlight=False)
     output.print(f"report: {out / 'report.html'}")
     answer_json(document)
-
-
-def _places(
-    rocks: list[str], everywhere: tuple[Condition, ...]
-) -> tuple[tuple[Instance, ...], tuple[Condition, ...]]:
-    """Every rock under its own condition, of ROCK@CONDITION, or else ``everywhere``; and the conditions."""
-    split = [(rock, "") if is_file(Path(rock)) else rock.partition("@")[::2] for rock in rocks]
-    places, used = list[Instance](), list[Condition]()
-    for (_, condition_name), rock in zip(split, rock_arguments([name for name, _ in split])):
-        for condition in (_condition(condition_name),) if condition_name else everywhere:
-            places.append(Instance(rock, condition.name))
-            used += [condition] if condition not in used else []
-    return tuple(places), tuple(used)
 
 
 def _condition(name: str) -> Condition:

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Column, Table
+from rich.table import Column
 from rich.text import Text
 
 from nbv.config import (
@@ -26,18 +26,17 @@ from nbv.config import (
     preset,
     under,
 )
-from nbv.convert import json_ready
 from nbv.dense import patchmatch_runs, with_best_dense_stage
 from nbv.dense.patchmatch import cards
 from nbv.errors import UserError
 from nbv.mission.run_directory import PROGRESS
-from nbv.safe_files import parse_yaml
+from nbv.safe_files import json_ready, parse_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.comparison.plan import EvaluationEvent, EvaluationPlan, EvaluationRun, run_evaluation
 from tuner.missions.pool import Executor, local_pool
 from tuner.missions.registry import MissionKind
 from tuner.problem.instances import Instance
-from tuner.report.labels import duration, number_text
+from tuner.report.labels import Table, duration, number_text
 
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
 output = Console(markup=False, emoji=False)
@@ -74,16 +73,10 @@ def answer_json(document: Any) -> None:
         typer.echo(json.dumps(json_ready(document), indent=1))
 
 
-def show_table(
-    columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None, right: int = 0
-) -> None:
-    """Print a table; its last ``right`` columns are of numbers."""
-    table = Table(title=title)
-    for place, name in enumerate(columns):
-        table.add_column(name, justify="right" if place >= len(columns) - right else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(str, row))
-    output.print(table)
+def show_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> None:
+    """Print a table."""
+    texts = [[str(value) for value in row] for row in rows]
+    output.print(*Table.of(title, columns, texts).for_terminal())
 
 
 @contextlib.contextmanager
@@ -142,9 +135,11 @@ class MissionProgress(Progress):
             if here >= _ENOUGH and finished < total
             else ""
         )
-        self.update(self._missions, completed=finished, total=total, description=self.said(), left=left)
+        self.update(
+            self._missions, completed=finished, total=total, description=self.description(), left=left
+        )
 
-    def said(self) -> str:
+    def description(self) -> str:
         """``3/9, runs slab r0 (photograph 12/32), fin r1 (photograph 3/32) and 6 more``."""
         running = list(self._running.values())
         named = ", ".join(label + _how_far(directory) for label, directory in running[:_NAMED])
@@ -153,7 +148,7 @@ class MissionProgress(Progress):
 
     def get_renderables(self) -> Iterable[RenderableType]:
         for task in self.tasks:
-            task.description = self.said()
+            task.description = self.description()
         return super().get_renderables()
 
 

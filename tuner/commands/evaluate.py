@@ -29,7 +29,7 @@ from tuner.commands.console import (
 )
 from tuner.commands.options import (
     Conditions,
-    Fidelity,
+    FidelityOption,
     Overrides,
     Rocks,
     Timeout,
@@ -57,7 +57,7 @@ def evaluate(
     ] = None,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
-    fidelity: Fidelity = DEFAULT_FIDELITY,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -87,7 +87,7 @@ def confirm(
     ] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
-    fidelity: Fidelity = DEFAULT_FIDELITY,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation).")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -121,7 +121,7 @@ def reproduce(
         typer.Option("--strategy", help="Strategy, repeatable (default: the paper's four, greedy-oracle)."),
     ] = None,
     set_: Overrides = None,
-    fidelity: Fidelity = DEFAULT_FIDELITY,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     workers: Workers = None,
     timeout_s: Timeout = 7200.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,

@@ -25,7 +25,7 @@ from tuner.comparison.plan import PLAN_FILE, EvaluationPlan, EvaluationRun
 from tuner.export.route import Home, mission_config, qgc_plan, read_flight
 from tuner.export.table import write_missions
 from tuner.export.vehicle_files import OURS, Exported, vehicle_files
-from tuner.problem.baselines import ANSWERS, base_name, baseline, gate_in_words, is_ablation
+from tuner.problem.baselines import ANSWERS, base_name, baseline, is_ablation, scorer_alone
 from tuner.problem.baselines import label as strategy_label
 from tuner.report.words import sentences
 
@@ -91,8 +91,8 @@ def export(
         return _export_plan(exported, rock, _place(home), out)
     changes = ", ".join(map(exported.change, exported.values)) or "the default"
     _say(f"{strategy_label(exported.strategy)}: {changes}")
-    if gate := gate_in_words(exported.config):
-        _say(gate)
+    if scorer := scorer_alone(exported.config):
+        _say(f"its gate never switches: {strategy_label(scorer)} alone chooses every view")
     files = {file.name: file for file in vehicle_files(exported)}
     if to is None:
         others = [name for name in answer.configs if not is_ablation(name) and name != exported.strategy]
@@ -102,7 +102,7 @@ def export(
         most = max(files.values(), key=lambda f: (f.name != OURS and bool(f.carried), len(f.carried)))
         options = ["--to", most.name, *(() if strategy is None else ("--strategy", strategy))]
         limits = [each.limit for each in answer.recommended.values() if each.limit is not None]
-        options += ["--anyway"] if any(not limit.kept for limit in limits) else []
+        options += ["--anyway"] if any(not limit.satisfied for limit in limits) else []
         first = shlex.join(["gatetune", "export", str(run), *options])
         _say(f"write the first: {first}")
         listed = [
@@ -113,13 +113,13 @@ def export(
     file = files[to.value]
     if not file.text:
         raise UserError(f"{file.remarks[0]}; gatetune.yaml has all: --to gatetune.yaml")
-    said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
-    _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
+    lines = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
+    _wrote(_write(out or run / file.name, file.text), lines, carried=file.carried, lost=file.lost)
 
 
 def _require_limit_kept(answer: Answer, anyway: bool) -> None:
     best = list(answer.recommended.values())[-1]
-    if best.limit is not None and not best.limit.kept and not anyway:
+    if best.limit is not None and not best.limit.satisfied and not anyway:
         sign = "<=" if best.limit.direction == "minimise" else ">="
         raise UserError(
             f"no configuration that was run is likely to meet {best.limit.metric} {sign} {best.limit.limit:g}; the nearest "
@@ -178,9 +178,9 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
     if config.planned_views == 0:
         config = under(config, s.conditions[0])
         height_m = 2.0 * config.target_m[2]
-        said = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
+        lines = f"the route is for a target {height_m:g} m high whose centre lies 0 m east and north of the origin"
         views = [view.id for view in seed_viewpoints(config)]
-        return _write_route(config, views, home, out or run / "route.plan", [said])
+        return _write_route(config, views, home, out or run / "route.plan", [lines])
     remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
     if exported.best is None or exported.strategy != exported.campaign.settings.problem.answers[-1].name:
         raise UserError(f"{exported.strategy} plans views, which hold for one target: {remedy}")
@@ -202,13 +202,13 @@ def _write_plan(run: Path, source: Path, home: Home, out: Path | None) -> None:
 
 
 def _write_route(
-    config: MissionConfig, views: Sequence[str], home: Home, out: Path, said: Sequence[str]
+    config: MissionConfig, views: Sequence[str], home: Home, out: Path, lines: Sequence[str]
 ) -> None:
-    said = [
-        *said,
+    lines = [
+        *lines,
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
-    _wrote(_write(out, json.dumps(qgc_plan(config, views, home), indent=1) + "\n"), said)
+    _wrote(_write(out, json.dumps(qgc_plan(config, views, home), indent=1) + "\n"), lines)
 
 
 def _recommended_mission(run: Path) -> Path:

@@ -36,7 +36,6 @@ from tuner.commands.options import Overrides
 from tuner.export.route import planned_config
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, usual_preset
 from tuner.report.labels import duration, format_number
-from tuner.report.words import gate_words
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
@@ -109,7 +108,7 @@ def show_metrics(metrics: dict[str, Any]) -> None:
     for key, first in next(iter(columns.values())).items():
         if isinstance(first, (int, float)):
             rows.append((key, *(format_number(column.get(key)) for column in columns.values())))
-    show_table(("metric", *columns), rows, title, right=len(columns))
+    show_table(("metric", *columns), rows, title)
 
 
 @app.command()
@@ -133,10 +132,10 @@ def explain(
         best = ", ".join(
             f"{name} {scored['candidate']} {scored['score']:.3f}" for name, scored in entry.top.items()
         )
-        said = f"step {entry.iteration + 1}: {entry.scorer} chose {entry.chosen}, since {entry.reason}"
-        output.print(f"{said} (best scores: {best})", highlight=False, soft_wrap=True)
-    said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
-    output.print(said, highlight=False, soft_wrap=True)
+        text = f"step {entry.iteration + 1}: {entry.scorer} chose {entry.chosen}, since {entry.reason}"
+        output.print(f"{text} (best scores: {best})", highlight=False, soft_wrap=True)
+    if not trace:
+        output.print(f"gate {gate.kind}: no step was planned", highlight=False)
     answer_json({"mission": mission, "gate": gate, "steps": trace})
 
 

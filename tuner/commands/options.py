@@ -36,7 +36,7 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", help="PATH=VALUE for every mission, e.g. photographs=40; repeatable."),
 ]
-Fidelity = Annotated[
+FidelityOption = Annotated[
     str,
     typer.Option(
         help="photogrammetric; or geometric: without photographs, to rank configurations, not to measure."
@@ -49,7 +49,7 @@ Workers = Annotated[
 Timeout = Annotated[
     float, typer.Option(help="A mission that takes longer is ended.", rich_help_panel=EXECUTION)
 ]
-Executor = Annotated[
+ExecutorOption = Annotated[
     str,
     typer.Option(
         help="Where missions run: local (processes of this machine), or dask.",

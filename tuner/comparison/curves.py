@@ -7,8 +7,6 @@ photographs are rendered or given, every number is a mission of its own for all 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +23,7 @@ from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, generated_name, generated_recipe
 from nbv.types import Bools, Floats, Ints
 from tuner.comparison.plan import EvaluationPlan
-from tuner.comparison.statistics import Kind, kind_of
+from tuner.comparison.statistics import Verdict, kind_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import kind_on, mission_kind
 from tuner.problem.baselines import PLAN, baseline, ending_at, is_orbit, sees_ground_truth, with_sections_of
@@ -38,7 +36,6 @@ LITTLE = 1.0  # points: what the oracle gains at most where it is not worth tryi
 PHOTOGRAPHS_PER_LOG_HEIGHT = 20.0  # more on a rock 2.7 times as high (docs/results/where_planning_pays.md)
 LEVELS = np.arange(6.0, 49.0)  # photographs of a rock 1 m high
 THRESHOLDS_PERCENT = np.arange(90.0, 99.6, 0.25)  # predicted F-scores at which a mission stops
-HARDLY = 0.5  # a share of targets, below which scores are compared and not numbers of photographs
 SHOWN_NUMBERS = (16, 20, 24, 32, 40)  # beside the first and the last
 CURVE = "curve"
 DECIDED = ("gate.kind", "photographs")
@@ -139,11 +136,8 @@ def require_room(suite: Suite) -> None:
             )
 
 
-Strategies = Mapping[str, MissionConfig | None]  # by name; None: the baseline, scorer or gate of that name
-
-
-def comparison_plans(suite: Suite, strategies: Strategies) -> dict[str, EvaluationPlan]:
-    """Return the missions of a suite by folder: one plan, or one for each condition where these have not the same rocks.
+def comparison_plan(suite: Suite, strategies: Mapping[str, MissionConfig | None]) -> EvaluationPlan:
+    """Return the missions of a suite; ``strategies`` by name, None for the baseline, scorer or gate of that name.
 
     Of a configuration its plan is taken, and photographs are reconstructed and measured as those of all others are.
 
@@ -152,11 +146,10 @@ def comparison_plans(suite: Suite, strategies: Strategies) -> dict[str, Evaluati
     configs: dict[str, MissionConfig] = {}
     for name, given in strategies.items():
         configs |= _missions_of(suite, name, given)
-    rocks = [tuple(t.rock for t in suite.targets if t.condition == c.name) for c in suite.conditions]
-    plan = functools.partial(EvaluationPlan, configs, replicates=suite.replicates, fidelity=suite.fidelity)
-    if len({frozenset(names) for names in rocks}) == 1:
-        return {"": plan(rocks[0], conditions=suite.conditions)}
-    return {c.name: plan(names, conditions=(c,)) for c, names in zip(suite.conditions, rocks)}
+    rocks = tuple(dict.fromkeys(target.rock for target in suite.targets))
+    return EvaluationPlan(
+        configs, rocks, suite.replicates, fidelity=suite.fidelity, conditions=suite.conditions
+    )
 
 
 def _missions_of(suite: Suite, name: str, given: MissionConfig | None) -> dict[str, MissionConfig]:
@@ -290,42 +283,11 @@ def _believed_height_m(suite: Suite, target: Instance) -> float:
 
 
 @dataclass(frozen=True)
-class Zero:
-    """Why targets count with a score of 0: missions failed for one reason, or had no model yet."""
-
-    strategy: str
-    targets: tuple[str, ...]
-    reason: str = ""  # empty: no model yet
-    missions: int = 0  # that failed
-    example: str = ""
-    photographs: tuple[float, float] = (0.0, 0.0)  # fewest and most without a model
-
-
-def what_scores_0(series: Sequence[Series], targets: Sequence[Instance]) -> list[Zero]:
-    """Return each cause once: missions that failed, and targets of which a strategy had no model yet."""
-    zeros = list[Zero]()
-    for one in series:
-        of_reason: dict[str, list[Trial]] = {}
-        for trial in one.failed:
-            of_reason.setdefault(trial.reason, []).append(trial)
-        for reason, failed in of_reason.items():
-            labels, first = tuple(dict.fromkeys(t.instance.label for t in failed)), failed[0]
-            example = f"{first.strategy} on {first.instance.label}: {first.record.message}"
-            zeros.append(Zero(_strategy_run(one.name), labels, reason, len(failed), example))
-        ran = np.array([target not in {trial.instance for trial in one.failed} for target in targets])
-        if (lacking := (one.scores == 0.0) & ran).any():
-            labels = tuple(t.label for t, column in zip(targets, lacking.T) if column.any())
-            numbers = one.photographs[lacking]
-            zeros.append(Zero(one.name, labels, photographs=(float(numbers.min()), float(numbers.max()))))
-    return list(dict.fromkeys(zeros))
-
-
-@dataclass(frozen=True)
 class Finding:
     """What one strategy needs for the share, against the reference."""
 
     strategy: str
-    kind: Kind  # better: with fewer photographs; not paired: one of the two never reaches the share
+    kind: Verdict  # better: with fewer photographs; not paired: one of the two never reaches the share
     needed: float | None  # mean photographs; None: the share is not reached
     ratio: Interval | None  # paired over targets
     reached: float  # the largest share
@@ -338,7 +300,7 @@ class Standing:
 
     strategy: str
     photographs: int
-    kind: Kind
+    kind: Verdict
     f_score: Interval
     gain: Interval | None  # None where the reference never takes so few, or so many
     share: float  # of the targets that have the score
@@ -362,31 +324,21 @@ def at_share(series: Sequence[Series], reference: Series, share: float, score: f
         return float(one.mean_photographs(of).max()) if number is None else number
 
     def finding(one: Series) -> Finding:
-        needed, ratio, kind = one.needed(share, score, everyone), None, Kind.NOT_PAIRED
+        needed, ratio, kind = one.needed(share, score, everyone), None, Verdict.NOT_PAIRED
         if needed is not None and base is not None:
             low, high = bootstrap_bounds(
                 lambda of: photographs(one, of) / photographs(reference, of), everyone, vectorized=False
             )
             ratio = bootstrapped(needed / base, low, high, len(everyone))
             if low is None:
-                kind = Kind.NO_INTERVAL
+                kind = Verdict.NO_INTERVAL
             elif high < 1.0 and not fewest(reference):  # it may need fewer than were tried
-                kind = Kind.BETTER
+                kind = Verdict.BETTER
             else:
-                kind = Kind.WORSE if low > 1.0 and not fewest(one) else Kind.NO_DIFFERENCE
+                kind = Verdict.WORSE if low > 1.0 and not fewest(one) else Verdict.NO_DIFFERENCE
         return Finding(one.name, kind, needed, ratio, float(one.shares(score).max()), fewest(one))
 
     return [finding(one) for one in series]
-
-
-def share_compared(reference: Series, share: float, score: float) -> float:
-    """The share that is asked for or, where the reference never reaches it, the largest multiple of 5 % that it reaches.
-
-    0 where it hardly reaches any.
-    """
-    reached = float(reference.shares(score).max())
-    compared = share if reached >= share - 1e-9 else math.floor(20.0 * reached + 1e-9) / 20.0
-    return compared if compared >= min(share, HARDLY) else 0.0
 
 
 def at_number(series: Sequence[Series], reference: Series, number: int, score: float) -> list[Standing]:
@@ -397,7 +349,7 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
         if scores is None or reached is None:
             continue
         gain = None if theirs is None else bootstrap_means(scores - theirs)[0]
-        kind = Kind.NOT_PAIRED if gain is None else kind_of(gain)
+        kind = Verdict.NOT_PAIRED if gain is None else kind_of(gain)
         figures = bootstrap_means(scores)[0], gain, float(reached.mean())
         standings.append(
             Standing(one.name, number, kind, *figures, len(one.failed), int((scores == 0.0).sum()))
@@ -406,15 +358,14 @@ def at_number(series: Sequence[Series], reference: Series, number: int, score: f
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CurvesOutcome:
     reference: str
-    share: float  # at which numbers of photographs are compared; 0: hardly any is reached
+    share: float  # at which numbers of photographs are compared; 0: the reference never reaches it
     number: int  # the largest that the reference takes
     findings: list[Finding]
     standings: list[Standing]  # number by number
     plain: str  # the best plain plan at ``number``; empty without one
     ceiling: Interval | None  # the greedy oracle minus that plan; None where one of them was not run
-    score_0: list[Zero]
     ground_truth: list[str]  # strategies that see it
 
     @property
@@ -423,10 +374,10 @@ class Outcome:
         return any(f.needed is not None and not f.fewest for f in self.findings)
 
 
-def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
+def outcome(suite: Suite, series: Sequence[Series], reference: str) -> CurvesOutcome:
     """Return what the series say; ``reference``: the strategy of the ratios and gains."""
     score, base = suite.score, next(one for one in series if one.name == reference)
-    share = share_compared(base, suite.share, score)
+    share = suite.share if base.shares(score).max() >= suite.share - 1e-9 else 0.0
     findings = at_share(series, base, share, score)
     within = [n for n in suite.numbers if base.at(n, base.scores) is not None]
     number = within[-1] if within else int(base.mean_photographs(slice(None))[-1])
@@ -437,8 +388,8 @@ def outcome(suite: Suite, series: Sequence[Series], reference: str) -> Outcome:
     best, ceiling = max(plain, key=lambda name: plain[name], default=""), None
     if best and CEILING in scores:
         (ceiling,) = bootstrap_means(scores[CEILING] - scores[best])
-    zeros, oracles = what_scores_0(series, suite.targets), [s.name for s in series if s.sees_ground_truth]
-    return Outcome(reference, share, number, findings, standings, best, ceiling, zeros, oracles)
+    oracles = [s.name for s in series if s.sees_ground_truth]
+    return CurvesOutcome(reference, share, number, findings, standings, best, ceiling, oracles)
 
 
 def panels(suite: Suite, series: Sequence[Series]) -> dict[str, list[tuple[Floats, list[Interval]]]]:

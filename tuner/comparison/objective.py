@@ -10,12 +10,12 @@ from typing import Any
 from optuna.distributions import BaseDistribution
 
 from nbv.errors import UserError
+from tuner.campaign.ledger import distributions
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import resolved_settings
 from tuner.missions.registry import kind_on
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Values
-from tuner.samplers.optuna import distributions
 
 
 @dataclass(frozen=True)

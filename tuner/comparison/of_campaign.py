@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from nbv.config import IDEAL, IDEAL_CONDITION, PRESETS, Condition, MissionConfig
+from nbv.config import IDEAL_CONDITION, PRESETS, Condition, MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import Keep
 from tuner.campaign.begin import learn_from
@@ -103,7 +103,7 @@ def held_out(
     tuned = _evaluated(source, found, under, chosen)
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
     against = reference_of([name for name in plan.strategies if name not in ANSWERS], s.problem.reference)
-    notes = (*_notes(found), *notes, *_conditions(source, under))
+    notes = (*_notes(found), *notes)
     title = f"{s.name}: tuned against baselines on held-out targets"
     return PlannedComparison(plan, against, title, source.directory / EVALUATION, notes, s.goal, source)
 
@@ -239,21 +239,6 @@ def _notes(found: Mapping[str, Recommendation]) -> tuple[str, ...]:
         f"Nothing that the campaign ran is known to meet its constraint: {label(name)} comes nearest to it, with probability "
         f"{best.limit.probability:.0%}."
         for name, best in found.items()
-        if best.limit is not None and not best.limit.kept
+        if best.limit is not None and not best.limit.satisfied
     ]
     return tuple(notes)
-
-
-def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
-    """Which conditions the campaign, and those that it learned from, have run under."""
-    evaluated = {condition.name for condition in source.settings.conditions}
-    if source.learned is not None:
-        evaluated |= {o.condition for o in source.learned.observations}
-    names = [condition.name for condition in conditions]
-    notes = []
-    if unseen := [name for name in names if name not in evaluated]:
-        notes.append(f"Conditions that the campaign has not seen: {', '.join(unseen)}.")
-    if (seen := [name for name in names if name in evaluated]) and names != [IDEAL]:
-        tuned = "the condition that it was tuned in" if len(seen) == 1 else "conditions that it was tuned in"
-        notes.append(f"{', '.join(seen)}: {tuned}, so this does not test transfer to others.")
-    return notes

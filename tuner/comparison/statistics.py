@@ -169,7 +169,7 @@ def comparison_table(
     )
 
 
-class Kind(StrEnum):
+class Verdict(StrEnum):
     """What a paired difference and its 95 % interval say."""
 
     BETTER = "better"
@@ -179,10 +179,10 @@ class Kind(StrEnum):
     NOT_PAIRED = "not paired"  # no mission in common
 
 
-def kind_of(gain: Interval | None) -> Kind:
+def kind_of(gain: Interval | None) -> Verdict:
     """Return the kind of a difference that is oriented so that positive is better; None: no mission in common."""
     if gain is None:
-        return Kind.NOT_PAIRED
+        return Verdict.NOT_PAIRED
     if gain.low is None or gain.high is None:
-        return Kind.NO_INTERVAL
-    return Kind.BETTER if gain.low > 0 else Kind.WORSE if gain.high < 0 else Kind.NO_DIFFERENCE
+        return Verdict.NO_INTERVAL
+    return Verdict.BETTER if gain.low > 0 else Verdict.WORSE if gain.high < 0 else Verdict.NO_DIFFERENCE

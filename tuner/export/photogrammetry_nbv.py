@@ -1,38 +1,33 @@
 """Conversion of a configuration to the authors' files, ``scoring.yaml`` and ``unified_mission.yaml``.
 
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
-A key without a counterpart keeps its value when a file is written, and a comment says why it has none. Where one key corresponds
+A key without a counterpart keeps its value, that of ``published``, when a file is written. Where one key corresponds
 to several parameters, or the other way round, the tables name them and the code below converts them one by one.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.safe_files import to_yaml
+from nbv.mission.result import value_at_path
+from nbv.safe_files import read_yaml, to_yaml
+from tuner.problem.goal import dotted
 
-Values = dict[str, Any]
+FlatValues = dict[str, Any]
+PUBLISHED = Path(__file__).with_name("published")
 COLMAP_UNITS = "it is in COLMAP's units there, whose length in metres is unknown before the flight"
 _SHARED = ("nov", "move", "ang")
 REPAIR = "repair_weighted_covisibility"
 BASELINE_AWARE = "baseline_aware_repair_weighted_covisibility"
 HYBRID = "gt_phase_adaptive_hybrid"
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key of the authors' files, by dotted path below ``scorer`` or ``ros__parameters``."""
-
-    path: str
-    default: Any  # as published at b8e106c
-    # Path of the parameter with the same meaning and unit; None where there is none.
-    parameter: str | None = None
 
 
 @dataclass(frozen=True)
@@ -47,122 +42,57 @@ class Remark:
         return f"{self.key}: {self.text}"
 
 
-SCORING = (
-    Key("name", HYBRID),  # with hybrid.gate_mode: gate.kind
-    Key("weights.covisibility", 1.0, "covis.weights.main"),
-    Key("weights.novelty", 1.2, "covis.weights.nov"),
-    Key("weights.movement_cost", 0.1, "covis.weights.move"),
-    Key("weights.angular_separation_penalty", 0.4, "covis.weights.ang"),
-    Key("weights.geometry_aware_repair", None),  # optional: B-aware's main weight alone
-    Key("weights.repair", None),  # optional: the same, where the former is missing
-    Key("min_track_length", 2, "shared.min_track_length"),
-    Key("min_angular_separation_deg", 20.0, "shared.theta_min_deg"),
-    Key("gimbal_pitch_rad", -0.54),  # the gimbal always aims at the target here
-    Key("travel_distance_scale_m", 10.0, "shared.d_travel_m"),
-    Key("yaw_change_scale_rad", math.pi),  # fixed at pi here (Eq. 3)
-    Key("novelty_distance_scale_m", 2.0, "shared.d_scale_m"),
-    Key("scoring_bbox_half_extent", 2.0, "shared.box_half_extent_m"),
-    Key(f"{REPAIR}.target_track_length", 6, "b_aware.target_track_length"),
-    Key(f"{REPAIR}.density_k", 5, "b_aware.density_neighbours"),
-    Key(f"{REPAIR}.max_scored_points", 0),  # all points are scored here
-    Key(f"{REPAIR}.weakness_weights.track_support", 0.5, "b_aware.alpha_track"),
-    Key(f"{REPAIR}.weakness_weights.local_density", 0.3, "b_aware.alpha_density"),
-    Key(f"{REPAIR}.weakness_weights.reprojection", 0.2, "b_aware.alpha_reprojection"),
-    # The same five again: B-aware reads them only where the block above is missing.
-    Key(f"{BASELINE_AWARE}.target_track_length", 6),
-    Key(f"{BASELINE_AWARE}.density_k", 5),
-    Key(f"{BASELINE_AWARE}.max_scored_points", 0),  # all points are scored here
-    Key(f"{BASELINE_AWARE}.weakness_weights.track_support", 0.6),
-    Key(f"{BASELINE_AWARE}.weakness_weights.local_density", 0.4),
-    Key(f"{BASELINE_AWARE}.weakness_weights.reprojection", 0.0),
-    Key(f"{BASELINE_AWARE}.theta_low_deg", 5.0, "b_aware.theta_low_deg"),
-    Key(f"{BASELINE_AWARE}.theta_target_deg", 25.0, "b_aware.theta_saturation_deg"),
-    Key(f"{BASELINE_AWARE}.theta_high_deg", 45.0),  # read and unused there
-    Key("hybrid.gate_mode", "heuristic"),
-    Key("hybrid.heuristic.budget_fraction_threshold", 0.4, "gate.budget_fraction"),
-    Key("hybrid.heuristic.knn_p95_threshold", 0.14),  # COLMAP's units
-    Key("hybrid.oracle.gt_mesh_path", ""),  # the true surface is the rock's own here
-    Key("hybrid.oracle.n_gt_samples", 30000, "gate.oracle_samples"),
-    Key("hybrid.oracle.coverage_threshold_m", 0.02, "gate.oracle_threshold_m"),
-    # Only their later code (f3120ba) reads it, and takes 0.5 where it is missing.
-    Key("hybrid.oracle.quality_credit_weight", 0.0, "gate.oracle_quality_weight"),
-    Key("hybrid.learned_switch.policy_json_path", ""),  # no such gate here
-    Key("hybrid.shadow.enabled", True),  # both rankings are always recorded here
-    Key("hybrid.shadow.log_top_k", 5),  # all candidates are recorded here
-)
-
-MISSION = (
-    Key("output_root", "~/photogrammetry_NBV/data/photogrammetry"),  # where their runs go
-    Key("seed_radius_m", 4.0, "seed.radius_m"),
-    Key("ring_image_count", 24),  # the sum of seed_azimuth_counts
-    Key("seed_min_elevation_deg", 5.0),  # of the mode fibonacci
-    Key("seed_max_elevation_deg", 30.0),  # of the mode fibonacci
-    Key("seed_planner_mode", "stratified"),
-    Key("seed_elevation_rings_deg", [15.0, 22.0, 29.0, 36.0], "seed.ring_elevations_deg"),
-    Key("seed_azimuth_counts", [8, 6, 6, 4], "seed.ring_azimuth_counts"),
-    Key("rock_center_x", 0.0),  # north of take-off; with the next two: target_m and flight.home_m
-    Key("rock_center_y", 8.0),  # east of it
-    Key("rock_center_z", -0.8),  # down
-    Key("image_budget", 40),
-    Key("max_image_budget", 55),  # a hard limit that the budget never reaches
-    Key("stopping_criterion", "image_budget"),
-    Key("knn_distance_threshold", 0.003),  # COLMAP's units
-    Key("raw_candidate_count", 800),  # of the mode fibonacci
-    Key("target_candidate_count", 200, "pool.max_candidates"),
-    Key("candidate_radius_m", 3.5, "pool.radius_m"),
-    Key("candidate_min_spacing_m", 0.3, "pool.min_spacing_m"),
-    Key("min_elevation_deg", 5.0),  # of the mode fibonacci
-    Key("max_elevation_deg", 55.0),  # of the mode fibonacci
-    Key("min_altitude_ned", -20.0),  # down is positive: minus pool.max_altitude_m
-    Key("max_altitude_ned", -1.5),  # minus pool.min_altitude_m
-    Key("max_candidate_travel_m", 40.0, "pool.max_travel_m"),
-    Key("phase2_planner_mode", "hybrid"),
-    Key("phase2_lateral_elevations_deg", [10.0, 15.0, 25.0, 35.0], "pool.lateral_elevations_deg"),
-    Key("phase2_upper_elevations_deg", [35.0, 45.0, 55.0], "pool.upper_elevations_deg"),
-    Key("phase2_lateral_candidate_count", 120, "pool.lateral_count"),
-    Key("phase2_upper_candidate_count", 50, "pool.upper_count"),
-    Key("azimuth_sector_count", 8, "pool.azimuth_sectors"),
-    Key("adaptive_revisit_exclusion_m", 0.6, "pool.revisit_exclusion_m"),
-    Key("takeoff_altitude", 3.0, "flight.takeoff_altitude_m"),
-    Key("offboard_rate_hz", 10.0),  # belongs to PX4 and ROS
-    Key("setpoint_warmup_cycles", 20),  # belongs to PX4 and ROS
-    Key("position_tolerance_xy", 0.35, "flight.arrival_tolerance_m"),
-    Key("position_tolerance_z", 0.35),  # the same
-    Key("settle_time_sec", 2.0, "flight.settle_s"),
-    Key("gimbal_pitch_rad", -0.54),  # the gimbal always aims at the target here
-    Key("gimbal_yaw_rad", 0.0),  # the gimbal always aims at the target here
-    Key("image_format", "jpg"),  # photographs are lossless here
-    Key("land_after_budget", True),  # a mission always lands here
-    Key("eval_bbox_half_extent", 6.0),  # read and unused there
-    Key("colmap_bin", "colmap"),  # COLMAP is a library here
-    Key("colmap_script_dir", ""),  # COLMAP is a library here
-    Key("colmap_config_path", ""),  # COLMAP is a library here
-    Key("scoring_config_path", ""),  # given when their mission starts
-    Key("offboard_control_mode_topic", "/fmu/in/offboard_control_mode"),  # belongs to PX4 and ROS
-    Key("trajectory_setpoint_topic", "/fmu/in/trajectory_setpoint"),  # belongs to PX4 and ROS
-    Key("vehicle_command_topic", "/fmu/in/vehicle_command"),  # belongs to PX4 and ROS
-    Key("local_position_topic", "/fmu/out/vehicle_local_position_v1"),  # belongs to PX4 and ROS
-    Key("vehicle_status_topic", "/fmu/out/vehicle_status_v3"),  # belongs to PX4 and ROS
-    Key("image_topic", "/rgbd/image"),  # belongs to PX4 and ROS
-    Key("camera_info_topic", "/rgbd/camera_info"),  # belongs to PX4 and ROS
-    Key("gimbal_pitch_topic", "/gimbal/pitch"),  # belongs to PX4 and ROS
-    Key("gimbal_yaw_topic", "/gimbal/yaw"),  # belongs to PX4 and ROS
-)
-
-# The keys that lead to the parameters in each file.
-FILES = {
-    "scoring.yaml": (("scorer",), SCORING),
-    "unified_mission.yaml": (("/**", "ros__parameters"), MISSION),
+# Where the keys lie in each file, and the parameters with the same meaning and unit by key.
+FILES = {"scoring.yaml": ("scorer",), "unified_mission.yaml": ("/**", "ros__parameters")}
+SCORING = {
+    "weights.covisibility": "covis.weights.main",
+    "weights.novelty": "covis.weights.nov",
+    "weights.movement_cost": "covis.weights.move",
+    "weights.angular_separation_penalty": "covis.weights.ang",
+    "min_track_length": "shared.min_track_length",
+    "min_angular_separation_deg": "shared.theta_min_deg",
+    "travel_distance_scale_m": "shared.d_travel_m",
+    "novelty_distance_scale_m": "shared.d_scale_m",
+    "scoring_bbox_half_extent": "shared.box_half_extent_m",
+    f"{REPAIR}.target_track_length": "b_aware.target_track_length",
+    f"{REPAIR}.density_k": "b_aware.density_neighbours",
+    f"{REPAIR}.weakness_weights.track_support": "b_aware.alpha_track",
+    f"{REPAIR}.weakness_weights.local_density": "b_aware.alpha_density",
+    f"{REPAIR}.weakness_weights.reprojection": "b_aware.alpha_reprojection",
+    f"{BASELINE_AWARE}.theta_low_deg": "b_aware.theta_low_deg",
+    f"{BASELINE_AWARE}.theta_target_deg": "b_aware.theta_saturation_deg",
+    "hybrid.heuristic.budget_fraction_threshold": "gate.budget_fraction",
+    "hybrid.oracle.n_gt_samples": "gate.oracle_samples",
+    "hybrid.oracle.coverage_threshold_m": "gate.oracle_threshold_m",
+    "hybrid.oracle.quality_credit_weight": "gate.oracle_quality_weight",
+}
+MISSION = {
+    "seed_radius_m": "seed.radius_m",
+    "seed_elevation_rings_deg": "seed.ring_elevations_deg",
+    "seed_azimuth_counts": "seed.ring_azimuth_counts",
+    "target_candidate_count": "pool.max_candidates",
+    "candidate_radius_m": "pool.radius_m",
+    "candidate_min_spacing_m": "pool.min_spacing_m",
+    "max_candidate_travel_m": "pool.max_travel_m",
+    "phase2_lateral_elevations_deg": "pool.lateral_elevations_deg",
+    "phase2_upper_elevations_deg": "pool.upper_elevations_deg",
+    "phase2_lateral_candidate_count": "pool.lateral_count",
+    "phase2_upper_candidate_count": "pool.upper_count",
+    "azimuth_sector_count": "pool.azimuth_sectors",
+    "adaptive_revisit_exclusion_m": "pool.revisit_exclusion_m",
+    "takeoff_altitude": "flight.takeoff_altitude_m",
+    "position_tolerance_xy": "flight.arrival_tolerance_m",
+    "settle_time_sec": "flight.settle_s",
 }
 
 # What each file has a place for: parameters that are keys themselves, and those that the code below converts.
 PARAMETERS = {
     "scoring.yaml": {
-        *(key.parameter for key in SCORING if key.parameter),
+        *SCORING.values(),
         *("gate.kind", *(f"b_aware.weights.{name}" for name in ("main", *_SHARED))),
     },
     "unified_mission.yaml": {
-        *(key.parameter for key in MISSION if key.parameter),
+        *MISSION.values(),
         *("photographs", "seeds", "seed.layout", "seed.lowest_deg", "seed.span_deg", "seed.upper_share"),
         *("target_m", "flight.home_m", "pool.min_altitude_m", "pool.max_altitude_m"),
     },
@@ -178,7 +108,6 @@ MODE_OF_GATE = {"hyb-h": "heuristic", "hyb-o": "oracle"}
 
 def write_text(values: Mapping[str, Any], kind: str) -> str:
     """YAML text of one of their files from values by dotted path."""
-    prefix, _ = FILES[kind]
     tree: dict[str, Any] = {}
     for path, value in values.items():
         node = tree
@@ -186,27 +115,35 @@ def write_text(values: Mapping[str, Any], kind: str) -> str:
         for parent in parents:
             node = node.setdefault(parent, {})
         node[leaf] = value
-    for part in reversed(prefix):
+    for part in reversed(FILES[kind]):
         tree = {part: tree}
     return to_yaml(tree, default_flow_style=None, width=100)
+
+
+@functools.cache
+def published(kind: str) -> Mapping[str, Any]:
+    """Return the values of one of their files as published, by dotted path."""
+    tree = read_yaml(PUBLISHED / kind)
+    for part in FILES[kind]:
+        tree = tree[part]
+    return {path: value_at_path(tree, path) for path in dotted(tree, of=object)}
 
 
 # -- values ----------------------------------------------------------------------------------------------------
 
 
-def write_scoring(config: MissionConfig) -> tuple[Values, list[Remark]]:
+def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
     """Return a ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as published.
 
     Raises `UserError`: the gate, or a scorer, does not exist there.
     """
     config = _with_weights_of_selected_scorer(config)
-    values, remarks = _direct(config, SCORING), list[Remark]()
+    values, remarks = {**published("scoring.yaml"), **_values(config, SCORING)}, list[Remark]()
     values["name"], mode = _scorer(config)
     if mode is not None:
         values["hybrid.gate_mode"] = mode
     values["weights.geometry_aware_repair"], more = _geometry_weight(config)
     remarks += more
-    values.pop("weights.repair", None)
     for name in ("target_track_length", "density_k"):
         values[f"{BASELINE_AWARE}.{name}"] = values[f"{REPAIR}.{name}"]
     for name in ("track_support", "local_density", "reprojection"):
@@ -230,7 +167,7 @@ def write_scoring(config: MissionConfig) -> tuple[Values, list[Remark]]:
             f"{scorer} does not exist there, so B-aware takes its place",
         ),
     )
-    return {key.path: values[key.path] for key in SCORING if values.get(key.path) is not None}, remarks
+    return values, remarks
 
 
 def _scorer(config: MissionConfig) -> tuple[str, str | None]:
@@ -279,9 +216,9 @@ def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
     ]
 
 
-def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
+def write_mission(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
     """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as published."""
-    values, stop = _direct(config, MISSION), config.stop
+    values, stop = {**published("unified_mission.yaml"), **_values(config, MISSION)}, config.stop
     values["ring_image_count"] = config.seeds
     values["seed_elevation_rings_deg"] = [elevation_deg for elevation_deg, _ in config.seed_rings]
     values["seed_azimuth_counts"] = [number for _, number in config.seed_rings]
@@ -311,10 +248,10 @@ def write_mission(config: MissionConfig) -> tuple[Values, list[Remark]]:
     values["max_altitude_ned"] = -config.pool.min_altitude_m
     values["position_tolerance_z"] = values["position_tolerance_xy"]
     values["max_image_budget"] = max(values["max_image_budget"], config.planned_views)
-    return {key.path: values[key.path] for key in MISSION}, remarks
+    return values, remarks
 
 
-def _not_written(values: Values, key: str) -> str:
+def _not_written(values: FlatValues, key: str) -> str:
     """The remark on a distance that is not written, since their file has it in units of the reconstruction."""
     return f"{key} stays {values[key]:g}: {COLMAP_UNITS}"
 
@@ -324,10 +261,7 @@ def _remarks(*about: tuple[str, bool, str]) -> list[Remark]:
     return [Remark(path, text) for path, holds, text in about if holds]
 
 
-def _direct(config: MissionConfig, keys: Sequence[Key]) -> Values:
-    values: Values = {key.path: key.default for key in keys}
-    for key in keys:
-        if key.parameter is not None:
-            value = attrgetter(key.parameter)(config)
-            values[key.path] = list(value) if isinstance(value, tuple) else value
-    return values
+def _values(config: MissionConfig, parameters: Mapping[str, str]) -> FlatValues:
+    """Return the values of ``config`` by their keys."""
+    values = {key: attrgetter(path)(config) for key, path in parameters.items()}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}

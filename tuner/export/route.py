@@ -169,7 +169,7 @@ def _at(
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightRecord:
     samples: Floats  # (N, 4): time in s; east, north and up in m
     ends_s: dict[str, float]  # by event, such as ``seed_03``, ``cand_017`` and ``return``, in their order
     duration_s: float
@@ -197,7 +197,7 @@ def planned_config(run: Path) -> MissionConfig:
     return config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else mission_config(run)
 
 
-def read_flight(run: Path) -> Flight:
+def read_flight(run: Path) -> FlightRecord:
     """The flight of a mission; ``UserError`` if the mission kept nothing of it."""
     file = run / FLIGHT
     if not file.is_file():
@@ -209,7 +209,7 @@ def read_flight(run: Path) -> Flight:
         samples = np.array([row[:4] for row in tree["samples"]], dtype=float).reshape(-1, 4)
         events = [(str(e["name"]), float(e["start_s"]), float(e["duration_s"])) for e in tree["events"]]
         ends = {name: start_s + duration_s for name, start_s, duration_s in events}
-        return Flight(samples, ends, float(tree["flight_time_s"]))
+        return FlightRecord(samples, ends, float(tree["flight_time_s"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise UserError(f"{file} is not a mission's flight; restore it") from error
 

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
+from nbv.mission.result import value_at_path
 from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.plan import EvaluationRun
 from tuner.missions.job import Trial
+from tuner.problem.goal import dotted
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # with which a spreadsheet takes a text for a formula
 
@@ -59,13 +61,8 @@ def _of_campaign(t: Trial, run: Path) -> dict[str, Any]:
 
 
 def _flat(prefix: str, tree: Mapping[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            out |= _flat(f"{prefix}.{key}", value)
-        elif value is None or isinstance(value, (str, int, float, bool)):
-            out[f"{prefix}.{key}"] = value
-    return out
+    paths = dotted(tree, of=(str, int, float, type(None)))
+    return {f"{prefix}.{path}": value_at_path(tree, path) for path in paths}
 
 
 def write_rows(

@@ -60,7 +60,7 @@ class VehicleFile:
     text: str  # empty: what is exported does not exist there
     carried: tuple[str, ...]  # changed parameters that it has a place for
     lost: tuple[str, ...]  # those that it has not
-    remarks: tuple[str, ...] = ()  # what cannot be said there, a line each
+    remarks: tuple[str, ...] = ()  # what cannot be texts there, a line each
 
     @property
     def share(self) -> str:
@@ -86,10 +86,10 @@ def _their_file(name: str, exported: Exported) -> VehicleFile:
         return VehicleFile(name, "", (), changed, (str(error),))
     missing = {remark.key for remark in remarks if not remark.partly}
     carried = tuple(path for path in changed if path in PARAMETERS[name] and path not in missing)
-    said = tuple(str(remark) for remark in remarks)
-    header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in said)]
+    texts = tuple(str(remark) for remark in remarks)
+    header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in texts)]
     text = "\n".join((*header, write_text(values, name)))
-    return VehicleFile(name, text, carried, tuple(path for path in changed if path not in carried), said)
+    return VehicleFile(name, text, carried, tuple(path for path in changed if path not in carried), texts)
 
 
 def _header(exported: Exported, carried: tuple[str, ...]) -> list[str]:

@@ -214,18 +214,14 @@ def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
     return BASELINES[name]
 
 
-def gate_in_words(config: MissionConfig) -> str:
-    """Of a Hyb-H gate whose thresholds never switch: the scorer that chooses every view; empty of any other."""
+def scorer_alone(config: MissionConfig) -> str:
+    """Return the scorer that chooses every view, where the thresholds of a Hyb-H gate never switch; else nothing."""
     gate = config.gate
     if gate.kind != "hyb-h" or not config.planned_views:
         return ""
-    at = f"gate.budget_fraction {gate.budget_fraction:g} and gate.d95_m {gate.d95_m:g} m"
     if gate.budget_fraction == 0 and gate.d95_m >= COARSEST_M:
-        return f"at {at} the gate never switches: Covis alone chooses every view"
-    if gate.budget_fraction == 1 or gate.d95_m == 0:
-        scorer = label(gate.geometry_scorer)
-        return f"at {at} the gate never switches: {scorer} alone chooses every view"
-    return ""
+        return "covis"
+    return gate.geometry_scorer if gate.budget_fraction == 1 or gate.d95_m == 0 else ""
 
 
 def reference_of(configs: Collection[str], usual: str) -> str:

@@ -86,7 +86,7 @@ class Candidate:
 
     values: Values
     missions: list[Observation]  # that ran it, failed ones included
-    keeps: bool  # whether it can be taken to meet the constraint
+    satisfies: bool  # whether it can be taken to meet the constraint
     eligible: bool  # whether it may be recommended; where none can be taken to meet the constraint, those nearest to it
 
     @property
@@ -154,7 +154,7 @@ class Choice:
             groups.setdefault(configuration_key(space, o.values), []).append(o)
         missions = [group for group in groups.values() if any(o.feasible for o in group)]
         values = [dict(group[0].values) for group in missions]
-        keeps = [True] * len(values) if constraint is None else constraint.keeps(values)
+        satisfied = [True] * len(values) if constraint is None else constraint.satisfied(values)
         allowed = [True] * len(values)
         if only_verified:
             allowed = may_be_recommended(self.problem, observations, values)
@@ -163,17 +163,17 @@ class Choice:
         contradicted = {configuration_key(space, o.values) for o in self.outliers}
         contradicted -= {configuration_key(space, self.problem.default)}
         allowed = [a and configuration_key(space, v) not in contradicted for a, v in zip(allowed, values)]
-        keeping = [i for i, keep in enumerate(keeps) if keep]
-        eligible = [i for i in keeping if allowed[i]] or keeping
-        if constraint is not None and not keeping:
+        satisfying = [i for i, meets in enumerate(satisfied) if meets]
+        eligible = [i for i in satisfying if allowed[i]] or satisfying
+        if constraint is not None and not satisfying:
             chance = constraint.probability(values)
             eligible = [int(chance.argmax())]
             if chance.max() < MAY_KEEP:
                 least = _violations(missions)
                 eligible = [i for i, violation in enumerate(least) if violation <= min(least)]
         return [
-            Candidate(value, ran, keep, i in eligible)
-            for i, (value, ran, keep) in enumerate(zip(values, missions, keeps))
+            Candidate(value, ran, meets, i in eligible)
+            for i, (value, ran, meets) in enumerate(zip(values, missions, satisfied))
         ]
 
     def _most_promising(self) -> list[Candidate]:
@@ -269,7 +269,7 @@ class Choice:
             metric=second.metric,
             direction=second.direction,
             limit=limit,
-            kept=self.candidates[index].keeps,
+            satisfied=self.candidates[index].satisfies,
             mean=mean,
             sd=sd,
             interval_95=interval_95(mean, sd),

@@ -20,7 +20,9 @@ class Limit:
     metric: str
     direction: Direction
     limit: float
-    kept: bool  # whether the recommendation can be taken to meet it; else no configuration that was run can
+    satisfied: (
+        bool  # whether the recommendation can be taken to meet it; else no configuration that was run can
+    )
     mean: float
     sd: float
     interval_95: tuple[float, float]

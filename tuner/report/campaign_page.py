@@ -30,7 +30,6 @@ from tuner.problem.search_space import PHOTOGRAPHS, Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
 from tuner.report.figures import (
-    draw_best_so_far,
     draw_contour,
     draw_outcomes,
     draw_slices,
@@ -91,7 +90,7 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         next=answer.next,
         result_tables=[words.table_lines(table, answer.metric, fly) for table in answer.tables],
         by_target=words.by_target(evidence, answer.metric) if found else None,
-        legend=words.legend(answer) if answer.tables else "",
+        legend=words.legend(answer.tables) if answer.tables else "",
         tuned=[]
         if model is None
         else [_tuned(campaign, answer, each, model, evidence) for each in found.values()],
@@ -142,7 +141,7 @@ def _tuned(
     """One tuned configuration: its values and what they earned, by the model and by missions, with figures."""
     s, sign = campaign.settings, campaign.settings.objective.sign
     region = next(region for region in s.problem.answers if region.name == best.name)
-    metric, history = metric_label(s.objective.metric), campaign.history()
+    metric = metric_label(s.objective.metric)
     unit = metric.difference_unit
     rows = effects.parameter_rows(model, region, best.values, best.default_values)
     groups = effects.earned_by_group(model, s.space, best.values, best.default_values)
@@ -153,7 +152,6 @@ def _tuned(
         contour = draw_contour(
             *effects.gate_contour(model, s.space, best.values), best.values, gate.d95_m, metric, sign
         )
-    so_far = [(number, sign * y) for number, y in effects.best_so_far(model, region, history)]
     return {
         "name": label(best.name),
         "missions": best.missions,
@@ -163,7 +161,6 @@ def _tuned(
         "split": _split_table(groups, best.name, evidence, unit),
         "best": _configurations(model, region, campaign, sign),
         "contour": contour,
-        "so_far": draw_best_so_far(so_far, metric) if len(so_far) > 1 else "",
         "slices": draw_slices(
             model, [p for p in s.space.parameters if p.path not in region.held], best.values, metric, sign
         ),
@@ -232,11 +229,6 @@ def _warnings(
             out.append(
                 f"The model's 95 % intervals contain only {100 * coverage:.0f} % of the left-out missions: all its intervals are too narrow."
             )
-    if model is not None and (drift := effects.drift_of(model)) is not None:
-        out.append(
-            f"Outcomes drift with the number of the trial (rank correlation {drift:+.2f} of what the model cannot explain): what ran "
-            "first, as the default did, may look worse or better than it is. Run `gatetune confirm`."
-        )
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:
@@ -246,15 +238,15 @@ def _warnings(
 
 def _outliers(best: Recommendation) -> list[str]:
     """Which missions are outliers, and whether they are left out or count with another outcome."""
-    said = []
+    lines = []
     for o in best.outliers[:3]:
         how = (
             "which all others contradict, so it is left out"
             if o.counts_as is None
             else f"far from all others; it counts as {number_text(o.counts_as)}"
         )
-        said.append(f"Mission #{o.mission:04d} measured {number_text(o.measured)}, {how}.")
-    return said
+        lines.append(f"Mission #{o.mission:04d} measured {number_text(o.measured)}, {how}.")
+    return lines
 
 
 def _stop_reason(status: CampaignStatus, trials: Sequence[Trial]) -> str:
@@ -310,16 +302,16 @@ def _instance_names(s: CampaignSettings) -> dict[Instance, str]:
 def _subtitle(s: CampaignSettings) -> str:
     """What the campaign was asked for, on what, in which search space."""
     about = metric_label(s.objective.metric)
-    said = f"The goal is the highest {about.full}"
+    lines = f"The goal is the highest {about.full}"
     if s.objective.direction == "minimise":
         fewest = "fewest" if s.objective.metric in COUNTS else "lowest"
-        said = f"The goal is the {fewest} {about.full.lower()}"
+        lines = f"The goal is the {fewest} {about.full.lower()}"
     if s.second is not None and s.limit is not None:
-        said += f" with {words.limit_text(s.second.metric, s.second.direction, s.limit)}"
+        lines += f" with {words.limit_text(s.second.metric, s.second.direction, s.limit)}"
     conditions = [condition.name for condition in s.conditions]
     under = "" if conditions == [IDEAL] else f"; under {', '.join(conditions)}"
     return (
-        f"{said}, on {', '.join(short_names(s.rocks))}{under}. The campaign tunes {s.space.dimension} parameters "
+        f"{lines}, on {', '.join(short_names(s.rocks))}{under}. The campaign tunes {s.space.dimension} parameters "
         f"(search space {s.space.name})."
     )
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from tuner.answer.answer import AnswerTable, Row, table_of
+from tuner.answer.answer import AnswerTable, StrategyRow, table_of
 from tuner.answer.evidence import Evidence
 from tuner.comparison.of_campaign import PlannedComparison
 from tuner.comparison.plan import EvaluationPlan, EvaluationRun
@@ -18,7 +18,7 @@ from tuner.comparison.statistics import (
     TABLE_I_ROWS_OBSERVABLE,
     ComparisonRow,
     ComparisonTable,
-    Kind,
+    Verdict,
     comparison_table,
     kind_of,
 )
@@ -28,17 +28,16 @@ from tuner.problem.baselines import label as strategy_label
 from tuner.report import words
 from tuner.report.labels import (
     Cell,
+    Row,
     Table,
     counted,
     difference_text,
     format_number,
     gain_words,
-    interval_methods,
     measure_text,
     metric_label,
     short_names,
 )
-from tuner.report.labels import Row as Line
 from tuner.report.pages import recorded, recorded_rows, write_tables
 
 REPORT_FILE = "report.html"
@@ -89,7 +88,7 @@ class ComparisonFacts:
         }
 
     @property
-    def judged(self) -> list[Row]:
+    def judged(self) -> list[StrategyRow]:
         """The tuned strategies, without one the paper's, and else the first, that are not the reference."""
         rows = [row for row in next(iter(self.results.values())).rows if row.strategy != self.reference]
         tuned = [row for row in rows if row.strategy in ANSWERS]
@@ -119,7 +118,7 @@ def strategies_text(names: Collection[str]) -> str:
     return f"{of_paper} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
 
 
-def verdict_text(row: Row, reference: str, metric: str) -> str:
+def verdict_text(row: StrategyRow, reference: str, metric: str) -> str:
     """Whether a strategy is better than the reference, with the paired difference and its interval."""
     label, gain, kind = metric_label(metric), row.from_reference, kind_of(row.from_reference)
     whom = strategy_label(reference)
@@ -128,10 +127,10 @@ def verdict_text(row: Row, reference: str, metric: str) -> str:
     if gain is None:
         return f"{row.label}: no mission in common with {whom}."
     begin = {
-        Kind.BETTER: f"{row.label} is better than {whom}",
-        Kind.WORSE: f"{row.label} is worse than {whom}",
-        Kind.NO_DIFFERENCE: f"No difference detected between {row.label} and {whom}",
-        Kind.NO_INTERVAL: f"{row.label} against {whom}",
+        Verdict.BETTER: f"{row.label} is better than {whom}",
+        Verdict.WORSE: f"{row.label} is worse than {whom}",
+        Verdict.NO_DIFFERENCE: f"No difference detected between {row.label} and {whom}",
+        Verdict.NO_INTERVAL: f"{row.label} against {whom}",
     }[kind]
     bounds = "too few missions for an interval"
     if gain.low is not None:
@@ -199,25 +198,25 @@ def result_tables(facts: ComparisonFacts, *, narrow: bool = False) -> list[Table
 
 def table_i(table: ComparisonTable, title: str, *, paper: bool = False, differences: bool = True) -> Table:
     """The layout of Table I, with the paper's own values where asked; rows that no mission has a value of are left out."""
-    rows: list[Line] = []
+    rows: list[Row] = []
     group = ""
     for row in table.rows:
         if all(value is None for value in row.cells.values()):  # geometric missions have no distances
             continue
         if row.metric.group != group:
             group = row.metric.group
-            rows.append(Line(group))
+            rows.append(Row(group))
         cells = (cell(row, n, paper=paper, difference=differences) for n in table.strategies)
         arrow = "↑" if row.metric.higher_is_better else "↓"
-        rows.append(Line(f"{row.metric.label} {arrow} ({row.metric.unit})", tuple(cells)))
+        rows.append(Row(f"{row.metric.label} {arrow} ({row.metric.unit})", tuple(cells)))
         if row.floor is not None:
             floor = (Cell(format_number(row.floor)),) * len(table.strategies)
-            rows.append(Line(f"– the rocks’ own floor ({row.metric.unit})", floor))
+            rows.append(Row(f"– the rocks’ own floor ({row.metric.unit})", floor))
     missions = [
         f"{table.missions[n]}" + (f" + {table.failures[n]} failed" if table.failures[n] else "")
         for n in table.strategies
     ]
-    rows.append(Line("missions", tuple(map(Cell, missions))))
+    rows.append(Row("missions", tuple(map(Cell, missions))))
     return Table(title, ("metric", *map(strategy_label, table.strategies)), rows)
 
 
@@ -245,8 +244,6 @@ def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
     run, plan, paper = facts.run, facts.plan, facts.planned.source is None
     kinds = [kind_of(row.from_reference) for row in facts.judged]
     rows = [row for table in facts.tables.values() for row in table.rows]
-    gains = [row.from_reference for table in facts.results.values() for row in table.rows]
-    gains += [i for row in rows for i in (*row.cells.values(), *row.differences.values())]
     strategies = strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
     truth = " or ".join(sorted({kind_on(rock, plan.fidelity).truth for rock in plan.rocks} - {""}))
     against = f", by dense clouds against {truth}" if truth else ""
@@ -255,12 +252,12 @@ def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
         run.directory / REPORT_FILE,
         facts.planned.title,
         f"{strategies} were compared{against}. Differences are from {strategy_label(facts.reference)}.",
-        said=[*verdict_lines(facts), *facts.planned.notes],
-        kind="worse" if Kind.WORSE in kinds else "better" if kinds[:1] == [Kind.BETTER] else "",
+        lines=[*verdict_lines(facts), *facts.planned.notes],
+        kind="worse" if Verdict.WORSE in kinds else "better" if kinds[:1] == [Verdict.BETTER] else "",
         measure=_measure(facts),
         notes=[*warnings_of(facts), *([paper_note(plan.fidelity)] if paper else [])],
         tables=[*result_tables(facts), *by_target],
-        legend=[interval_methods({gain.method for gain in gains if gain is not None})],
+        legend=[words.legend(facts.results.values())],
         folded=[
             table_i(table, _TITLES[name], paper=paper and name == "whole")
             for name, table in facts.tables.items()

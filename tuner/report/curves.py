@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nbv.convert import json_ready
 from nbv.plugins import used
 from nbv.provenance import provenance
-from nbv.safe_files import write_atomic
+from nbv.safe_files import json_ready, write_atomic
 from nbv.types import Floats
-from tuner.comparison.curves import Finding, Outcome, Series, Suite, Zero, leaves_room, panels
-from tuner.comparison.statistics import Kind
+from tuner.comparison.curves import CurvesOutcome, Finding, Series, Suite, leaves_room, panels
+from tuner.comparison.statistics import Verdict
 from tuner.export.table import write_rows
 from tuner.problem.intervals import Interval
 from tuner.report import figures as style
@@ -26,18 +26,20 @@ from tuner.report.pages import write_tables
 
 _Curve = tuple[Floats, list[Interval]]
 SHOWN = {
-    Kind.BETTER: "fewer",
-    Kind.WORSE: "more",
-    Kind.NO_DIFFERENCE: "no difference is shown",
-    Kind.NO_INTERVAL: "too few targets for an interval",
+    Verdict.BETTER: "fewer",
+    Verdict.WORSE: "more",
+    Verdict.NO_DIFFERENCE: "no difference is shown",
+    Verdict.NO_INTERVAL: "too few targets for an interval",
 }
 
 
-def write_curves(suite: Suite, series: Sequence[Series], outcome: Outcome, directory: Path) -> dict[str, Any]:
+def write_curves(
+    suite: Suite, series: Sequence[Series], outcome: CurvesOutcome, directory: Path
+) -> dict[str, Any]:
     """Write ``report.html``, ``curves.png``, ``curves.csv``, ``targets.csv`` and ``curves.json``; return the last."""
-    curves, said = panels(suite, series), verdict_lines(suite, outcome)
+    curves, lines = panels(suite, series), verdict_lines(suite, outcome)
     made = {**provenance(), **used()}
-    about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": said}
+    about = {"suite": suite.name, "settings": suite.to_dict(), "provenance": made, "verdict": lines}
     document: dict[str, Any] = json_ready({**about, "by_share": outcome.by_share, **vars(outcome)})
     write_atomic(directory / "curves.json", json.dumps(document, indent=1))
     write_rows(
@@ -70,8 +72,8 @@ def write_curves(suite: Suite, series: Sequence[Series], outcome: Outcome, direc
         directory / "report.html",
         "Planners against orbits",
         f"suite {suite.name}: {len(suite.targets)} targets, {suite.numbers[0]} to {suite.numbers[-1]} photographs",
-        said=said,
-        score_0=[zero_text(zero, len(suite.targets)) for zero in outcome.score_0],
+        lines=lines,
+        failed=failed_lines(series),
         figure=style.embed(figure),
         figure_caption=(
             "F-score at 48 mm over the number of photographs, all targets and by family, and the share of targets that reach the "
@@ -96,32 +98,32 @@ def plugin_text(name: str, facts: Mapping[str, str]) -> str:
 # -- sentences -----------------------------------------------------------------------------------------------
 
 
-def verdict_lines(suite: Suite, outcome: Outcome) -> list[str]:
+def verdict_lines(suite: Suite, outcome: CurvesOutcome) -> list[str]:
     """The outcome, a sentence for each strategy; then what a planner could gain."""
     score, reference = suite.score, outcome.reference
     base = next(f for f in outcome.findings if f.strategy == reference)
     share, to_it = f"{100 * outcome.share:g} %", f"of the targets to an F-score of {score:g} %"
-    instead, said = share if outcome.share else "mean F-scores", list[str]()
+    lines = list[str]()
     if base.reached < suite.share - 1e-9:
-        said.append(
+        lines.append(
             f"{reference} brings at most {100 * base.reached:.0f} % {to_it}, not the {100 * suite.share:g} % asked for; "
-            f"{instead} are compared instead."
+            "mean F-scores are compared instead."
         )
     if base.fewest:
         few = f"already the fewest photographs tried ({base.needed:.1f}) bring {share} {to_it}"
-        said.append(
+        lines.append(
             f"With {reference} {few}; ask for a higher --score, or begin --numbers with a smaller one."
         )
     if not outcome.by_share:
-        said.append(_scores(outcome))
+        lines.append(_scores(outcome))
     else:
         if not base.fewest:
-            said.append(f"{reference} needs {base.needed:.1f} photographs to bring {share} {to_it}.")
-        said += [_needs(f, reference) for f in outcome.findings if f.strategy != reference]
+            lines.append(f"{reference} needs {base.needed:.1f} photographs to bring {share} {to_it}.")
+        lines += [_needs(f, reference) for f in outcome.findings if f.strategy != reference]
     if outcome.ceiling is not None:
         plain = f"{outcome.plain} with {outcome.number} photographs"
-        said.append(ceiling_text(outcome.ceiling, plain, room=leaves_room(outcome.ceiling)))
-    return said
+        lines.append(ceiling_text(outcome.ceiling, plain, room=leaves_room(outcome.ceiling)))
+    return lines
 
 
 def _needs(f: Finding, reference: str) -> str:
@@ -131,35 +133,38 @@ def _needs(f: Finding, reference: str) -> str:
     return f"{f.strategy} needs {times} times as many photographs as {reference}: {SHOWN[f.kind]}."
 
 
-def _scores(outcome: Outcome) -> str:
+def _scores(outcome: CurvesOutcome) -> str:
     """``Mean F-score with 34 photographs, minus that of orbit: better: mine +1.20 [+0.30, +2.10]; worse: ...``."""
     groups: dict[str, list[str]] = {}
     for s in outcome.standings:
         if s.photographs == outcome.number and s.strategy != outcome.reference:
-            shown = {Kind.BETTER: "better", Kind.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
+            shown = {Verdict.BETTER: "better", Verdict.WORSE: "worse"}.get(s.kind) or SHOWN[s.kind]
             groups.setdefault(shown, []).append(f"{s.strategy} {difference_text(s.gain, 2)}")
     listed = "; ".join(f"{shown}: {', '.join(names)}" for shown, names in groups.items())
     return f"Mean F-score with {outcome.number} photographs, minus that of {outcome.reference}: {listed or MISSING}."
 
 
-def zero_text(zero: Zero, targets: int) -> str:
-    """Why targets count with a score of 0; ``targets``: of the comparison."""
-    of = f"all {targets} targets" if len(zero.targets) == targets > 1 else "; ".join(zero.targets)
-    if zero.reason:
-        return f"{zero.strategy}: {counted(zero.missions, 'mission')} failed ({zero.reason}) on {of}; {zero.example}."
-    span = " to ".join(dict.fromkeys(f"{n:g}" for n in zero.photographs))
-    return f"{zero.strategy}: no model yet with {span} photographs on {of}."
+def failed_lines(series: Sequence[Series]) -> list[str]:
+    """Why missions failed, which count with a score of 0: a line for each strategy and reason."""
+    lines = dict[str, None]()
+    for one in series:
+        counts = Counter(trial.reason for trial in one.failed)
+        last = {trial.reason: trial for trial in one.failed}
+        for reason, t in last.items():
+            where = f"{t.strategy} on {t.instance.label}: {t.record.message}"
+            lines[f"{counted(counts[reason], 'mission')} failed ({reason}), such as {where}."] = None
+    return list(lines)
 
 
 # -- tables --------------------------------------------------------------------------------------------------
 
 
-def answer_table(suite: Suite, outcome: Outcome) -> Table:
+def answer_table(suite: Suite, outcome: CurvesOutcome) -> Table:
     """What each strategy needs for the share or, where no share is compared, its mean score."""
     return share_table(suite, outcome) if outcome.by_share else number_table(suite, outcome, outcome.number)
 
 
-def share_table(suite: Suite, outcome: Outcome) -> Table:
+def share_table(suite: Suite, outcome: CurvesOutcome) -> Table:
     share, score = 100 * outcome.share, suite.score
     rows = [
         (
@@ -174,7 +179,7 @@ def share_table(suite: Suite, outcome: Outcome) -> Table:
     return Table.of(title, ("strategy", "photographs", "ratio", "largest share"), rows)
 
 
-def number_table(suite: Suite, outcome: Outcome, *numbers: int) -> Table:
+def number_table(suite: Suite, outcome: CurvesOutcome, *numbers: int) -> Table:
     rows: list[Row] = []
     for number in numbers:
         rows.append(Row(f"{number} photographs"))
@@ -191,7 +196,7 @@ def number_table(suite: Suite, outcome: Outcome, *numbers: int) -> Table:
     return Table("Mean F-score at equal number of photographs", head, rows)
 
 
-def _marked(outcome: Outcome, name: str) -> str:
+def _marked(outcome: CurvesOutcome, name: str) -> str:
     return f"{name} †" if name in outcome.ground_truth else name
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ WAYS = {
     "hyb-h": "Hyb-H, the paper's planner",
     "tuned": "tuned planner",
 }
-SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/index.md)
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
 _BELOW_ALL_M = -3.0
@@ -48,7 +47,7 @@ _NEAR_DEG = 20.0  # a seed without a photograph so near in azimuth is left out
 
 
 @dataclass(frozen=True)
-class Point:
+class PlanResult:
     """One strategy at one number of photographs."""
 
     asked: int  # photographs
@@ -64,7 +63,7 @@ class Smallest:
     """The plan of fewest photographs whose lower bound kept what was asked for, and its mission of median quality."""
 
     way: str
-    plan: Point
+    plan: PlanResult
     replicate: int
     quality: float  # of that mission
     taken: tuple[str, ...]  # names in the set, in the order taken
@@ -78,7 +77,7 @@ class Enough:
     all_quality: float
     asked_quality: float
     ceiling: float  # one half of the photographs against the other
-    curves: Mapping[str, tuple[Point, ...]]  # by way
+    curves: Mapping[str, tuple[PlanResult, ...]]  # by way
     smallest: Smallest | None
 
 
@@ -156,7 +155,7 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
         why = "" if whole is None else f" ({whole.reason}: {whole.record.message})"
         raise UserError(f"the mission with all photographs gave no {DEFAULT_METRIC}{why}")
     least = keep_percent / 100.0 * reached
-    ways: dict[str, list[tuple[Point, list[Trial]]]] = {way: [] for way in WAYS}
+    ways: dict[str, list[tuple[PlanResult, list[Trial]]]] = {way: [] for way in WAYS}
     for strategy in curves.plan.strategies:
         trials = [t for t in curves.records if t.strategy == strategy]
         interval = mean_interval({"set": list(map(_quality, trials))})
@@ -171,7 +170,7 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
         )
         why = next((f"{t.reason}: {t.record.message}" for t in trials if t not in flown), "")
         failed = len(trials) - len(flown)
-        ways[way].append((Point(int(asked), images, registered, interval, failed, why), trials))
+        ways[way].append((PlanResult(int(asked), images, registered, interval, failed, why), trials))
     enough = []
     for way, points in ways.items():
         points.sort(key=lambda p: p[0].asked)
@@ -199,13 +198,6 @@ def _quality(trial: Trial) -> float:
     return trial.value(DEFAULT_METRIC) or 0.0
 
 
-def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
-    """An estimate of the processor time of these plans' missions, in seconds."""
-    most = len(photographs.registered)
-    configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
-    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, c.photographs) for c, n in configs)
-
-
 def _name(way: str, number: int) -> str:
     return f"{way}-{number}"
 
@@ -231,12 +223,12 @@ def enough_table(enough: Enough) -> Table:
 def enough_text(enough: Enough, keep_percent: float, listed: Path) -> str:
     """Why missions failed, and which plan would have been enough; ``listed``: the file that names its photographs."""
     why = dict.fromkeys(p.why for points in enough.curves.values() for p in points if p.why)
-    said = "".join(f"Failed missions count as 0 ({reason}).\n" for reason in why)
-    said += f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
+    text = "".join(f"Failed missions count as 0 ({reason}).\n" for reason in why)
+    text += f"All {enough.all_photographs:.0f} have {enough.all_quality:.1f} %; {keep_percent:g} % of that are {enough.asked_quality:.1f} %."
     if (best := enough.smallest) is None:
-        return f"{said} No plan's lower bound reached it: try a larger --number or more --replicates."
+        return f"{text} No plan's lower bound reached it: try a larger --number or more --replicates."
     return (
-        f"{said} {best.plan.photographs:.0f} photographs would have been enough: {WAYS[best.way]}, "
+        f"{text} {best.plan.photographs:.0f} photographs would have been enough: {WAYS[best.way]}, "
         f"{difference_text(best.plan.quality, signed=False)} %. The files of a typical mission, {best.quality:.1f} %: {listed}."
     )
 

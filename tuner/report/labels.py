@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -236,10 +236,10 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
     """What every number of a page is: the metric's name, then fidelity and conditions."""
     kinds = {kind_on(rock, fidelity) for rock in rocks}
     kind = kinds.pop() if len(kinds) == 1 else mission_kind(fidelity)
-    said = f"{metric}; {kind.numbers_are or f'{fidelity} missions'}"
+    text = f"{metric}; {kind.numbers_are or f'{fidelity} missions'}"
     if kind.targets == "photographs":
-        return said
-    return f"{said}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
+        return text
+    return f"{text}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
 @dataclass(frozen=True)
@@ -256,18 +256,6 @@ def parameter_label(path: str) -> ParameterLabel:
         return ParameterLabel(path, "")
     section, name = about.section.replace("_", "-").capitalize(), about.label or about.words
     return ParameterLabel(f"{section}: {name}" if section else name, about.unit)
-
-
-def interval_methods(methods: Collection[str]) -> str:
-    """Sentences on how intervals were made, from the ``method`` of each (``tuner.problem.intervals.Interval``)."""
-    texts = {
-        "rocks": "t-intervals over the means of rocks, each weighted equally, hold for unseen rocks of the same kind.",
-        "replicates": "Intervals from the pooled variance between replicates hold for new replicates on these rocks only.",
-        "wilson": "The share of rocks that met the constraint has Wilson's interval.",
-        "none": "Values from too few missions have no interval.",
-    }
-    said = [text for name, text in texts.items() if name in methods]
-    return f"All intervals are 95 %. {' '.join(said)}" if said else "There are no missions yet."
 
 
 def _words(key: str) -> str:

@@ -31,7 +31,7 @@ from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL
 from nbv.rocks import Rock
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.export.route import (
-    Flight,
+    FlightRecord,
     mission_config,
     planned_config,
     planning_steps,
@@ -188,7 +188,7 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
 
 
 def _views(
-    run: Path, flight: Flight, known: list[tuple[PlanningState, CandidatePool, IterationRecord]]
+    run: Path, flight: FlightRecord, known: list[tuple[PlanningState, CandidatePool, IterationRecord]]
 ) -> list[dict[str, Any]]:
     """Every photograph in the order taken, with its time, position and thumbnail."""
     places, lost = flight.photographed_m(), set()

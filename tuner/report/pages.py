@@ -62,13 +62,13 @@ def write_page(path: Path, template: str, **facts: Any) -> Path:
 def write_tables(path: Path, heading: str, sub: str, *, tables: Sequence[Table], **facts: Any) -> Path:
     """Write a page of tables below what they say.
 
-    ``facts``: ``said``, its first line in bold, with its ``kind`` and ``measure``; ``notes``; ``score_0``; a ``figure`` with its
+    ``facts``: ``lines``, its first line in bold, with its ``kind`` and ``measure``; ``notes``; ``failed``; a ``figure`` with its
     caption; the ``legend`` below the first table; ``folded`` tables, the first one perhaps ``open``; ``provenance``; ``command``.
 
     Raises `UserError`: the file cannot be written.
     """
     absent = dict.fromkeys(("kind", "measure", "figure", "folded_legend", "command", "footer"), "")
-    empty = dict.fromkeys(("notes", "score_0", "legend", "folded", "provenance"), ())
+    empty = dict.fromkeys(("notes", "failed", "legend", "folded", "provenance"), ())
     page = {**absent, **empty, "open": False, **facts, "tables": tables, "heading": heading, "sub": sub}
     return write_page(path, "tables.html.j2", title=f"{heading} · gatetune", **page)
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import collections
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nbv.config import MissionConfig
-from tuner.answer.answer import Answer, AnswerTable, Flight
+from tuner.answer.answer import Advice, Answer, AnswerTable
 from tuner.problem.baselines import in_table_order, is_ablation, is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
@@ -16,6 +15,7 @@ from tuner.problem.search_space import TUNED_GATE
 from tuner.report.labels import (
     Cell,
     MetricLabel,
+    Row,
     Table,
     bracketed,
     counted,
@@ -25,10 +25,8 @@ from tuner.report.labels import (
     parameter_label,
     short_names,
 )
-from tuner.report.labels import Row as Line
 
 if TYPE_CHECKING:
-    from nbv.mission.result import IterationRecord
     from tuner.answer.effects import Effect, ParameterRow
     from tuner.answer.evidence import Evidence, GateFacts
 
@@ -36,7 +34,7 @@ REFERENCE = "hyb-h"
 FLY_MARK = "→"
 LEGEND = (
     "F: F-score (%) on the surface that cameras can see. Brackets: 95 % intervals of paired differences, {method}. "
-    "A failed mission counts as 0. {mark} is what to fly."
+    f"A failed mission counts as 0. {FLY_MARK} is what to fly."
 )
 METHODS = {
     "rocks": "by Student's t over targets",
@@ -55,9 +53,11 @@ def sentences(answer: Answer) -> list[str]:
     return [_what(answer, answer.fly), *_worth(answer, answer.fly), *_tuned(answer, answer.fly)]
 
 
-def _what(answer: Answer, fly: Flight) -> str:
+def _what(answer: Answer, fly: Advice) -> str:
     missed = [
-        each.limit for each in answer.recommended.values() if each.limit is not None and not each.limit.kept
+        each.limit
+        for each in answer.recommended.values()
+        if each.limit is not None and not each.limit.satisfied
     ]
     if missed:
         limit = missed[0]
@@ -67,7 +67,7 @@ def _what(answer: Answer, fly: Flight) -> str:
     return f"Fly {name_in_text(fly.strategy)}: {plan}."
 
 
-def _worth(answer: Answer, fly: Flight) -> list[str]:
+def _worth(answer: Answer, fly: Advice) -> list[str]:
     """The flown plan against Hyb-H and, where it is tuned, against the best plain plan, on all targets."""
     gains = {name: gain for name, gain in fly.against.items() if gain is not None}
     chosen = next((table.best_plain for table in answer.tables), "") if fly.is_tuned else ""
@@ -82,12 +82,12 @@ def _worth(answer: Answer, fly: Flight) -> list[str]:
     return [f"It has {', '.join(parts)} ({interval_words([gains[name] for name in named])})."]
 
 
-def _tuned(answer: Answer, fly: Flight) -> list[str]:
+def _tuned(answer: Answer, fly: Advice) -> list[str]:
     """Tuned plans that lead without being shown to be better, and what the others earn."""
-    unit, said = metric_label(answer.metric).difference_unit, list[str]()
+    unit, lines = metric_label(answer.metric).difference_unit, list[str]()
     for name, lead in fly.leads.items():
-        if name in answer.recommended or not said:
-            said.append(
+        if name in answer.recommended or not lines:
+            lines.append(
                 f"{_capital(name_in_text(name))} leads it by {difference_text(lead)} {unit} on {counted(lead.rocks, 'target')}, "
                 "which is not shown to be a difference."
             )
@@ -101,10 +101,10 @@ def _tuned(answer: Answer, fly: Flight) -> list[str]:
         and gate.from_reference is not None
     ):
         where = counted(gate.from_reference.rocks, _targets_word(table))
-        said.append(
+        lines.append(
             f"The tuned gate, with the paper's seeds, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
         )
-    return said[:2]
+    return lines[:2]
 
 
 def name_in_text(strategy: str) -> str:
@@ -155,11 +155,11 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
     columns.append(f"from {label(table.reference) if flown_reference else 'default'}")
     columns.append(f"from {label(table.best_plain)}" if table.best_plain else "from best")
     digits = 1 if unit.unit in ("%", "mm") else 3
-    rows, kind = list[Line](), ""
+    rows, kind = list[Row](), ""
     for row in table.rows:
         if row.kind != kind:
             kind = row.kind
-            rows.append(Line(kind))
+            rows.append(Row(kind))
         texts = [
             *(() if narrow else [format_number(c, 0) for c in (row.photographs, row.planned, row.flight_s)]),
             *(format_number(row.means.get(m), digits) for m in means),
@@ -168,7 +168,7 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
         ]
         flown = row.strategy == fly
         name = f"{FLY_MARK} {row.label}" if flown else f"  {row.label}"
-        rows.append(Line(name, tuple(map(Cell, texts)), best=flown))
+        rows.append(Row(name, tuple(map(Cell, texts)), best=flown))
     return Table(title_of(table), tuple(columns), rows, " ".join(notes_of(table)))
 
 
@@ -182,7 +182,7 @@ def title_of(table: AnswerTable) -> str:
 
 def notes_of(table: AnswerTable) -> list[str]:
     """Failures, equal photographs, and who flew on fewer targets."""
-    said = [
+    lines = [
         f"{row.label}: {counted(row.failures, 'failed mission')} of {row.missions}."
         for row in table.rows
         if row.failures
@@ -191,13 +191,13 @@ def notes_of(table: AnswerTable) -> list[str]:
     for row in table.rows:
         if row.same_as:
             same.setdefault(row.same_as, []).append(row.label)
-    said += [
+    lines += [
         f"{' and '.join(names)} took the same photographs as {label(other)}." for other, names in same.items()
     ]
     fewer = [row.label for row in table.rows if row.targets < len(table.targets)]
     if fewer:
-        said.append(f"On fewer targets: {', '.join(fewer)}; compare differences, not means.")
-    return said
+        lines.append(f"On fewer targets: {', '.join(fewer)}; compare differences, not means.")
+    return lines
 
 
 def by_target(evidence: Evidence, metric: str) -> Table:
@@ -215,10 +215,11 @@ def by_target(evidence: Evidence, metric: str) -> Table:
     return Table.of("Target by target", ("strategy", *short_names(targets)), rows, caption)
 
 
-def legend(answer: Answer) -> str:
-    rows = [row for table in answer.tables for row in table.rows]
+def legend(tables: Iterable[AnswerTable]) -> str:
+    """What the columns are, and how the intervals were made."""
+    rows = [row for table in tables for row in table.rows]
     gains = [gain for row in rows for gain in (row.from_reference, row.from_baseline) if gain is not None]
-    return LEGEND.format(method=interval_words(gains).removeprefix("95 % intervals "), mark=FLY_MARK)
+    return LEGEND.format(method=interval_words(gains).removeprefix("95 % intervals "))
 
 
 def interval_words(gains: Sequence[Interval]) -> str:
@@ -229,7 +230,7 @@ def interval_words(gains: Sequence[Interval]) -> str:
 def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel) -> Table:
     """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
     lines = [
-        Line(
+        Row(
             parameter_label(row.path).name,
             tuple(
                 map(
@@ -303,31 +304,10 @@ def gate_sentence(name: str, gate: GateFacts) -> str:
     d95 = (
         "" if gate.d95_m is None else f", while d95 lay between {gate.d95_m[0]:.2f} and {gate.d95_m[1]:.2f} m"
     )
-    said = f"{who}: its gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
+    text = f"{who}: its gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
     if gate.alone:
-        said += f"; its thresholds leave {label(gate.alone)} alone"
-    return f"{said}. Of the campaign's {gate.all_missions} missions that planned views the gate switched in {gate.all_switched}."
-
-
-def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
-    """How often each scorer chose, how often both had the same best view, and how often the gate switched."""
-    n = len(records)
-    counts = collections.Counter(record.scorer for record in records)
-    views = [[best.get("candidate") for best in record.top.values()] for record in records]
-    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
-    where = f"{n} views of {counted(missions, 'mission')}"
-    same = f" In {_percent(equal, n)} both scorers had the same best view." if equal else ""
-    if len(counts) == 1:
-        (scorer,) = counts
-        return f"The gate ({gate}) never switched: {label(scorer)} chose all {where}.{same}"
-    shares = ", ".join(f"{label(s)} {_percent(c, n)}" for s, c in counts.most_common())
-    following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
-    switches = sum(a.scorer != b.scorer for a, b in following)
-    return f"{gate} switched in {_percent(switches, len(following))} of its steps: {shares} of {where}.{same}"
-
-
-def _percent(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.0f} %" if whole else "0 %"
+        text += f"; its thresholds leave {label(gate.alone)} alone"
+    return f"{text}. Of the campaign's {gate.all_missions} missions that planned views the gate switched in {gate.all_switched}."
 
 
 def chosen_text(chosen_by: Mapping[str, int]) -> str:

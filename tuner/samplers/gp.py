@@ -72,7 +72,9 @@ def verification(
     ran = distinct_configurations(model.space, model.observations)
     configurations = [values for values in ran if region.contains(values)] or ran
     if constraint is not None:
-        configurations = [v for v, keeps in zip(configurations, constraint.keeps(configurations)) if keeps]
+        configurations = [
+            v for v, satisfied in zip(configurations, constraint.satisfied(configurations)) if satisfied
+        ]
         if not configurations:
             return None
     if len(configurations) > JOINT:
@@ -115,7 +117,6 @@ class GPSampler:
 
     settings: SamplerSettings
     name: str = "gp"
-    sparse: bool | None = None  # of the surrogate; None: by the number of parameters
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         return self.ask_many(history, pending, 1)[0]
@@ -144,10 +145,10 @@ class GPSampler:
                 seed = derived_seed(s.seed, number)
                 region = self._region(number)
                 if not models and both and at_least is not None:
-                    models = two_models(problem, history, self.sparse)
+                    models = two_models(problem, history)
                     constraint = Constraint(models[1], at_least)
                 elif not models:
-                    models = (InstanceMeanGP(problem.space, history, problem.instances, sparse=self.sparse),)
+                    models = (InstanceMeanGP(problem.space, history, problem.instances),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 configurations = [p.values for p in running]
                 if modelled >= most or len(running) > MAX_JOINT:

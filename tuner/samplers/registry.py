@@ -10,8 +10,6 @@ BUILT_IN = {
     "gp": "tuner.samplers.gp:GPSampler",
     "sobol": "tuner.samplers.base:PlainSampler",
     "random": "tuner.samplers.base:PlainSampler",
-    "tpe": "tuner.samplers.optuna:OptunaSampler",
-    "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
 }
 SAMPLERS = Registry("samplers", BUILT_IN)
 

@@ -24,25 +24,12 @@ def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     path = file_of(store, "cd34")
     data = bytearray(path.read_bytes())
     if damage == "flip":
-        data[-50] ^= 1
+        data[len(data) // 2] ^= 1
     path.write_bytes(bytes(data[:-7] if damage == "truncate" else b"" if damage == "empty" else data))
     assert store.get("pairs", "cd34") is None
     assert not path.exists()
     store.put("pairs", "cd34", {"m": np.arange(100)})
     assert store.get("pairs", "cd34") is not None
-
-
-def test_entries_that_changed_places_are_noticed(tmp_path):
-    store = Store(tmp_path)
-    for kind, key in (("photos", "aa"), ("photos", "ab"), ("pairs", "aa")):
-        store.put(kind, key, {"name": np.array(f"{kind} {key}")})
-    a, b = file_of(store, "aa", "photos"), file_of(store, "ab")
-    content = a.read_bytes()
-    a.write_bytes(b.read_bytes())  # another key's
-    b.write_bytes(content)
-    assert store.get("photos", "aa") is None
-    file_of(store, "aa", "pairs").write_bytes(content)  # another kind's
-    assert store.get("pairs", "aa") is None
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../photos", "a/b", "a\\b", "/etc", "A", "a b"])
@@ -120,24 +107,6 @@ def test_prune_removes_what_killed_processes_left(tmp_path):
     os.utime(old, (0, 0))
     assert store.prune(10**6) == (0, 0)
     assert new.exists() and not old.exists()
-
-
-def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
-    stores, photo = [], {"pixels": np.arange(50)}
-    monkeypatch.setenv("GATETUNE_SHARED_STORE", str(tmp_path / "shared"))
-    for machine in ("one", "two", "three"):
-        monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / machine))
-        stores.append(Store())
-    stores[0].put("photos", "ab12", photo)
-    shared = tmp_path / "shared/photos/ab/ab12"
-    for way in ("read", "alone"):
-        np.testing.assert_array_equal(stores[1].get("photos", "ab12")["pixels"], photo["pixels"])
-        if way == "read":  # from now on it has its own
-            shared.write_bytes(shared.read_bytes()[:-1])
-    assert stores[2].get("photos", "ab12") is None and not shared.exists()  # damaged: removed, made anew
-    stores[2].put("photos", "ab12", photo)
-    assert shared.read_bytes() == file_of(stores[2], "ab12").read_bytes()
-    assert Store(tmp_path / "own").get("photos", "ab12") is None
 
 
 def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):

@@ -83,7 +83,7 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, rocks, first, second, li
         violation = {t.values[path]: abs(t.values[path] - wanted) for t in trials}
         assert found.values[path] == min(violation, key=violation.get)
     missed_by = abs(found.limit.mean - found.limit.limit)
-    assert not found.limit.kept and found.limit.missed_by == pytest.approx(missed_by)
+    assert not found.limit.satisfied and found.limit.missed_by == pytest.approx(missed_by)
     directory = campaign.directory
     said = gatetune.refused("export", directory, "--to", "gatetune.yaml")
     assert "--anyway" in said and f"{found.limit.missed_by:.3g}" in said
@@ -92,7 +92,7 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, rocks, first, second, li
     gatetune.ok(*shlex.split(first_file.partition("\n")[0]))  # what it says to type works
     tree = json.loads(gatetune.ok("confirm", directory, "--fidelity", "toy", "--replicates", 1, "--json"))
     (kept,) = tree["recommended"].values()
-    assert kept["limit"]["kept"] is False
+    assert kept["limit"]["satisfied"] is False
     assert "No configuration that was run is likely to meet" in gatetune.ok("campaign", "status", directory)
 
 

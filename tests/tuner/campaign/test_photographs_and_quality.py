@@ -42,7 +42,7 @@ def fewest(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 def test_the_fewest_photographs_keep_the_limit_and_beat_the_default(fewest: Campaign) -> None:
     best = fewest.recommendation()
-    assert best is not None and best.limit is not None and best.limit.kept
+    assert best is not None and best.limit is not None and best.limit.satisfied
     assert best.mean == count(best.values)
     assert best.default_mean == 32.0
     assert best.improvement == 32.0 - best.mean > 0
@@ -68,5 +68,5 @@ def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
 def test_the_best_of_so_many_photographs_has_no_more(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=16)
     best = campaign.recommendation()
-    assert best is not None and best.limit is not None and best.limit.kept
+    assert best is not None and best.limit is not None and best.limit.satisfied
     assert count(best.values) <= 24.0

@@ -80,8 +80,8 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
     with pytest.raises(UserError, match="is named twice to learn from"):
         run(tmp_path / "run", learn_from=(str(earlier.directory), str(same)))
     assert not (tmp_path / "run").exists()
-    with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not tpe"):
-        fake_campaigns.settings(sampler="tpe", learn_from=(str(earlier.directory),))
+    with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not sobol"):
+        fake_campaigns.settings(sampler="sobol", learn_from=(str(earlier.directory),))
 
 
 @pytest.mark.slow

@@ -47,15 +47,12 @@ def test_campaigns_are_listed_with_their_answers(
     assert rows["broken"]["answer"].startswith("cannot be read: ")
     assert (rows["one"]["finished"], rows["one"]["budget"]) == (9, 9)
     gatetune.ok("campaign", "status", runs / "one")
-    saved = json.loads((runs / "one" / "recommendation.json").read_text())
     assert "not computed yet" in rows["one"]["answer"]
     (runs / "two" / "answer.json").write_text('{"fly": 3')
     damaged = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["two"]
     assert damaged["budget"] == 2 and "cannot be read" not in damaged["answer"]
     again = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["one"]
-    assert again["values"] == {name: each["values"] for name, each in saved.items()}
-    assert again["answer"].startswith("fly ")
-    assert rows["one"]["objective"] == "f_score"
+    assert again["answer"].startswith("9 of 9 missions, tuned for f_score: fly ")
     monkeypatch.setattr(output, "width", 80)
     narrow = gatetune.ok("campaign", "list", runs).splitlines()
     assert "9 of 9 missions, tuned for f_score" in "\n".join(narrow)

@@ -50,7 +50,7 @@ def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(
     progress(replace(event("launched", directory=tmp_path / "m"), finished=0, elapsed_s=0.4))
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / "progress.txt").write_text("11/32\n12/32\n")
-    assert progress.said() == "0/9, runs a r1 (photograph 12/32)"
+    assert progress.description() == "0/9, runs a r1 (photograph 12/32)"
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(

@@ -13,7 +13,7 @@ from nbv.photographs.photograph_fidelity import PhotographViewpoints
 from tuner.cli import app
 from tuner.comparison.plan import EvaluationPlan, EvaluationRun
 from tuner.missions.job import Trial
-from tuner.report.enough import ALL, draw_enough, enough_plans, enough_text, read_enough, seconds
+from tuner.report.enough import ALL, draw_enough, enough_plans, enough_text, read_enough
 
 
 @pytest.fixture
@@ -54,7 +54,6 @@ def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp
     assert (random.quality.mean, random.registered) == (36.0, 19.0)  # a failed mission counts
     bounds = [(p.quality.low, p.quality.high) for points in found.curves.values() for p in points]
     assert all(0.0 <= low < high <= 100.0 for low, high in bounds) and bounds[-1][1] == 100.0
-    assert seconds([everything, few], ball) > 60.0
     with pytest.raises(UserError, match="--replicates must be 2 or more"):
         enough_plans(ball, (16,), replicates=1)
     assert np.isclose(found.ceiling, 99.0)

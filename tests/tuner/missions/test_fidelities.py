@@ -4,7 +4,7 @@ import pytest
 from nbv import plugins
 from nbv.config import preset
 from nbv.errors import UserError
-from tuner.comparison.curves import Suite, comparison_plans, drawn_targets
+from tuner.comparison.curves import Suite, comparison_plan, drawn_targets
 from tuner.missions.registry import MissionKind, kind_on, mission_kind
 from tuner.report.labels import measure_text
 
@@ -36,9 +36,9 @@ def test_a_kind_in_one_file_is_asked_wherever_missions_are_run(monkeypatch: pyte
     monkeypatch.setitem(globals(), "refused", refuse)
     plugins.register("fidelities", "sketch", sketch)
     suite = Suite(drawn_targets(2), fidelity="sketch")
-    plans = comparison_plans(suite, {"random": None})
-    assert list(plans[""].strategies) == ["random"]  # one mission tells of every number
+    plan = comparison_plan(suite, {"random": None})
+    assert list(plan.strategies) == ["random"]  # one mission tells of every number
     with pytest.raises(UserError, match="no flights with campaign"):
-        plans[""].require_runnable()
+        plan.require_runnable()
     assert measure_text("F", "sketch", ["slab"], ["ideal"]) == "F; drawn by hand; condition ideal"
     assert kind_on("slab", "sketch")(preset("campaign"), "slab", 0, None, keep="summary").status == "ok"

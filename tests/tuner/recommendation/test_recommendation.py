@@ -145,4 +145,4 @@ def test_a_default_that_may_miss_the_limit_gives_way_to_what_meets_it(other: int
             images, y = values["photographs"], score + 0.5 * rng.normal()
             history.append(Observation(len(history), values, rock, k, -images, images, second=y))
     best = recommend(s.problem, s.goal, history)["tuned"]
-    assert best.values == sure and best.limit.kept
+    assert best.values == sure and best.limit.satisfied

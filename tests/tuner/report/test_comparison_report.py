@@ -7,7 +7,7 @@ from pathlib import Path
 from made_evaluations import made_facts, made_run
 from rich.console import Console
 
-from tuner.comparison.statistics import Kind, comparison_table, kind_of
+from tuner.comparison.statistics import Verdict, comparison_table, kind_of
 from tuner.report.comparison import (
     cell,
     result_tables,
@@ -49,7 +49,7 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
     mean_c2c, f_score = table.rows[1], table.rows[5]
-    kinds = {"tuned": Kind.BETTER, "covis": Kind.WORSE, "random": Kind.NO_DIFFERENCE}
+    kinds = {"tuned": Verdict.BETTER, "covis": Verdict.WORSE, "random": Verdict.NO_DIFFERENCE}
     assert {name: kind_of(f_score.differences[name]) for name in kinds} == kinds
     assert {name: kind_of(mean_c2c.differences[name].reversed) for name in kinds} == kinds
     assert verdict_lines(made_facts(run))[0].startswith("Tuned is better than Hyb-H in F-score @ 48 mm")
@@ -59,7 +59,7 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
 def test_no_interval_no_verdict() -> None:
     facts = made_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
     (row,) = facts.judged
-    assert kind_of(row.from_reference) is Kind.NO_INTERVAL and row.from_reference.mean > 5.0
+    assert kind_of(row.from_reference) is Verdict.NO_INTERVAL and row.from_reference.mean > 5.0
     assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
 
 

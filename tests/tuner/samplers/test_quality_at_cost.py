@@ -63,7 +63,7 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     searched = [o.values["photographs"] for o in history[8:]]
     assert max(searched) <= 31 and searched.count(30) >= 2  # at the limit, where it is best
     result = advise(history, 30.0)
-    assert result.values["photographs"] <= 30 and result.limit is not None and result.limit.kept
+    assert result.values["photographs"] <= 30 and result.limit is not None and result.limit.satisfied
     assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
     assert Recommendation.from_dict(result.to_dict()) == result
 
@@ -72,11 +72,11 @@ def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
     rng = np.random.default_rng(1)
     history = [run_missions(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((24, 2)))]
     result = advise(history, 87.0, least_cost=True)
-    assert result.limit is not None and result.limit.kept and result.limit.mean >= 87.0
+    assert result.limit is not None and result.limit.satisfied and result.limit.mean >= 87.0
     cheaper = [o for o in history if -(o.second or 0.0) < result.mean - 1]
     assert cheaper and np.mean([o.outcome for o in cheaper]) < 87.0
     never = advise(history, 99.0, least_cost=True)
-    assert never.limit is not None and not never.limit.kept and never.limit.probability < 0.05
+    assert never.limit is not None and not never.limit.satisfied and never.limit.probability < 0.05
 
 
 def test_a_proposal_within_a_modelled_limit_is_a_function_of_the_ledger() -> None:
